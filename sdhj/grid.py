@@ -1,0 +1,156 @@
+"""Grids: where the level-set functions live.
+
+A set is the zero sublevel set of a function sampled at the nodes: inside is negative (Definition 5), union is
+the minimum, intersection the maximum, complement the negative.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdhj.interpolation import interpolate
+
+FloatArray = NDArray[Any]
+
+MIN_NODES = 5  # the widest stencils reach two nodes to each side
+MAX_AXES = 6
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangular grid of 1 to 6 axes.
+
+    Parameters
+    ----------
+    lower, upper : sequence of float
+        The ends of each axis, in the units of the state.
+    shape : sequence of int
+        Nodes on each axis, at least 5.
+    periodic : sequence of bool, optional
+        A periodic axis leaves its upper end out (it is the lower end again). A bounded axis holds both ends as
+        nodes, and its ends are walls: a velocity that would leave through one is clipped, which on the grid is
+        constant extrapolation. Where your robot can really leave the grid, make the margin unsafe. Default: none.
+    names : sequence of str, optional
+        Axis labels, for plots and files.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis and the value that does not fit.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    shape: tuple[int, ...]
+    periodic: tuple[bool, ...] = ()
+    names: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        shape: Sequence[int],
+        periodic: Sequence[bool] | None = None,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        ndim = len(shape)
+        if not 1 <= ndim <= MAX_AXES:
+            raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
+        periodic = [False] * ndim if periodic is None else periodic
+        names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
+        for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
+            if len(given) != ndim:
+                raise ValueError(f"{label} has {len(given)} entries for a grid of {ndim} axes")
+        for axis in range(ndim):
+            if not (np.isfinite(lower[axis]) and np.isfinite(upper[axis]) and lower[axis] < upper[axis]):
+                raise ValueError(f"axis {axis} must have finite lower < upper, got [{lower[axis]}, {upper[axis]}]")
+            if int(shape[axis]) != shape[axis] or shape[axis] < MIN_NODES:
+                raise ValueError(
+                    f"axis {axis} has {shape[axis]} nodes; the difference schemes need at least {MIN_NODES} on each axis"
+                )
+        object.__setattr__(self, "lower", tuple(float(x) for x in lower))
+        object.__setattr__(self, "upper", tuple(float(x) for x in upper))
+        object.__setattr__(self, "shape", tuple(int(n) for n in shape))
+        object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
+        object.__setattr__(self, "names", tuple(str(name) for name in names))
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    @cached_property
+    def spacing(self) -> tuple[float, ...]:
+        """Distance between neighbouring nodes on each axis."""
+        return tuple(
+            (hi - lo) / (n if p else n - 1)
+            for lo, hi, n, p in zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        )
+
+    def nodes(self, axis: int) -> FloatArray:
+        """Coordinates of the nodes on one axis, shape (shape[axis],)."""
+        return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
+
+    def points(self) -> FloatArray:
+        """Coordinates of all nodes, shape (size, ndim), the last axis fastest."""
+        mesh = np.meshgrid(*(self.nodes(axis) for axis in range(self.ndim)), indexing="ij")
+        return np.stack([m.ravel() for m in mesh], axis=1)
+
+    def subgrid(self, axes: Sequence[int]) -> "Grid":
+        """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""
+        return Grid(*([field[axis] for axis in axes] for field in (self.lower, self.upper, self.shape, self.periodic, self.names)))
+
+    def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
+        """View `values`, sampled on `subgrid(axes)` (axes ascending), broadcastable over this grid (back-projection)."""
+        return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
+
+    def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        """Interpolate multilinearly.
+
+        Parameters
+        ----------
+        values : (shape) array
+        points : (M, ndim) array
+            Periodic axes are wrapped. Off a bounded axis, and at NaN, the answer is +inf: outside every set.
+
+        Returns
+        -------
+        (M,) float64 array
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != self.ndim:
+            raise ValueError(f"points must have shape (M, {self.ndim}), got {points.shape}")
+        flat = np.ascontiguousarray(values).reshape(self.size)
+        return interpolate(flat, points, *self.arrays)
+
+    @cached_property
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(lower, spacing, shape, periodic) as the arrays that compiled code reads."""
+        return (
+            np.array(self.lower),
+            np.array(self.spacing),
+            np.array(self.shape, dtype=np.int64),
+            np.array(self.periodic, dtype=np.bool_),
+        )
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """The share of the grid's volume that each node stands for, shape `shape`; an end node stands for half a cell."""
+        total = np.ones(())
+        for n, periodic in zip(self.shape, self.periodic, strict=True):
+            share = np.ones(n)
+            if not periodic:
+                share[[0, -1]] = 0.5
+            total = total[..., None] * (share / share.sum())
+        return total
+
+    def fraction(self, inside: FloatArray) -> float:
+        """Share of the grid's volume where the boolean array `inside` holds."""
+        return float(np.sum(self.weights, where=inside))

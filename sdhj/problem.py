@@ -1,0 +1,266 @@
+"""The robust motion planning problem of Sec. 2 and 3, as data.
+
+Everything behind this file (kernels, games, recursion, table, controller) knows a robot only through the arrays
+that a `ReachAvoidProblem` samples on its grid.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.grid import FloatArray, Grid
+
+VIEW_TIMES = ("swept", "sampled", "instantaneous")
+SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
+
+StaticLevelSet = Callable[[FloatArray, float], FloatArray]
+SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
+
+
+def _finite(name: str, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    values = np.asarray(values, dtype=np.float64)
+    if values.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {values.shape}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
+    return values
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """dq/dt = drift(q, u_j) + gain(q) v with |v_d| <= bounds_d (Eq. 1, input-affine in the adversary).
+
+    Parameters
+    ----------
+    inputs : (L, m) array
+        The quantised inputs u_j.
+    drift : (L, ndim) array, or callable (points (M, ndim), u (m,)) -> (M, ndim)
+        Velocity of the state under each input; an array where it does not depend on the state.
+    gain : (ndim, D) array, or callable (points (M, ndim)) -> (M, ndim, D)
+        What the adversary's D components do to the state.
+    bounds : (D,) array
+        Half-widths of the adversary's box.
+    """
+
+    inputs: FloatArray
+    drift: FloatArray | Callable[[FloatArray, FloatArray], FloatArray]
+    gain: FloatArray | Callable[[FloatArray], FloatArray]
+    bounds: FloatArray
+
+    def __post_init__(self) -> None:
+        inputs = np.asarray(self.inputs, dtype=np.float64)
+        if inputs.ndim != 2 or inputs.shape[0] < 1:
+            raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
+        if inputs.shape[0] > 256:
+            raise ValueError(f"{inputs.shape[0]} inputs; at most 256 are supported, so quantise more coarsely")
+        object.__setattr__(self, "inputs", _finite("inputs", inputs, inputs.shape))
+        bounds = np.atleast_1d(np.asarray(self.bounds, dtype=np.float64))
+        if bounds.ndim != 1 or not np.isfinite(bounds).all() or (bounds < 0).any():
+            raise ValueError(f"bounds must be finite half-widths >= 0, got {self.bounds}")
+        object.__setattr__(self, "bounds", bounds)
+        for name in ("drift", "gain"):
+            given = getattr(self, name)
+            if not callable(given):
+                array = np.asarray(given, dtype=np.float64)
+                object.__setattr__(self, name, _finite(name, array, array.shape))
+
+    @property
+    def constant(self) -> bool:
+        """Whether neither the drift nor the gain depends on the state."""
+        return not callable(self.drift) and not callable(self.gain)
+
+    def drift_at(self, points: FloatArray, j: int) -> FloatArray:
+        """Velocity under input j at points (M, ndim), without the adversary; shape (M, ndim)."""
+        if callable(self.drift):
+            return _finite("drift", self.drift(points, self.inputs[j]), points.shape)
+        return np.broadcast_to(self.drift[j], points.shape)
+
+    def gain_at(self, points: FloatArray) -> FloatArray:
+        """The adversary's gain matrix at points (M, ndim); shape (M, ndim, D)."""
+        shape = (*points.shape, self.bounds.size)
+        if callable(self.gain):
+            return _finite("gain", self.gain(points), shape)
+        return np.broadcast_to(self.gain, shape)
+
+
+@dataclass(frozen=True)
+class UnsafeSet:
+    """A part of the unsafe set G (Eq. 3), as a level-set function of some of the axes (App. A.3).
+
+    Parameters
+    ----------
+    axes : sequence of int
+        The axes it depends on, ascending. Fewer axes make the avoid game cheaper.
+    level_set : callable (points (M, len(axes)), t) -> (M,)
+        Negative inside the set at time t, zero on its boundary.
+    swept : callable (points, t0, t1) -> (M,), optional
+        Negative wherever the set is at any time of [t0, t1] (it may be larger, never smaller).
+    rate : float, optional
+        A bound on how fast the level-set function changes in time. Zero (default): the set is static. For a moving
+        set without `swept`, samples lowered by rate * gap / 2 take its place.
+    name : str
+    """
+
+    axes: tuple[int, ...]
+    level_set: StaticLevelSet
+    swept: SweptLevelSet | None = None
+    rate: float = 0.0
+    name: str = "unsafe"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axes", tuple(self.axes))
+        if not (np.isfinite(self.rate) and self.rate >= 0.0):
+            raise ValueError(f"rate of the unsafe set {self.name!r} must be finite and >= 0, got {self.rate}")
+
+    @property
+    def moving(self) -> bool:
+        return self.rate > 0.0
+
+    def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
+        """One static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
+
+        "swept" contains the set at every time of the interval; "sampled" is the union of 20 samples and does not.
+        """
+        if not self.moving:
+            return self.level_set(points, t0)
+        if view_time == "swept" and self.swept is not None:
+            return self.swept(points, t0, t1)
+        times = np.linspace(t0, t1, SUBSAMPLES)
+        union = self.level_set(points, t0)
+        for t in times[1:]:
+            union = np.minimum(union, self.level_set(points, float(t)))
+        # a time between two samples is at most half a gap from one of them
+        return union - (self.rate * (times[1] - times[0]) / 2 if view_time == "swept" else 0.0)
+
+
+@dataclass(frozen=True)
+class TargetSet:
+    """The target L (Eq. 3): `level_set(points (M, len(axes)), t)` is negative inside at time t."""
+
+    axes: tuple[int, ...]
+    level_set: StaticLevelSet
+    name: str = "target"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axes", tuple(self.axes))
+
+
+@dataclass(frozen=True)
+class ReachAvoidProblem:
+    """Reach the target within N steps and never touch the unsafe sets, whatever the adversary does (Definition 1).
+
+    Parameters
+    ----------
+    grid : Grid
+    dynamics : Dynamics
+    target : TargetSet
+    unsafe : sequence of UnsafeSet
+    delta : float
+        Length of a sampling interval, s.
+    steps : int
+        N, how many of them.
+    view_time : {"swept", "sampled", "instantaneous"}
+        How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
+        (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
+    recipe : mapping, optional
+        {"builder": name, "arguments": {...}} with which a saved table rebuilds its problem; set by the case studies.
+
+    Raises
+    ------
+    ValueError
+        Where shapes, options or numbers do not fit, or the target is unreachable because the unsafe sets hold it.
+    """
+
+    grid: Grid
+    dynamics: Dynamics
+    target: TargetSet
+    unsafe: tuple[UnsafeSet, ...]
+    delta: float
+    steps: int
+    view_time: str = "swept"
+    name: str = "problem"
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unsafe", tuple(self.unsafe))
+        if self.view_time not in VIEW_TIMES:
+            raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
+        if not (np.isfinite(self.delta) and self.delta > 0):
+            raise ValueError(f"delta must be a positive time in seconds, got {self.delta}")
+        if int(self.steps) != self.steps or self.steps < 1:
+            raise ValueError(f"steps must be a whole number of at least 1, got {self.steps}")
+        ndim, dynamics = self.grid.ndim, self.dynamics
+        if not callable(dynamics.drift):
+            _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))
+        if not callable(dynamics.gain):
+            _finite("gain", dynamics.gain, (ndim, dynamics.bounds.size))
+        for part in (self.target, *self.unsafe):
+            if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
+                raise ValueError(f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}")
+        if not any((self.goal(step) <= 0).any() for step in range(self.steps + 1)):
+            raise ValueError(
+                "no grid node is in the target and safe at any step: the unsafe sets swallow the target, or it is "
+                "smaller than a cell or out of reach of the robot; move or enlarge it, or use more nodes"
+            )
+
+    @property
+    def inputs(self) -> FloatArray:
+        """The quantised inputs u_j, shape (L, m)."""
+        return self.dynamics.inputs
+
+    def time(self, step: int) -> float:
+        """t_k of a step, s."""
+        return step * self.delta
+
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
+        subgrid = self.grid.subgrid(axes)
+        values = np.asarray(function(subgrid.points()), dtype=np.float64)
+        return _finite(f"level set of {name!r}", values, (subgrid.size,)).reshape(subgrid.shape)
+
+    def goal(self, step: int) -> FloatArray:
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
+        t = self.time(step)
+        values = self.grid.lift(self.sample(self.target.axes, lambda p: self.target.level_set(p, t), self.target.name), self.target.axes)
+        for part in self.unsafe:
+            g = self.sample(part.axes, lambda p, part=part: part.level_set(p, t), part.name)  # type: ignore[misc]
+            values = np.maximum(values, -self.grid.lift(g, part.axes))
+        return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def target_value(self, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of the target at states (M, ndim), no grid involved."""
+        return self.target.level_set(points[:, self.target.axes], t)
+
+    def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
+        values = [part.level_set(points[:, part.axes], t) for part in self.unsafe]
+        return np.minimum.reduce(values) if values else np.full(len(points), np.inf)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything the solver reads, hexadecimal: two problems with one digest have one table."""
+        h = hashlib.sha256()
+
+        def add(*parts: Any) -> None:
+            for part in parts:
+                data = np.ascontiguousarray(part)
+                h.update(repr((data.dtype.str, data.shape)).encode())
+                h.update(data.tobytes())
+
+        grid, points = self.grid, self.grid.points()
+        add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.dynamics.bounds, self.delta, self.steps)
+        h.update(self.view_time.encode())
+        if self.dynamics.constant:
+            add(self.dynamics.drift, self.dynamics.gain)
+        else:
+            add(self.dynamics.gain_at(points), *(self.dynamics.drift_at(points, j) for j in range(len(self.inputs))))
+        for step in range(self.steps + 1):
+            t = self.time(step)
+            add(self.sample(self.target.axes, lambda p, t=t: self.target.level_set(p, t), self.target.name))  # type: ignore[misc]
+            for part in self.unsafe:
+                add(self.sample(part.axes, lambda p, part=part, t=t: part.level_set(p, t), part.name))  # type: ignore[misc]
+        return h.hexdigest()
