@@ -296,8 +296,8 @@ def _whole(name: str, value: Any, least: int) -> int:
 
 def _node_counts(nodes: int | Sequence[int]) -> list[int]:
     """Nodes on each of the four axes; `Grid` says how few are too few."""
-    counts = np.full(4, nodes) if np.ndim(nodes) == 0 else np.asarray(nodes)
-    if counts.shape != (4,):
+    counts = [nodes] * len(AXES) if np.ndim(nodes) == 0 else list(nodes)  # type: ignore[arg-type]
+    if len(counts) != len(AXES):
         raise ValueError(f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {nodes!r}")
     return [_whole("nodes", n, least=1) for n in counts]
 

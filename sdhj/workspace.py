@@ -16,6 +16,7 @@ FloatArray = NDArray[Any]
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
+TINY = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
 def checked_number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf) -> float:
@@ -53,9 +54,9 @@ def _norm(a: FloatArray) -> FloatArray:
 
 
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
-    """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is zero."""
+    """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
     square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > 0.0, square, np.inf)
+    return _dot(points - start, along) / np.where(square > TINY, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -178,7 +179,7 @@ class Circle:
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
         square = _dot(along, along)
-        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > 0.0, square, np.inf))
+        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > TINY, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
         )
