@@ -1,0 +1,29 @@
+"""Sampled-data Hamilton-Jacobi reachability for robust motion planning (Kleff & Li, Robotica 2020).
+
+Conventions, everywhere: a set is where its level-set function is <= 0 (inside is negative), union is min, intersection
+is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
+"""
+
+__version__ = "0.1.0"
+
+from sdhj.case_studies import arm_case_study, evader_case_study
+from sdhj.grid import Grid
+from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.recursion import solve
+from sdhj.schemes import Scheme
+from sdhj.table import LookupTable, TableFileError, load
+
+__all__ = [
+    "Dynamics",
+    "Grid",
+    "LookupTable",
+    "ReachAvoidProblem",
+    "Scheme",
+    "TableFileError",
+    "TargetSet",
+    "UnsafeSet",
+    "arm_case_study",
+    "evader_case_study",
+    "load",
+    "solve",
+]

@@ -1,0 +1,242 @@
+"""The look-up table of Fig. 8: every S_k^i and which inputs are guaranteed where, in memory and on disk."""
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import sdhj
+from sdhj.grid import FloatArray, Grid
+from sdhj.problem import ReachAvoidProblem
+
+FORMAT = "sdhj look-up table"
+FORMAT_VERSION = 1
+CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
+
+
+class TableFileError(ValueError):
+    """A file that is not a whole look-up table of a known version."""
+
+
+@dataclass(frozen=True)
+class AvoidTubes:
+    """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
+
+    static : (L, *subgrid of static_axes), the same for every step; moving : (steps, L, *subgrid of moving_axes).
+    With no axes there is no such unsafe set and the values are -inf: safe everywhere.
+    """
+
+    static_axes: tuple[int, ...]
+    static: FloatArray
+    moving_axes: tuple[int, ...]
+    moving: FloatArray
+
+    def lifted(self, grid: Grid, step: int, j: int) -> FloatArray:
+        """The tube of u_j over the interval from `step`, on the whole grid."""
+        both = np.maximum(grid.lift(self.static[j], self.static_axes), grid.lift(self.moving[step, j], self.moving_axes))
+        return np.ascontiguousarray(np.broadcast_to(both, grid.shape))
+
+
+def entry(steps: int, start: int, within: int) -> int:
+    """Place of (start, within) in the stacked arrays: rows of Fig. 8 one after the other."""
+    return start * (steps + 1) - start * (start - 1) // 2 + within
+
+
+@dataclass(frozen=True)
+class LookupTable:
+    """Every reach-avoid tube S_k^i, with n = N - i steps to go written `within`, and the inputs that realise it.
+
+    Made by `sdhj.solve` or `sdhj.load`. `details` says how it was computed.
+    """
+
+    problem: ReachAvoidProblem
+    method: str
+    tubes: FloatArray  # (entries, *grid.shape)
+    masks: FloatArray  # (entries, bytes, size) uint8, bit j % 8 of byte j // 8 stands for u_j
+    avoid: AvoidTubes
+    details: Mapping[str, Any]
+
+    @classmethod
+    def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]) -> "LookupTable":
+        """A table with room for everything and nothing filled in."""
+        entries = entry(problem.steps, problem.steps, 0) + 1
+        tubes = np.empty((entries, *problem.grid.shape), dtype)
+        masks = np.zeros((entries, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
+        return cls(problem, method, tubes, masks, avoid, details)
+
+    @property
+    def grid(self) -> Grid:
+        return self.problem.grid
+
+    @property
+    def steps(self) -> int:
+        return self.problem.steps
+
+    def entry(self, start: int, within: int) -> int:
+        """Checked place of (start, within); `within` beyond N - start means N - start."""
+        for name, value, most in (("start", start, self.steps), ("within", within, None)):
+            if isinstance(value, bool) or int(value) != value or value < 0 or (most is not None and value > most):
+                bound = f"from 0 to {most}" if most is not None else "of at least 0"
+                raise ValueError(f"{name} must be a whole number {bound}, got {value!r}")
+        return entry(self.steps, int(start), min(int(within), self.steps - int(start)))
+
+    def value_array(self, start: int, within: int) -> FloatArray:
+        return self.tubes[self.entry(start, within)]
+
+    def mask_array(self, start: int, within: int) -> FloatArray:
+        return self.masks[self.entry(start, within)]
+
+    def values(self, *, start: int, within: int) -> FloatArray:
+        """Level-set function of the states that reach the target within `within` steps from step `start`.
+
+        Shape grid.shape, <= 0 inside; a view, not to be modified.
+        """
+        view = self.value_array(start, within).view()
+        view.flags.writeable = False
+        return view
+
+    def inputs(self, *, start: int, within: int) -> FloatArray:
+        """Which inputs are safe and make progress at each node: bool, grid.shape + (L,).
+
+        u_j is marked where, held over the interval from `start`, it avoids the unsafe sets and ends in the tube with
+        `within` - 1 steps to go, whatever the adversary does. Nothing is marked for within = 0.
+        """
+        count = len(self.problem.inputs)
+        bits = np.unpackbits(self.mask_array(start, within), axis=0, count=count, bitorder="little")
+        return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
+
+    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether each row of `points` (M, ndim) lies in the tube, by multilinear interpolation: bool (M,)."""
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        if np.isnan(points).any():
+            raise ValueError("points has a NaN; every coordinate must be a number")
+        return self.grid.interpolate(self.value_array(start, within), points) <= 0
+
+    def fraction(self, *, start: int, within: int) -> float:
+        """Share of the grid's volume inside the tube."""
+        return self.grid.fraction(self.value_array(start, within) <= 0)
+
+    @cached_property
+    def digest(self) -> str:
+        return self.problem.digest
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an HDF5 file that describes itself; an older file of that name is replaced only by a whole new one.
+
+        Raises
+        ------
+        OSError
+            Where the folder does not exist or cannot be written.
+        """
+        path = Path(path)
+        try:
+            handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        except OSError as error:
+            raise OSError(f"cannot write {path}: {error.strerror}; choose a folder that exists and can be written") from error
+        os.close(handle)
+        try:
+            with h5py.File(temporary, "w") as file:
+                self._write(file)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+    def _write(self, file: h5py.File) -> None:
+        problem, grid = self.problem, self.grid
+        file.attrs.update(
+            format=FORMAT,
+            format_version=FORMAT_VERSION,
+            sdhj_version=sdhj.__version__,
+            convention=CONVENTION,
+            problem=problem.name,
+            digest=self.digest,
+            recipe=json.dumps(dict(problem.recipe), sort_keys=True),
+            method=self.method,
+            details=json.dumps(dict(self.details), sort_keys=True),
+            delta=problem.delta,
+            steps=problem.steps,
+            view_time=problem.view_time,
+        )
+        layout = file.create_group("grid")
+        layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
+        packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+        file["inputs"] = problem.inputs
+        file["entries"] = np.array([(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)])
+        file["entries"].attrs["columns"] = ["start", "within"]
+        file.create_dataset("tubes", data=self.tubes, chunks=(1, *grid.shape), fletcher32=True, **packing)
+        file.create_dataset("masks", data=self.masks, chunks=(1, 1, grid.size), fletcher32=True, **packing)
+        for name in ("static", "moving"):
+            array = getattr(self.avoid, name)
+            data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, fletcher32=True, **packing)
+            data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
+
+
+def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> LookupTable:
+    """Read a table that `LookupTable.save` wrote.
+
+    Parameters
+    ----------
+    path : path
+    problem : ReachAvoidProblem, optional
+        The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds functions
+        that no file can hold, so give it here. It must have the digest that the file records.
+
+    Raises
+    ------
+    FileNotFoundError
+    TableFileError
+        Where the file is damaged, cut short, of another kind or of a newer version, or the problem is not the one it
+        was solved for.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file, path, problem)
+    except TableFileError:
+        raise
+    except (OSError, KeyError, RuntimeError, json.JSONDecodeError) as error:
+        raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
+
+
+def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> LookupTable:
+    attrs = file.attrs
+    if attrs.get("format") != FORMAT:
+        raise TableFileError(f"{path} is an HDF5 file but no look-up table of sdhj")
+    if attrs["format_version"] > FORMAT_VERSION:
+        raise TableFileError(
+            f"{path} has format version {attrs['format_version']}, written by sdhj {attrs['sdhj_version']}; this is "
+            f"sdhj {sdhj.__version__}, which reads up to version {FORMAT_VERSION}: upgrade sdhj"
+        )
+    if problem is None:
+        from sdhj.case_studies import rebuild
+
+        recipe = json.loads(attrs["recipe"])
+        if not recipe:
+            raise TableFileError(f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)")
+        problem = rebuild(recipe)
+    if problem.digest != attrs["digest"]:
+        raise TableFileError(
+            f"{path} was solved for another problem: its digest is {attrs['digest'][:12]}..., that of "
+            f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
+        )
+    avoid = {}
+    for name in ("static", "moving"):
+        avoid[f"{name}_axes"] = tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"])
+        avoid[name] = file[f"avoid_{name}"][()]
+    tubes, masks = file["tubes"][()], file["masks"][()]
+    entries = entry(problem.steps, problem.steps, 0) + 1
+    if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
+        raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
+    if not np.isfinite(tubes).all():
+        raise TableFileError(f"{path} is damaged: its tubes hold a NaN or an infinity; solve it anew")
+    return LookupTable(problem, str(attrs["method"]), tubes, masks, AvoidTubes(**avoid), json.loads(attrs["details"]))
