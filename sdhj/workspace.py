@@ -166,13 +166,13 @@ class Circle:
     def swept_distance(self, start: FloatArray, end: FloatArray, t0: float, t1: float) -> FloatArray:
         """Distance from the segments start-end (M, 2) to the trace over [t0, t1], here an arc; shape (M,).
 
-        A nearest pair (point of the segment, point of the arc) is one of: an end of the arc and whatever of the
-        segment is nearest to it; an end of the segment and whatever of the arc is nearest; a crossing; or, inside
-        both, a pair whose difference is radial and at a right angle to the segment, so that the point of the segment
-        is the foot of the perpendicular from the centre (only where the foot is outside the circle: where it is
-        inside, sliding along the segment comes closer). `reach` is half the chord where the segment's line cuts the
-        circle and 0 where it does not, so foot +- reach covers the last two. Each candidate is the distance between
-        two points that exist, so rounding never makes the answer too small by more than itself.
+        A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
+        minimum of | distance from the centre - radius | along the segment, and its own distance to the arc is the
+        answer. Such minima are where the segment crosses the circle, at the foot of the perpendicular from the centre
+        where the line stays outside, and at ends of the segment. `reach` is half the chord that the circle cuts from
+        the segment's line (0 where it cuts none), so foot - reach and foot + reach, clipped to the segment, are all
+        of them: an end inside the circle lies between the two, an end outside that is a minimum has both beyond it.
+        Each candidate is the distance between two points that exist, so the answer is too small by rounding at most.
         """
         along = end - start
         centre = np.asarray(self.centre)
@@ -183,7 +183,7 @@ class Circle:
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
         )
-        for s in (np.zeros_like(foot), np.ones_like(foot), foot - reach, foot + reach):
+        for s in (foot - reach, foot + reach):
             candidate = start + np.clip(s, 0.0, 1.0)[..., None] * along
             nearest = np.minimum(nearest, self._arc_distance(candidate, t0, t1))
         return nearest

@@ -127,9 +127,7 @@ def test_sampled_misses_a_collision_with_a_canonical_obstacle():
     known = arm_case_study(7).unsafe[0]
     q = np.array([[0.06888784913001622, -2.294392147751041]])
     assert known.over(q, 0.5, 0.6, "sampled")[0] > 1e-7
-    true = min(
-        naive.unsafe(*q[0], OBSTACLES, t, 0.15, 0.15, 0.01, "relative") for t in np.linspace(0.5, 0.6, 1901)
-    )
+    true = min(naive.unsafe(*q[0], OBSTACLES, t, 0.15, 0.15, 0.01, "relative") for t in np.linspace(0.5, 0.6, 1901))
     assert true < -1e-7
     assert known.over(q, 0.5, 0.6, "swept")[0] <= true + ROUNDING
 
