@@ -14,6 +14,7 @@ The same operator with an interval of no width shifts a function, which the movi
 """
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numba import njit, prange
@@ -64,13 +65,12 @@ def _taps(position: float, nodes: int, periodic: bool, taps: int) -> tuple[Float
     return stencil % nodes if periodic else stencil, weights
 
 
-def interval_taps(grid: Grid, axis: int, low: float, high: float, interpolation: str) -> tuple[FloatArray, FloatArray]:
-    """Candidates of the maximum over [x + low, x + high] for every node x of an axis: index and weight (n, E, T)."""
-    nodes, spacing, periodic = grid.shape[axis], grid.spacing[axis], grid.periodic[axis]
-    taps = INTERPOLATIONS[interpolation]
+@lru_cache(maxsize=256)  # the recursion asks for the same few intervals hundreds of times
+def interval_taps(nodes: int, periodic: bool, low: float, high: float, taps: int) -> tuple[FloatArray, FloatArray]:
+    """Candidates of the maximum over [x + low, x + high] for every node x of an axis, in cells: index and weight (n, E, T)."""
     rows = []
     for i in range(nodes):
-        ends = [i + low / spacing, i + high / spacing]
+        ends = [i + low, i + high]
         if not periodic:
             ends = [min(max(end, 0.0), nodes - 1.0) for end in ends]
         points = [ends[0]] if ends[0] == ends[1] else [*ends, *range(int(np.ceil(ends[0])), int(np.floor(ends[1])) + 1)]
@@ -88,8 +88,10 @@ def maximum_over_interval(
     grid: Grid, values: FloatArray, axis: int, low: float, high: float, interpolation: str
 ) -> FloatArray:
     """max over y in [x + low, x + high] along one axis of a grid function; shape and dtype as `values`."""
-    index, weight = interval_taps(grid, axis, low, high, interpolation)
-    shape = grid.shape
+    shape, spacing = grid.shape, grid.spacing[axis]
+    index, weight = interval_taps(
+        shape[axis], grid.periodic[axis], low / spacing, high / spacing, INTERPOLATIONS[interpolation]
+    )
     view = np.ascontiguousarray(values).reshape(int(np.prod(shape[:axis])), shape[axis], int(np.prod(shape[axis + 1 :])))
     out = np.empty_like(view)
     maximum_of_taps(view, index, weight.astype(view.dtype), out)

@@ -207,6 +207,12 @@ def _fill_ghosts(row, n, periodic):
 
 
 @njit(cache=True)
+def _fill_all_ghosts(phi, n, periodic):
+    for r in range(phi.shape[0]):
+        _fill_ghosts(phi[r], n, periodic)
+
+
+@njit(cache=True)
 def _neighbour_rows(row, shape, table, out):
     """Fill out[axis, o] with the row that lies o - GHOSTS nodes along each leading axis; `table` is made by `_row_table`."""
     out[shape.size - 1, :] = row  # along the last axis the neighbours lie in the row itself
@@ -365,8 +371,7 @@ def _rows(grid: Grid, values: FloatArray, leading: int, dtype: str) -> FloatArra
 def _pad(grid: Grid, values: FloatArray, dtype: str) -> FloatArray:
     """Rows with ghost nodes and padding, shape (rows, width + 2 GHOSTS)."""
     rows = np.pad(_rows(grid, values, 0, dtype), ((0, 0), (GHOSTS, GHOSTS)))
-    for row in rows:
-        _fill_ghosts(row, grid.shape[-1], grid.periodic[-1])
+    _fill_all_ghosts(rows, grid.shape[-1], grid.periodic[-1])
     return rows
 
 
