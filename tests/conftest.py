@@ -1,0 +1,39 @@
+"""What holds for every test: floating-point errors raise, figures are closed, random numbers are seeded."""
+
+import sys
+from collections.abc import Iterator
+
+import hypothesis
+import matplotlib
+import numpy as np
+import pytest
+
+matplotlib.use("Agg")  # draws without a screen
+
+# The same examples in every run; no time limit for one example, because the first one compiles the kernels.
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("repeatable")
+
+
+@pytest.fixture(autouse=True)
+def floating_point_errors_raise() -> Iterator[None]:
+    """Overflow, division by zero and invalid operations in NumPy raise; underflow to zero is harmless.
+
+    Where a test means to compute with infinities, it says so with its own `np.errstate`.
+    """
+    with np.errstate(all="raise", under="ignore"):
+        yield
+
+
+@pytest.fixture(autouse=True)
+def figures_are_closed() -> Iterator[None]:
+    """Close whatever a test drew."""
+    yield
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers, the same for every test."""
+    return np.random.default_rng(20200101)
