@@ -222,13 +222,30 @@ class ReachAvoidProblem:
         values = np.asarray(function(subgrid.points()), dtype=np.float64)
         return _finite(f"level set of {name!r}", values, (subgrid.size,)).reshape(subgrid.shape)
 
+    def _target_at(self, t: float) -> FloatArray:
+        return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
+
+    def _unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+        """A static set is sampled once: on a fine grid of many axes that is the costly part."""
+        if not part.moving:
+            for known, values in self._static:
+                if known is part:
+                    return values
+        values = self.sample(part.axes, lambda points: part.level_set(points, t), part.name)
+        if not part.moving:
+            self._static.append((part, values))
+        return values
+
+    @cached_property
+    def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
+        return []
+
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
         t = self.time(step)
-        values = self.grid.lift(self.sample(self.target.axes, lambda p: self.target.level_set(p, t), self.target.name), self.target.axes)
+        values = self.grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
-            g = self.sample(part.axes, lambda p, part=part: part.level_set(p, t), part.name)  # type: ignore[misc]
-            values = np.maximum(values, -self.grid.lift(g, part.axes))
+            values = np.maximum(values, -self.grid.lift(self._unsafe_at(part, t), part.axes))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
@@ -258,9 +275,14 @@ class ReachAvoidProblem:
             add(self.dynamics.drift, self.dynamics.gain)
         else:
             add(self.dynamics.gain_at(points), *(self.dynamics.drift_at(points, j) for j in range(len(self.inputs))))
-        for step in range(self.steps + 1):
-            t = self.time(step)
-            add(self.sample(self.target.axes, lambda p, t=t: self.target.level_set(p, t), self.target.name))  # type: ignore[misc]
-            for part in self.unsafe:
-                add(self.sample(part.axes, lambda p, part=part, t=t: part.level_set(p, t), part.name))  # type: ignore[misc]
+        add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
+        for part in self.unsafe:
+            add(part.axes, part.rate)
+            for step in range(self.steps + 1 if part.moving else 1):
+                t = self.time(step)
+                add(self._unsafe_at(part, t))
+                if part.moving and step < self.steps:  # what happens between the samples counts too
+                    t1 = self.time(step + 1)
+                    add(self._unsafe_at(part, (t + t1) / 2))
+                    add(self.sample(part.axes, lambda p, part=part, t=t, t1=t1: part.over(p, t, t1, self.view_time), part.name))  # type: ignore[misc]
         return h.hexdigest()
