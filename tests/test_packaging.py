@@ -2,6 +2,7 @@
 
 import ast
 import importlib.metadata
+import os
 import re
 import runpy
 import shlex
@@ -106,6 +107,48 @@ def test_a_readme_without_its_command_is_refused(text: str, said: str) -> None:
     extract = runpy.run_path(str(ROOT / ".ci" / "readme_command.py"))["readme_command"]
     with pytest.raises(ValueError, match=said):
         extract(text, "tests")
+
+
+def main_job_faults(results: Path, environment: Path) -> list[str]:
+    found: list[str] = runpy.run_path(str(ROOT / ".ci" / "check_main_job.py"))["faults"](results, environment)
+    return found
+
+
+@pytest.fixture
+def main_job(tmp_path: Path) -> tuple[Path, Path]:
+    """What a good main job leaves, made by hand: a folder of results and an environment with sdhj in it."""
+    results, environment = tmp_path / "results", tmp_path / "venv"
+    site = environment / "lib" / "python3.11" / "site-packages"
+    for folder in (results, site / "sdhj", site / "sdhj-0.1.0.dist-info"):
+        folder.mkdir(parents=True)
+    (environment / "pyvenv.cfg").write_text("")
+    (site / "sdhj" / "grid.py").write_text("")
+    record = "../../../bin/sdhj,sha256=x,1\nsdhj/grid.py,sha256=x,0\nsdhj-0.1.0.dist-info/RECORD,,\n"
+    (site / "sdhj-0.1.0.dist-info" / "RECORD").write_text(record)
+    (results / "fig10.png").write_bytes(b"picture")
+    (results / "results.csv").write_text("table")
+    return results, environment
+
+
+def test_a_good_main_job_passes(main_job: tuple[Path, Path]) -> None:
+    assert main_job_faults(*main_job) == []
+
+
+def test_a_bad_main_job_is_found(main_job: tuple[Path, Path]) -> None:
+    results, environment = main_job
+    (results / "fig10.png").rename(results / "fig10.txt")
+    (results / "results.csv").write_text("")
+    site = environment / "lib" / "python3.11" / "site-packages"
+    with (site / "sdhj-0.1.0.dist-info" / "RECORD").open("a") as record:
+        record.write("tests/conftest.py,sha256=x,0\n")
+    (site / "tests").mkdir()
+    (site / "tests" / "conftest.py").write_text("")
+    os.utime(site / "sdhj" / "grid.py", (0, 0))
+    found = "\n".join(main_job_faults(results, environment))
+    for said in ("no figure", "results.csv is empty", "has tests beside the package", "grid.py is older"):
+        assert said in found
+    assert len(found.splitlines()) == 4
+    assert main_job_faults(results / "absent", environment / "absent")[0].startswith("no figure")
 
 
 def test_pins_satisfy_the_requirements() -> None:
