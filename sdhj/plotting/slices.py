@@ -1,0 +1,249 @@
+"""Two-dimensional slices of state space: the sets, the tubes, and paths across the periodic seam (Figs. 9b, 10, 11, 13)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+
+from sdhj.grid import FloatArray, Grid
+from sdhj.plotting.style import FULL, INNER, OUTCOME_INK, look, step_colours
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import LookupTable
+
+RESOLUTION = 121  # points along each side of a slice: finer than any grid of the case study, 10 ms to evaluate
+AXIS_LABELS = {
+    "q1": "joint angle $q_1$ (rad)",
+    "q2": "joint angle $q_2$ (rad)",
+    "px": "pursuer $p_x$ (m)",
+    "py": "pursuer $p_y$ (m)",
+}
+QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
+QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A slice: coordinates `x` (X,) and `y` (Y,), and the states `points` (Y * X, ndim) there.
+
+    A periodic axis is closed: its last coordinate is its upper end, the same states as its first.
+    """
+
+    axes: tuple[int, int]
+    x: FloatArray
+    y: FloatArray
+    points: FloatArray
+
+    def shaped(self, values: FloatArray) -> FloatArray:
+        """Values (Y * X,) at `points` as the (Y, X) array that contour functions take."""
+        return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
+
+    def of(self, grid: Grid, values: FloatArray) -> FloatArray:
+        """Grid values interpolated onto the slice, (Y, X): the function whose sign `LookupTable.contains` answers with."""
+        return self.shaped(grid.interpolate(values, self.points))
+
+
+def plane(grid: Grid, through: Sequence[float], axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
+    """The slice along two axes through the state `through` (its entries at those two axes are ignored).
+
+    Raises
+    ------
+    ValueError
+        Where `through` is not a state, or lies off a bounded axis.
+    """
+    state = np.asarray(through, dtype=np.float64)
+    if state.shape != (grid.ndim,):
+        raise ValueError(f"through must be one state of {grid.ndim} numbers, got shape {state.shape}")
+    first, second = axes
+    for axis in set(range(grid.ndim)) - {first, second}:
+        low, high = grid.lower[axis], grid.upper[axis]
+        if not np.isfinite(state[axis]) or not (grid.periodic[axis] or low <= state[axis] <= high):
+            raise ValueError(f"through must have {grid.names[axis]} in [{low:g}, {high:g}], got {state[axis]:g}")
+    x, y = (np.linspace(grid.lower[axis], grid.upper[axis], resolution) for axis in (first, second))
+    points = np.tile(state, (len(x) * len(y), 1))
+    points[:, first] = np.tile(x, len(y))
+    points[:, second] = np.repeat(y, len(x))
+    return Plane((first, second), x, y, points)
+
+
+def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: dict[str, Any], gid: str, zorder: float = 2.0) -> None:
+    """Fill and outline {values <= 0}; `values` (Y, X). An empty set draws nothing.
+
+    The filled artist carries the identifier `gid`, the outline `gid` + "-edge".
+    """
+    low, high = float(values.min()), float(values.max())
+    if low > 0.0:
+        return
+    if looks.get("facecolor", "none") != "none" or looks.get("hatch"):
+        face = looks["facecolor"]
+        filled = ax.contourf(
+            where.x,
+            where.y,
+            values,
+            levels=[min(low, -1e-9) - 1.0, 0.0],
+            colors=["none" if face == "none" else face],
+            hatches=[looks.get("hatch") or None],
+            zorder=zorder,
+        )
+        filled.set_edgecolor(looks["edgecolor"])
+        filled.set_linewidth(0.0)
+        filled.set_gid(gid)
+    if low < 0.0 < high:
+        edge = ax.contour(
+            where.x,
+            where.y,
+            values,
+            levels=[0.0],
+            colors=[looks["edgecolor"]],
+            linewidths=looks["linewidth"],
+            linestyles=[looks.get("linestyle", "-")],
+            zorder=zorder + 0.5,
+        )
+        edge.set_gid(f"{gid}-edge")
+
+
+def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
+    """Limits, ticks and labels (with units) of a slice."""
+    for axis, name in zip(axes, "xy", strict=True):
+        low, high = grid.lower[axis], grid.upper[axis]
+        getattr(ax, f"set_{name}lim")(low, high)
+        label = grid.names[axis]
+        getattr(ax, f"set_{name}label")(AXIS_LABELS.get(label, label))
+        if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
+            getattr(ax, f"set_{name}ticks")(QUARTERS, QUARTER_LABELS)
+    if all(grid.periodic[axis] for axis in axes):
+        ax.set_aspect("equal")
+
+
+def draw_constraints(
+    ax: Axes,
+    problem: ReachAvoidProblem,
+    *,
+    through: Sequence[float],
+    step: float = 0,
+    axes: Sequence[int] = (0, 1),
+    parts: Sequence[str] | None = None,
+    resolution: int = 2 * RESOLUTION - 1,
+) -> None:
+    """The true target and unsafe sets at time step * delta on a slice, no grid involved (Fig. 9b).
+
+    Unsafe sets are red and hatched, the target blue, capture by the pursuer a bold dotted contour. `parts` chooses
+    some of them by name.
+    """
+    where = plane(problem.grid, through, axes, resolution)
+    t = step * problem.delta
+    for place, part in enumerate((problem.target, *problem.unsafe)):
+        if parts is not None and part.name not in parts:
+            continue
+        values = where.shaped(part.level_set(where.points[:, part.axes], t))
+        draw_set(ax, where, values, look(part.name), part.name, zorder=2.0 + place)
+    frame_slice(ax, problem.grid, axes)
+
+
+def draw_tubes(
+    ax: Axes,
+    table: LookupTable,
+    *,
+    through: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+    axes: Sequence[int] = (0, 1),
+    unsafe: bool = True,
+    resolution: int = RESOLUTION,
+) -> None:
+    """The nested tubes with 0 to `within` steps to go from step `start`, on a slice (Figs. 10 and 11).
+
+    Dark is near the target. The tube with n steps to go carries the identifier "tube-n". `unsafe` outlines the true
+    unsafe sets at the start.
+    """
+    grid, most = table.grid, table.steps - start
+    within = most if within is None else min(within, most)
+    where = plane(grid, through, axes, resolution)
+    colours = step_colours(table.steps)
+    for n in range(within, -1, -1):
+        values = where.of(grid, table.values(start=start, within=n))
+        looks = {"facecolor": colours[n], "edgecolor": "#333333", "linewidth": 0.45}
+        draw_set(ax, where, values, looks, f"tube-{n}", zorder=1.0 + (within - n) / (table.steps + 1))
+    if unsafe:
+        for part in table.problem.unsafe:
+            values = where.shaped(part.level_set(where.points[:, part.axes], start * table.problem.delta))
+            outline = look(part.name) | {"facecolor": "none"}
+            draw_set(ax, where, values, outline, part.name, zorder=2.5)
+    frame_slice(ax, grid, axes)
+
+
+def draw_steps_bar(ax: Axes, steps: int, label: str = "steps to go, $n$", *, horizontal: bool = False) -> None:
+    """A bar of the colours of 0 to `steps` steps to go, filling `ax`."""
+    colours = ListedColormap(step_colours(steps))
+    norm = BoundaryNorm(np.arange(-0.5, steps + 1), steps + 1)
+    bar = ax.figure.colorbar(  # type: ignore[union-attr]
+        ScalarMappable(norm, colours), cax=ax, orientation="horizontal" if horizontal else "vertical"
+    )
+    bar.set_ticks(list(range(steps + 1)))
+    bar.set_label(label)
+    bar.ax.tick_params(length=0)
+
+
+def draw_comparison(
+    ax: Axes,
+    full: LookupTable,
+    inner: LookupTable,
+    *,
+    through: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+    axes: Sequence[int] = (0, 1),
+    unsafe: bool = True,
+    resolution: int = RESOLUTION,
+) -> None:
+    """One tube of two tables laid over each other (Fig. 13): `full` light with a solid edge, `inner` dark and dashed."""
+    grid = full.grid
+    within = full.steps - start if within is None else within
+    where = plane(grid, through, axes, resolution)
+    for table, looks, gid, height in ((full, FULL, "full", 1.0), (inner, INNER, "inner", 2.0)):
+        draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), looks, gid, height)
+    if unsafe:
+        for part in full.problem.unsafe:
+            values = where.shaped(part.level_set(where.points[:, part.axes], start * full.problem.delta))
+            draw_set(ax, where, values, look(part.name) | {"facecolor": "none"}, part.name, zorder=3.0)
+    frame_slice(ax, grid, axes)
+
+
+def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
+    """A path (T, 2) on a slice, with a row of NaN wherever it crosses the seam of a periodic axis.
+
+    Both pieces reach the seam: the crossing point is put on either side of it.
+    """
+    path = np.asarray(states, dtype=np.float64)[:, list(axes)].copy()
+    low = np.array([grid.lower[axis] for axis in axes])
+    span = np.array([grid.upper[axis] - grid.lower[axis] for axis in axes])
+    periodic = np.array([grid.periodic[axis] for axis in axes])
+    lap = np.where(periodic, np.floor((path - low) / span), 0.0)
+    path -= lap * span
+    rows = [path[0]]
+    for before, after in zip(path[:-1], path[1:], strict=True):
+        jump = np.where(periodic, np.round((after - before) / span), 0.0)
+        if jump.any():
+            near = after - jump * span  # the next state, seen from this side
+            wall = np.where(jump < 0, low + span, low)
+            shares = np.where(jump != 0, (wall - before) / np.where(near != before, near - before, 1.0), np.inf)
+            exit_point = before + np.clip(shares.min(), 0.0, 1.0) * (near - before)
+            rows += [exit_point, np.full(2, np.nan), exit_point + jump * span]
+        rows.append(after)
+    return np.array(rows)
+
+
+def draw_path(
+    ax: Axes, grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1), marks: FloatArray | None = None, **line: Any
+) -> None:
+    """A run on a slice, cut where it crosses a seam; `marks` (K, ndim) are states to dot, the sampling times say."""
+    path = unwrapped(grid, states, axes)
+    ax.plot(*path.T, **({"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line))
+    if marks is not None and len(marks):
+        low = np.array(grid.lower)
+        span = np.array(grid.upper) - low
+        wrapped = np.where(grid.periodic, low + np.mod(np.asarray(marks) - low, span), marks)[:, list(axes)]
+        ax.plot(*wrapped.T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5, gid="marks")

@@ -1,0 +1,133 @@
+"""Colours, the shared style file, and writing figures to disk.
+
+Nothing here uses `matplotlib.pyplot`: figures have no window and no global state, so they can be made in a service or a
+widget alike. What a colour says in grey is said again by lightness, a hatch or a line style.
+"""
+
+import os
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.style
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+STYLE_FILE = Path(__file__).resolve().parent.parent / "style.mplstyle"
+FORMATS = ("pdf", "svg", "png")
+UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on any day
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},
+    "svg": {"Date": None, "Creator": "sdhj"},
+    "png": {"Software": "sdhj"},
+}
+
+INK = "#1a1a1a"
+FAINT = "#8c8c8c"
+ROBOT = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
+UNSAFE = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
+TARGET = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
+PURSUER = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
+FULL = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
+INNER = {"facecolor": "#2a8c82", "edgecolor": "#052e2a", "hatch": "", "linewidth": 1.2, "linestyle": (0, (4, 1.5))}
+LOOKS: dict[str, dict[str, Any]] = {"obstacles": UNSAFE, "unsafe": UNSAFE, "pursuer": PURSUER, "target": TARGET, "evader": TARGET}
+OUTCOME_INK = "#c44e00"  # the run itself, on blue tubes
+
+
+def style() -> AbstractContextManager[None]:
+    """Context in which figures are drawn and saved in the project's style."""
+    return mpl.style.context(STYLE_FILE)
+
+
+def use_style() -> None:
+    """Draw everything from here on in the project's style (for notebooks)."""
+    mpl.style.use(STYLE_FILE)
+
+
+def look(name: str) -> dict[str, Any]:
+    """How a set of that name is drawn; one the library does not know is drawn as unsafe."""
+    return LOOKS.get(name, UNSAFE)
+
+
+def step_colours(steps: int) -> list[Any]:
+    """One colour for each number of steps to go, 0 to `steps`: dark is near the target, lightness falls evenly."""
+    return [mpl.colormaps["YlGnBu_r"](0.06 + 0.84 * n / max(steps, 1)) for n in range(steps + 1)]
+
+
+def patch(name: str, label: str) -> Patch:
+    """What a legend shows for a set of that name."""
+    return Patch(**look(name), label=label)
+
+
+def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
+    """A figure of that many inches whose parts make room for each other."""
+    return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
+
+
+def writable_folder(folder: str | os.PathLike[str]) -> Path:
+    """The folder, made where it does not exist.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be made or written to, with what to do about it.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".sdhj-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OSError(f"cannot write figures to {folder}: {reason}; choose another folder with --out") from error
+    return folder
+
+
+def replace_whole(path: Path, write: Any) -> Path:
+    """Call write(temporary path beside `path`), then rename: nobody ever sees half a file.
+
+    The temporary name keeps the suffix, from which writers tell the format.
+    """
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def save(
+    figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png"), dpi: float | None = None
+) -> list[Path]:
+    """Write `figure` as folder/name.format for each format; the same figure gives the same bytes.
+
+    Raises
+    ------
+    ValueError
+        For an unknown format.
+    OSError
+        Where the folder cannot be written.
+    """
+    unknown = set(formats) - set(FORMATS)
+    if unknown:
+        raise ValueError(f"formats must be among {', '.join(FORMATS)}, got {', '.join(sorted(unknown))}")
+    folder = writable_folder(folder)
+    with style():
+        return [
+            replace_whole(
+                folder / f"{name}.{form}",
+                lambda path, form=form: figure.savefig(path, format=form, metadata=UNDATED[form], dpi=dpi or "figure"),  # type: ignore[misc]
+            )
+            for form in formats
+        ]
+
+
+def grey(rgb: Iterable[Any]) -> Any:
+    """Perceived lightness (Rec. 709 luma) of colours (..., 3 or 4) in [0, 1]: what a grey copy shows."""
+    array = np.asarray(list(rgb), dtype=np.float64)
+    return array[..., :3] @ np.array([0.2126, 0.7152, 0.0722])

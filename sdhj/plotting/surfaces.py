@@ -1,0 +1,152 @@
+"""Isosurfaces of tubes in three of the state's axes, for example (q1, q2, p_x) (Fig. 13)."""
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from sdhj.grid import FloatArray, Grid
+from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS
+from sdhj.table import LookupTable
+
+LIGHT = np.array([-0.45, -0.55, 0.70])  # towards the lamp, over the viewer's left shoulder
+CAP = 1e-3  # share of a cell at which a set that leaves the box is closed
+
+
+def _tetrahedra() -> FloatArray:
+    """The six tetrahedra about one diagonal of a cube, (6, 4), corner c at offsets (c >> 2, c >> 1, c) & 1."""
+    paths = []
+    for order in permutations((4, 2, 1)):
+        corner, path = 0, [0]
+        for step in order:
+            corner |= step
+            path.append(corner)
+        paths.append(path)
+    return np.array(paths)
+
+
+TETRAHEDRA = _tetrahedra()
+
+
+def isosurface(values: FloatArray, coordinates: Sequence[FloatArray]) -> FloatArray:
+    """Triangles of the surface values = 0 by marching tetrahedra, (T, 3, 3), normals pointing out of {values <= 0}.
+
+    Parameters
+    ----------
+    values : (X, Y, Z) array
+        Linear between the corners of each tetrahedron; the surface is watertight inside the box.
+    coordinates : three arrays (X,), (Y,), (Z,)
+    """
+    inside = values <= 0
+    shape = np.array(values.shape)
+    offsets = np.array([[c >> 2 & 1, c >> 1 & 1, c & 1] for c in range(8)])
+    corners = [inside[tuple(slice(o, n - 1 + o) for o, n in zip(offset, shape, strict=True))] for offset in offsets]
+    mixed = np.argwhere(np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners))
+    index = mixed[:, None, :] + offsets  # (M, 8, 3)
+    at = tuple(np.moveaxis(index, -1, 0))
+    positions = np.stack([np.asarray(c)[i] for c, i in zip(coordinates, at, strict=True)], axis=-1)
+    cells, points = values[at][:, TETRAHEDRA].reshape(-1, 4), positions[:, TETRAHEDRA].reshape(-1, 4, 3)
+    code = (cells <= 0) @ np.array([1, 2, 4, 8])
+    found = [_cut(cells[code == c], points[code == c], c) for c in range(1, 15)]
+    return np.concatenate(found)
+
+
+def _cut(values: FloatArray, points: FloatArray, code: int) -> FloatArray:
+    """Triangles in tetrahedra (M, 4) whose vertices in the bits of `code` are inside."""
+    within = [v for v in range(4) if code >> v & 1]
+    without = [v for v in range(4) if v not in within]
+
+    def crossing(a: int, b: int) -> FloatArray:
+        share = values[:, a] / (values[:, a] - values[:, b])
+        return points[:, a] + share[:, None] * (points[:, b] - points[:, a])
+
+    if len(within) == 2:  # a quadrilateral, as two triangles
+        (a, b), (c, d) = within, without
+        ring = [crossing(a, c), crossing(a, d), crossing(b, d), crossing(b, c)]
+        triangles = [np.stack([ring[0], ring[1], ring[2]], axis=1), np.stack([ring[0], ring[2], ring[3]], axis=1)]
+    else:
+        triangles = [np.stack([crossing(a, b) for a in within for b in without], axis=1)]
+    outward = points[:, without].mean(axis=1) - points[:, within].mean(axis=1)
+    cut = []
+    for triangle in triangles:
+        flip = np.einsum("ij,ij->i", normals(triangle), outward) < 0
+        triangle[flip] = triangle[flip][:, ::-1]
+        cut.append(triangle)
+    return np.concatenate(cut)
+
+
+def normals(triangles: FloatArray) -> FloatArray:
+    """Normals (T, 3) of triangles (T, 3, 3), as long as twice their area."""
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def block(grid: Grid, values: FloatArray, axes: Sequence[int], through: Sequence[float]) -> tuple[FloatArray, list[FloatArray]]:
+    """Values on the nodes of three axes through a state, periodic axes closed, in a box whose sides are all outside.
+
+    Returns the values (X, Y, Z) and the coordinates of its three axes. The added sides close sets that leave the box.
+    """
+    coordinates = [
+        np.append(grid.nodes(axis), grid.upper[axis]) if grid.periodic[axis] else grid.nodes(axis) for axis in axes
+    ]
+    mesh = np.meshgrid(*coordinates, indexing="ij")
+    points = np.tile(np.asarray(through, dtype=np.float64), (mesh[0].size, 1))
+    points[:, list(axes)] = np.stack([m.ravel() for m in mesh], axis=1)
+    inner = grid.interpolate(values, points).reshape(mesh[0].shape)
+    padded = np.pad(inner, 1, constant_values=max(1.0, float(np.abs(inner).max())))
+    widened = []
+    for axis, c in zip(axes, coordinates, strict=True):
+        gap = CAP * grid.spacing[axis]
+        widened.append(np.concatenate([[c[0] - gap], c, [c[-1] + gap]]))
+    return padded, widened
+
+
+def draw_isosurface(
+    ax: Any,
+    table: LookupTable,
+    *,
+    through: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+    axes: Sequence[int] = (0, 1, 2),
+    colour: str = "#4c8fc4",
+    alpha: float = 1.0,
+    gid: str = "surface",
+) -> None:
+    """The boundary of a tube in three axes, lit, on a 3-D axes; a bitmap inside vector files, to keep them small."""
+    grid = table.grid
+    within = table.steps - start if within is None else within
+    values, coordinates = block(grid, table.values(start=start, within=within), axes, through)
+    triangles = isosurface(values, coordinates)
+    frame_block(ax, grid, axes)
+    if not len(triangles):
+        return
+    scale = np.array([grid.upper[axis] - grid.lower[axis] for axis in axes])
+    normal = normals(triangles / scale)
+    length = np.linalg.norm(normal, axis=1)
+    triangles, normal = triangles[length > 0], normal[length > 0] / length[length > 0, None]
+    light = 0.42 + 0.58 * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    faces = np.concatenate([light[:, None] * np.array(to_rgb(colour)), np.full((len(light), 1), alpha)], axis=1)
+    surface = Poly3DCollection(triangles, facecolors=faces, edgecolors="none", linewidths=0.0, antialiased=False, rasterized=True)
+    surface.set_gid(gid)
+    ax.add_collection3d(surface, autolim=False)
+
+
+def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
+    """Limits, ticks and labels of a 3-D axes."""
+    for axis, name in zip(axes, "xyz", strict=True):
+        low, high = grid.lower[axis], grid.upper[axis]
+        getattr(ax, f"set_{name}lim")(low, high)
+        unit = "rad" if grid.names[axis].startswith("q") else "m"
+        symbol = f"${grid.names[axis][0]}_{grid.names[axis][1:]}$" if len(grid.names[axis]) == 2 else grid.names[axis]
+        getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-4)
+        if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
+            getattr(ax, f"set_{name}ticks")(QUARTERS[::2], QUARTER_LABELS[::2])
+        ax.tick_params(axis=name, pad=-2)
+    for side in (ax.xaxis, ax.yaxis, ax.zaxis):
+        side.set_pane_color((1.0, 1.0, 1.0, 0.0))
+    ax.grid(False)
+    ax.view_init(elev=24, azim=-58)
+    ax.set_proj_type("ortho")
