@@ -1,11 +1,11 @@
 """The look-up table of Fig. 8: every S_k^i and which inputs are guaranteed where, in memory and on disk."""
 
+import hashlib
 import json
 import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -123,9 +123,14 @@ class LookupTable:
         """Share of the grid's volume inside the tube."""
         return self.grid.fraction(self.value_array(start, within) <= 0)
 
-    @cached_property
-    def digest(self) -> str:
-        return self.problem.digest
+    def _checksum(self) -> str:
+        """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
+        told = json.dumps([self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details)], sort_keys=True)
+        h = hashlib.sha256(told.encode())
+        for array in (self.tubes, self.masks, self.avoid.static, self.avoid.moving):
+            h.update(repr((array.dtype.str, array.shape)).encode())
+            h.update(np.ascontiguousarray(array).data)
+        return h.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an HDF5 file that describes itself; an older file of that name is replaced only by a whole new one.
@@ -157,7 +162,7 @@ class LookupTable:
             sdhj_version=sdhj.__version__,
             convention=CONVENTION,
             problem=problem.name,
-            digest=self.digest,
+            digest=problem.digest,
             recipe=json.dumps(dict(problem.recipe), sort_keys=True),
             method=self.method,
             details=json.dumps(dict(self.details), sort_keys=True),
@@ -171,11 +176,12 @@ class LookupTable:
         file["inputs"] = problem.inputs
         file["entries"] = np.array([(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)])
         file["entries"].attrs["columns"] = ["start", "within"]
-        file.create_dataset("tubes", data=self.tubes, chunks=(1, *grid.shape), fletcher32=True, **packing)
-        file.create_dataset("masks", data=self.masks, chunks=(1, 1, grid.size), fletcher32=True, **packing)
+        file.attrs["checksum"] = self._checksum()
+        file.create_dataset("tubes", data=self.tubes, chunks=(1, *grid.shape), **packing)
+        file.create_dataset("masks", data=self.masks, chunks=(1, 1, grid.size), **packing)
         for name in ("static", "moving"):
             array = getattr(self.avoid, name)
-            data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, fletcher32=True, **packing)
+            data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
             data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
 
@@ -204,7 +210,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
             return _read(file, path, problem)
     except TableFileError:
         raise
-    except (OSError, KeyError, RuntimeError, json.JSONDecodeError) as error:
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
         raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
 
 
@@ -237,6 +243,7 @@ def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> Loo
     entries = entry(problem.steps, problem.steps, 0) + 1
     if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
         raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
-    if not np.isfinite(tubes).all():
-        raise TableFileError(f"{path} is damaged: its tubes hold a NaN or an infinity; solve it anew")
-    return LookupTable(problem, str(attrs["method"]), tubes, masks, AvoidTubes(**avoid), json.loads(attrs["details"]))
+    table = LookupTable(problem, str(attrs["method"]), tubes, masks, AvoidTubes(**avoid), json.loads(attrs["details"]))
+    if table._checksum() != attrs["checksum"]:
+        raise TableFileError(f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew")
+    return table

@@ -1,0 +1,150 @@
+"""Problems and grids refuse what cannot be right, naming the value and the remedy."""
+
+import dataclasses
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toys import interval_problem, torus_problem
+
+from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+
+
+@given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
+def test_interpolation_equals_the_slow_twin(seed, ndim):
+    rng = np.random.default_rng(seed)
+    shape = tuple(rng.integers(5, 8, size=ndim).tolist())
+    periodic = tuple(rng.random(ndim) < 0.5)
+    grid = Grid([-1.0] * ndim, [2.0] * ndim, shape, periodic)
+    values = rng.normal(size=shape)
+    points = rng.uniform(-1, 2, size=(5, ndim)) + np.where(periodic, rng.integers(-2, 3, size=(5, ndim)) * 3.0, 0.0)
+    expected = [naive.interpolate(values, grid.lower, grid.spacing, periodic, p) for p in points]
+    np.testing.assert_allclose(grid.interpolate(values, points), expected, rtol=0, atol=1e-9)
+
+
+def test_interpolation_reproduces_nodes_and_multilinear_functions(rng):
+    grid = Grid([0.0, -1.0, 2.0], [1.0, 1.0, 5.0], (5, 6, 7))
+    x, y, z = grid.points().T
+
+    def f(x, y, z):
+        return 1 + 2 * x - y + 0.5 * z + x * y - 3 * x * y * z
+
+    values = f(x, y, z).reshape(grid.shape)
+    assert np.allclose(grid.interpolate(values, grid.points()), values.ravel(), rtol=0, atol=1e-12)
+    points = rng.uniform([0, -1, 2], [1, 1, 5], size=(100, 3))
+    assert np.allclose(grid.interpolate(values, points), f(*points.T), rtol=0, atol=1e-12)
+
+
+def test_off_the_grid_is_outside_every_set():
+    grid = Grid([0.0, 0.0], [1.0, 1.0], (5, 5), (True, False))
+    values = -np.ones((5, 5))
+    points = [[7.3, 0.5], [0.5, 1.01], [0.5, -0.01], [np.nan, 0.5], [0.5, np.nan], [np.inf, 0.5]]
+    assert grid.interpolate(values, np.array(points)).tolist() == [-1.0] + [np.inf] * 5
+    with pytest.raises(ValueError, match=r"\(M, 2\)"):
+        grid.interpolate(values, np.zeros(2))
+
+
+def test_volume_weights_sum_to_one_and_halve_the_ends():
+    grid = Grid([0.0, 0.0], [1.0, 1.0], (5, 8), (False, True))
+    assert grid.weights.shape == (5, 8) and grid.weights.sum() == pytest.approx(1.0)
+    assert np.allclose(grid.weights[0] * 2, grid.weights[1])
+    assert grid.fraction(np.ones((5, 8), bool)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (([0.0], [1.0], [4]), "4 nodes"),
+        (([0.0], [1.0], [5.5]), "5.5"),
+        (([0.0], [0.0], [9]), "lower < upper"),
+        (([0.0], [float("nan")], [9]), "nan"),
+        (([0.0] * 7, [1.0] * 7, [5] * 7), "1 to 6"),
+        (([0.0], [1.0, 2.0], [9]), "upper has 2"),
+        (([0.0], [1.0], [9], [True, False]), "periodic has 2"),
+    ],
+)
+def test_grids_refuse(arguments, named):
+    with pytest.raises(ValueError, match=named):
+        Grid(*arguments)
+
+
+def test_subgrid_and_lift():
+    grid = Grid([0, 1, 2], [3, 4, 5], (5, 6, 7), (True, False, True), ["a", "b", "c"])
+    sub = grid.subgrid((0, 2))
+    assert (sub.shape, sub.lower, sub.periodic, sub.names) == ((5, 7), (0.0, 2.0), (True, True), ("a", "c"))
+    assert grid.lift(np.zeros((5, 7)), (0, 2)).shape == (5, 1, 7)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"delta": 0.0}, "delta"),
+        ({"delta": float("nan")}, "nan"),
+        ({"steps": 0}, "steps"),
+        ({"steps": 2.5}, "2.5"),
+        ({"view_time": "always"}, "always"),
+        ({"target": TargetSet((1,), lambda p, t: p[:, 0])}, "target"),
+        ({"target": TargetSet((0,), lambda p, t: np.full(len(p), np.nan))}, "NaN"),
+        ({"target": TargetSet((0,), lambda p, t: np.zeros((len(p), 2)))}, "shape"),
+        ({"target": TargetSet((0,), lambda p, t: np.ones(len(p)))}, "swallow"),
+        ({"unsafe": (UnsafeSet((0,), lambda p, t: -np.ones(len(p))),)}, "swallow"),
+        ({"unsafe": (UnsafeSet((0, 0), lambda p, t: p[:, 0]),)}, "ascending"),
+        ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
+        ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0], [2.0]], [0.1])}, "gain"),
+    ],
+)
+def test_problems_refuse(change, named):
+    with pytest.raises(ValueError, match=named):
+        dataclasses.replace(interval_problem(), **change)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (([[np.nan]], [[1.0]], [[1.0]], [0.1]), "NaN"),
+        (([[1.0]], [[np.inf]], [[1.0]], [0.1]), "infinity"),
+        (([[1.0]], [[1.0]], [[1.0]], [-0.1]), "bounds"),
+        (([1.0], [[1.0]], [[1.0]], [0.1]), "inputs"),
+        ((np.zeros((300, 1)), np.zeros((300, 1)), [[1.0]], [0.1]), "256"),
+    ],
+)
+def test_dynamics_refuse(arguments, named):
+    with pytest.raises(ValueError, match=named):
+        Dynamics(*arguments)
+
+
+def test_functions_that_answer_nonsense_are_caught_when_sampled():
+    problem = torus_problem(nodes=8)
+    bad = Dynamics(problem.inputs, lambda p, u: np.full(p.shape, np.nan), np.eye(2), [0.1, 0.1])
+    with pytest.raises(ValueError, match="drift has a NaN"):
+        dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
+    with pytest.raises(ValueError, match="rate"):
+        UnsafeSet((0,), lambda p, t: p[:, 0], rate=float("nan"))
+
+
+def test_swept_without_a_formula_bounds_every_time(rng):
+    """Samples lowered by half a gap's motion hold the set at all times, as `rate` bounds the function's change."""
+    part = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - np.sin(3 * t)) - 0.1, rate=3.0)
+    points = np.linspace(-2, 2, 401)[:, None]
+    swept = part.over(points, 0.2, 0.5, "swept")
+    sampled = part.over(points, 0.2, 0.5, "sampled")
+    dense = np.min([part.level_set(points, t) for t in np.linspace(0.2, 0.5, 5001)], axis=0)
+    assert (swept <= dense).all()
+    assert (sampled > dense + 1e-4).any()
+
+
+def test_true_values_need_no_grid():
+    problem = ReachAvoidProblem(
+        Grid([0.0, 0.0], [1.0, 1.0], (9, 9)),
+        Dynamics([[0.0]], [[0.0, 0.0]], np.zeros((2, 1)), [0.0]),
+        TargetSet((0,), lambda p, t: p[:, 0] - 0.5 - t),
+        (UnsafeSet((1,), lambda p, t: p[:, 0] - 0.2), UnsafeSet((0,), lambda p, t: p[:, 0] - 0.1)),
+        0.1,
+        1,
+    )
+    q = np.array([[0.4, 0.7], [0.7, 0.3]])
+    assert np.allclose(problem.target_value(q, 0.1), [-0.2, 0.1])
+    assert np.allclose(problem.unsafe_value(q, 0.0), [0.3, 0.1])
+    assert np.isinf(dataclasses.replace(problem, unsafe=()).unsafe_value(q, 0.0)).all()

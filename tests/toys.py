@@ -1,0 +1,66 @@
+"""Small problems with answers one can work out by hand, shared by the tests."""
+
+import numpy as np
+
+from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+
+
+def interval_problem(*, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True):
+    """One axis, dq = u + v: u in {-1, 0, 1}, |v| <= disturbance, delta = 0.5; target |q| <= 1; unsafe q >= wall + rate t.
+
+    With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target set is wider than what the
+    disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
+    """
+    dynamics = Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [disturbance])
+    part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], rate=abs(rate), name="wall")
+    return ReachAvoidProblem(
+        Grid([-4.0], [4.0], [nodes]),
+        dynamics,
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
+        (part,) if unsafe else (),
+        0.5,
+        steps,
+        view_time,
+    )
+
+
+def unicycle_problem(*, nodes=(17, 17, 16), steps=3):
+    """Dubins car: dx = cos th + v1, dy = sin th + v2, dth = u: a drift that depends on the state, on three axes."""
+
+    def drift(points, u):
+        theta = points[:, 2]
+        return np.stack([np.cos(theta), np.sin(theta), np.full(len(points), u[0])], axis=1)
+
+    dynamics = Dynamics([[-2.0], [0.0], [2.0]], drift, np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), [0.1, 0.1])
+    return ReachAvoidProblem(
+        Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], nodes, [False, False, True], ["x", "y", "theta"]),
+        dynamics,
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
+        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1]) - 0.2, name="pillar"),),
+        0.2,
+        steps,
+    )
+
+
+def torus_problem(*, nodes=12, steps=3, view_time="swept"):
+    """Two periodic axes, dq = u + v, a moving round target and a round obstacle on a circle path; 9 inputs."""
+    levels = np.array([-2.0, 0.0, 2.0])
+    inputs = np.array([(a, b) for a in levels for b in levels])
+
+    def obstacle(p, t):
+        dx, dy = wrapped(p[:, 0] - np.cos(2 * t)), wrapped(p[:, 1] - np.sin(2 * t))
+        return np.hypot(dx, dy) - 0.5
+
+    return ReachAvoidProblem(
+        Grid([-np.pi, -np.pi], [np.pi, np.pi], [nodes, nodes], [True, True]),
+        Dynamics(inputs, inputs, np.eye(2), [0.4, 0.4]),
+        TargetSet((0, 1), lambda p, t: np.hypot(wrapped(p[:, 0] + 1 - 0.2 * t), wrapped(p[:, 1])) - 0.8),
+        (UnsafeSet((0, 1), obstacle, rate=2.0, name="orbiting disk"),),
+        0.2,
+        steps,
+        view_time,
+    )
+
+
+def wrapped(angle):
+    return (angle + np.pi) % (2 * np.pi) - np.pi
