@@ -70,7 +70,7 @@ class Grid:
                 raise ValueError(f"axis {axis} must have finite lower < upper, got [{lower[axis]}, {upper[axis]}]")
             if int(shape[axis]) != shape[axis] or shape[axis] < MIN_NODES:
                 raise ValueError(
-                    f"axis {axis} has {shape[axis]} nodes; the difference schemes need at least {MIN_NODES} on each axis"
+                    f"axis {axis} has {shape[axis]} nodes; the schemes need at least {MIN_NODES} on each axis"
                 )
         object.__setattr__(self, "lower", tuple(float(x) for x in lower))
         object.__setattr__(self, "upper", tuple(float(x) for x in upper))
@@ -105,10 +105,14 @@ class Grid:
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""
-        return Grid(*([field[axis] for axis in axes] for field in (self.lower, self.upper, self.shape, self.periodic, self.names)))
+
+        def pick(field: tuple[Any, ...]) -> list[Any]:
+            return [field[axis] for axis in axes]
+
+        return Grid(pick(self.lower), pick(self.upper), pick(self.shape), pick(self.periodic), pick(self.names))
 
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """View `values`, sampled on `subgrid(axes)` (axes ascending), broadcastable over this grid (back-projection)."""
+        """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
@@ -142,7 +146,7 @@ class Grid:
 
     @cached_property
     def weights(self) -> FloatArray:
-        """The share of the grid's volume that each node stands for, shape `shape`; an end node stands for half a cell."""
+        """The share of the volume that each node stands for, shape `shape`; the end of a bounded axis: half a cell."""
         total = np.ones(())
         for n, periodic in zip(self.shape, self.periodic, strict=True):
             share = np.ones(n)

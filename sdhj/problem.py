@@ -198,9 +198,12 @@ class ReachAvoidProblem:
             _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))
         if not callable(dynamics.gain):
             _finite("gain", dynamics.gain, (ndim, dynamics.bounds.size))
-        for part in (self.target, *self.unsafe):
+        parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
+        for part in parts:
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
-                raise ValueError(f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}")
+                raise ValueError(
+                    f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
+                )
         if not any((self.goal(step) <= 0).any() for step in range(self.steps + 1)):
             raise ValueError(
                 "no grid node is in the target and safe at any step: the unsafe sets swallow the target, or it is "
@@ -236,6 +239,9 @@ class ReachAvoidProblem:
             self._static.append((part, values))
         return values
 
+    def _unsafe_over(self, part: UnsafeSet, t0: float, t1: float) -> FloatArray:
+        return self.sample(part.axes, lambda points: part.over(points, t0, t1, self.view_time), part.name)
+
     @cached_property
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
         return []
@@ -269,7 +275,9 @@ class ReachAvoidProblem:
                 h.update(data.tobytes())
 
         grid, points = self.grid, self.grid.points()
-        add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.dynamics.bounds, self.delta, self.steps)
+        add(
+            grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.dynamics.bounds, self.delta, self.steps
+        )
         h.update(self.view_time.encode())
         if self.dynamics.constant:
             add(self.dynamics.drift, self.dynamics.gain)
@@ -277,12 +285,9 @@ class ReachAvoidProblem:
             add(self.dynamics.gain_at(points), *(self.dynamics.drift_at(points, j) for j in range(len(self.inputs))))
         add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
         for part in self.unsafe:
-            add(part.axes, part.rate)
-            for step in range(self.steps + 1 if part.moving else 1):
-                t = self.time(step)
-                add(self._unsafe_at(part, t))
-                if part.moving and step < self.steps:  # what happens between the samples counts too
-                    t1 = self.time(step + 1)
-                    add(self._unsafe_at(part, (t + t1) / 2))
-                    add(self.sample(part.axes, lambda p, part=part, t=t, t1=t1: part.over(p, t, t1, self.view_time), part.name))  # type: ignore[misc]
+            add(part.axes, part.rate, self._unsafe_at(part, 0.0))
+            for step in range(self.steps) if part.moving else ():
+                t0, t1 = self.time(step), self.time(step + 1)
+                # what happens between the samples counts too
+                add(self._unsafe_at(part, (t0 + t1) / 2), self._unsafe_at(part, t1), self._unsafe_over(part, t0, t1))
         return h.hexdigest()

@@ -40,7 +40,9 @@ class AvoidTubes:
 
     def lifted(self, grid: Grid, step: int, j: int) -> FloatArray:
         """The tube of u_j over the interval from `step`, on the whole grid."""
-        both = np.maximum(grid.lift(self.static[j], self.static_axes), grid.lift(self.moving[step, j], self.moving_axes))
+        both = np.maximum(
+            grid.lift(self.static[j], self.static_axes), grid.lift(self.moving[step, j], self.moving_axes)
+        )
         return np.ascontiguousarray(np.broadcast_to(both, grid.shape))
 
 
@@ -64,7 +66,9 @@ class LookupTable:
     details: Mapping[str, Any]
 
     @classmethod
-    def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]) -> "LookupTable":
+    def empty(
+        cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]
+    ) -> "LookupTable":
         """A table with room for everything and nothing filled in."""
         entries = entry(problem.steps, problem.steps, 0) + 1
         tubes = np.empty((entries, *problem.grid.shape), dtype)
@@ -125,7 +129,9 @@ class LookupTable:
 
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
-        told = json.dumps([self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details)], sort_keys=True)
+        told = json.dumps(
+            [self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details)], sort_keys=True
+        )
         h = hashlib.sha256(told.encode())
         for array in (self.tubes, self.masks, self.avoid.static, self.avoid.moving):
             h.update(repr((array.dtype.str, array.shape)).encode())
@@ -144,7 +150,9 @@ class LookupTable:
         try:
             handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         except OSError as error:
-            raise OSError(f"cannot write {path}: {error.strerror}; choose a folder that exists and can be written") from error
+            raise OSError(
+                f"cannot write {path}: {error.strerror}; choose a folder that exists and can be written"
+            ) from error
         os.close(handle)
         try:
             with h5py.File(temporary, "w") as file:
@@ -171,7 +179,9 @@ class LookupTable:
             view_time=problem.view_time,
         )
         layout = file.create_group("grid")
-        layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
+        layout.attrs.update(
+            lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names
+        )
         packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
         file["inputs"] = problem.inputs
         file["entries"] = np.array([(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)])
@@ -192,8 +202,8 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds functions
-        that no file can hold, so give it here. It must have the digest that the file records.
+        The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds
+        functions that no file can hold, so give it here. It must have the digest that the file records.
 
     Raises
     ------
@@ -228,22 +238,24 @@ def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> Loo
 
         recipe = json.loads(attrs["recipe"])
         if not recipe:
-            raise TableFileError(f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)")
+            raise TableFileError(
+                f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
+            )
         problem = rebuild(recipe)
     if problem.digest != attrs["digest"]:
         raise TableFileError(
             f"{path} was solved for another problem: its digest is {attrs['digest'][:12]}..., that of "
             f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
         )
-    avoid = {}
-    for name in ("static", "moving"):
-        avoid[f"{name}_axes"] = tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"])
-        avoid[name] = file[f"avoid_{name}"][()]
+    axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
+    avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
     tubes, masks = file["tubes"][()], file["masks"][()]
     entries = entry(problem.steps, problem.steps, 0) + 1
     if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
         raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
-    table = LookupTable(problem, str(attrs["method"]), tubes, masks, AvoidTubes(**avoid), json.loads(attrs["details"]))
+    table = LookupTable(problem, str(attrs["method"]), tubes, masks, avoid, json.loads(attrs["details"]))
     if table._checksum() != attrs["checksum"]:
-        raise TableFileError(f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew")
+        raise TableFileError(
+            f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
+        )
     return table

@@ -7,7 +7,7 @@ import numpy as np
 
 
 def ghost(values, index, shape, periodic):
-    """Value at a multi-index that may leave the grid: wrapped on a periodic axis, the wall's value on a bounded one."""
+    """Value at a multi-index that may leave the grid: wrapped on a periodic axis, held at a wall."""
     inside = []
     for i, n, wraps in zip(index, shape, periodic, strict=True):
         inside.append(i % n if wraps else min(max(i, 0), n - 1))
@@ -71,7 +71,7 @@ def right_hand_side(values, spacing, periodic, lower, upper, order, flux):
 
 
 def coupled_right_hand_side(values, spacing, periodic, drift, gain, order):
-    """Lax-Friedrichs of max over modes of p . drift + sum_d |p . gain_d|; drift (modes, ndim), gain (modes, ndim, D)."""
+    """Lax-Friedrichs: max over modes of p . drift + sum_d |p . gain_d|; drift (modes, ndim), gain (modes, ndim, D)."""
     shape = values.shape
     ndim = len(shape)
     alpha = [max(abs(f[i]) + np.abs(g[i]).sum() for f, g in zip(drift, gain, strict=True)) for i in range(ndim)]
@@ -148,7 +148,7 @@ def maximum_over_interval(line, low, high, periodic):
 
 
 def recursion(goals, reach, avoid):
-    """Algorithm 1 with k <= i: goals[k]; reach(values) -> list of L; avoid[k][j]. Returns tubes[k, n] and marks[k, n, j]."""
+    """Algorithm 1, k <= i: goals[k]; reach(values) -> list of L; avoid[k][j]. Returns tubes[k, n], marks[k, n, j]."""
     steps = len(goals) - 1
     tubes, marks = {}, {}
     for i in range(steps, -1, -1):

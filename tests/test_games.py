@@ -38,7 +38,7 @@ def test_reach_in_one_dimension_has_its_closed_form():
 
 @pytest.mark.parametrize("view_time", ["swept", "sampled", "instantaneous"])
 def test_avoid_in_one_dimension_has_its_closed_form(view_time):
-    """The wall q >= 3 - 0.5 t moves in. The value is the most that q + (u + 0.2) tau - wall becomes, at an end of the interval."""
+    """The wall q >= 3 - 0.5 t moves in; the value is the most that q + (u + 0.2) tau - wall becomes, at an end."""
     problem = interval_problem(nodes=161, rate=-0.5, view_time=view_time)
     q = problem.grid.nodes(0)
     # what the grid's own wall at q = 4 does to a state stays within its numerical domain of dependence: 6 * 3 cells of
@@ -86,7 +86,9 @@ def test_joint_game_equals_the_decomposed_ones_up_to_scheme_error(view_time):
         joint = dict(JointSolver(problem, scheme).reach_avoid(values, 0))
         apart = HJISolver(problem, scheme)
         tubes = apart.avoid(problem.unsafe[0], 0)
-        gaps.append(np.mean([np.abs(joint[j] - np.maximum(reach, tubes[j])).mean() for j, reach in apart.reach(values)]))
+        gaps.append(
+            np.mean([np.abs(joint[j] - np.maximum(reach, tubes[j])).mean() for j, reach in apart.reach(values)])
+        )
     print(view_time, "mean difference of joint and decomposed", gaps)
     assert gaps[2] < gaps[1] / 1.5 < gaps[0] / 1.5**2
 
@@ -107,7 +109,9 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
         assert np.array_equal(np.broadcast_to(a.lower[:, None, None], (2, 8, 8)), b.lower)
         assert np.array_equal(np.broadcast_to(a.upper[:, None, None], (2, 8, 8)), b.upper)
     fixed = dataclasses.replace(DOUBLE, frame="fixed")
-    for (_, a), (_, b) in zip(HJISolver(problem, fixed).reach(problem.goal(1)), HJISolver(sampled, fixed).reach(problem.goal(1)), strict=True):
+    for (_, a), (_, b) in zip(
+        HJISolver(problem, fixed).reach(problem.goal(1)), HJISolver(sampled, fixed).reach(problem.goal(1)), strict=True
+    ):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="hji"):
         LaxSolver(sampled, "linear", "float64")

@@ -50,7 +50,7 @@ def test_boxes_are_never_below_the_maximum_of_the_interpolant(rng):
         sampled = np.full(grid.size, -np.inf)
         for a in np.linspace(low[j, 0], high[j, 0], 41):
             for b in np.linspace(low[j, 1], high[j, 1], 41):
-                moved = points + [a, b]
+                moved = points + np.array([a, b])
                 moved[:, 1] = np.clip(moved[:, 1], 0.0, 1.0)
                 sampled = np.maximum(sampled, grid.interpolate(values, moved))
         assert (got.ravel() >= sampled - 1e-9).all()

@@ -104,8 +104,8 @@ def arm():
 # Shares of the nodes inside from step 0 within 0..8 steps, by independent prototypes at 25^4.
 LAX_SHARES = [0.025, 0.074, 0.156, 0.236, 0.302, 0.338, 0.362, 0.381, 0.398]
 LAX_FRIEDRICHS_SHARES = [0.025, 0.061, 0.125, 0.184, 0.248, 0.295, 0.327, 0.346, 0.360]
-# The prototypes treat the avoid games' time and walls in their own ways: up to 1% of the set was seen between two honest
-# ways of sampling time. A wrong sign, order or input moves these shares by a tenth and more.
+# The prototypes treat the avoid games' time and walls in their own ways: up to 1% of the set was seen between two
+# honest ways of sampling time. A wrong sign, order or input moves these shares by a tenth and more.
 SHARE_TOLERANCE = 0.005
 
 

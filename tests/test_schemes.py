@@ -29,7 +29,14 @@ def random_problem(rng, shape, periodic):
 @pytest.mark.parametrize("flux", FLUXES)
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("shape", "periodic"), [((9,), (True,)), ((9,), (False,)), ((6, 7), (True, False)), ((5, 6, 17), (False, True, True)), ((5, 5, 6, 7), (True, True, False, False))]
+    ("shape", "periodic"),
+    [
+        ((9,), (True,)),
+        ((9,), (False,)),
+        ((6, 7), (True, False)),
+        ((5, 6, 17), (False, True, True)),
+        ((5, 5, 6, 7), (True, True, False, False)),
+    ],
 )
 def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape, periodic):
     grid, values, lower, upper = random_problem(rng, shape, periodic)
@@ -45,7 +52,13 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
 @pytest.mark.parametrize("flux", FLUXES)
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("shape", "periodic"), [((9,), (True,)), ((6, 7), (False, True)), ((5, 5, 6, 7), (True, True, False, False)), ((5, 6, 5, 9), (False, True, False, True))]
+    ("shape", "periodic"),
+    [
+        ((9,), (True,)),
+        ((6, 7), (False, True)),
+        ((5, 5, 6, 7), (True, True, False, False)),
+        ((5, 6, 5, 9), (False, True, False, True)),
+    ],
 )
 def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, periodic):
     grid = Grid([0.0] * len(shape), [2.0] * len(shape), shape, periodic)
@@ -147,7 +160,7 @@ def test_order_of_convergence_on_a_smooth_problem(order, integrator, expected, f
 
 
 def test_growing_kinks_match_their_closed_form():
-    """Phi_tau = |Phi_x| with Phi(0) = cos x is the maximum of cos over [x - tau, x + tau]; its minimum sharpens to a kink."""
+    """Phi_tau = |Phi_x|, Phi(0) = cos x: the maximum of cos over [x - tau, x + tau], the minimum turns to a kink."""
     nodes = np.array([50, 100, 200])
     errors = {order: [] for order in (1, 2, 3)}
     for n in nodes:
@@ -181,7 +194,14 @@ def test_axis_permutation_permutes_the_solution(rng, order):
     scheme = dataclasses.replace(DOUBLE, order=order)
     straight = evolve(grid, values, Velocities(lower, upper), 0.1, scheme, steps=4)
     for axes in [(1, 0, 2), (2, 1, 0), (1, 2, 0)]:
-        turned = evolve(grid.subgrid(axes), values.transpose(axes).copy(), Velocities(lower[list(axes)], upper[list(axes)]), 0.1, scheme, steps=4)
+        turned = evolve(
+            grid.subgrid(axes),
+            values.transpose(axes).copy(),
+            Velocities(lower[list(axes)], upper[list(axes)]),
+            0.1,
+            scheme,
+            steps=4,
+        )
         np.testing.assert_allclose(turned, straight.transpose(axes), rtol=0, atol=ROUNDING)
 
 
@@ -220,7 +240,9 @@ def test_no_motion_and_no_time_leave_the_values_alone(rng):
     values = rng.normal(size=(6, 6))
     assert np.array_equal(evolve(grid, values, box([0, 0], [0, 0]), 1.0, DOUBLE), values)
     wall = rng.normal(size=(6, 6))
-    assert np.array_equal(evolve(grid, values, box([0, 0], [0, 0]), 1.0, DOUBLE, obstacle=wall), np.maximum(values, wall))
+    assert np.array_equal(
+        evolve(grid, values, box([0, 0], [0, 0]), 1.0, DOUBLE, obstacle=wall), np.maximum(values, wall)
+    )
 
 
 def test_cfl_counts_steps_and_instability_shows_beyond_it():
@@ -237,7 +259,16 @@ def test_cfl_counts_steps_and_instability_shows_beyond_it():
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"flux": "roe"}, "roe"), ({"order": 5}, "5"), ({"integrator": "rk4"}, "rk4"), ({"cfl": 1.2}, "1.2"), ({"cfl": 0.0}, "0.0"), ({"cfl": float("nan")}, "nan"), ({"frame": "turning"}, "turning"), ({"dtype": "float16"}, "float16")],
+    [
+        ({"flux": "roe"}, "roe"),
+        ({"order": 5}, "5"),
+        ({"integrator": "rk4"}, "rk4"),
+        ({"cfl": 1.2}, "1.2"),
+        ({"cfl": 0.0}, "0.0"),
+        ({"cfl": float("nan")}, "nan"),
+        ({"frame": "turning"}, "turning"),
+        ({"dtype": "float16"}, "float16"),
+    ],
 )
 def test_scheme_refuses_what_it_does_not_know(change, named):
     with pytest.raises(ValueError, match=named):

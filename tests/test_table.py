@@ -132,7 +132,12 @@ def test_flipped_bytes_never_pass_unnoticed(arm_table, tmp_path, rng):
 def test_values_cannot_be_modified_and_indices_are_checked(table):
     with pytest.raises(ValueError):
         table.values(start=0, within=1)[0, 0] = 1.0
-    for bad in ({"start": 4, "within": 0}, {"start": -1, "within": 0}, {"start": 0, "within": -1}, {"start": 0.5, "within": 1}):
+    for bad in (
+        {"start": 4, "within": 0},
+        {"start": -1, "within": 0},
+        {"start": 0, "within": -1},
+        {"start": 0.5, "within": 1},
+    ):
         with pytest.raises(ValueError, match="whole number"):
             table.values(**bad)
 
@@ -141,7 +146,7 @@ def test_contains_on_and_off_the_grid(table):
     grid = table.grid
     inside = table.values(start=0, within=2).ravel() <= 0
     assert np.array_equal(table.contains(grid.points(), start=0, within=2), inside)
-    turned = grid.points() + [2 * np.pi, -4 * np.pi]
+    turned = grid.points() + np.array([2 * np.pi, -4 * np.pi])
     safely = np.abs(table.values(start=0, within=2).ravel()) > 1e-5
     assert np.array_equal(table.contains(turned, start=0, within=2)[safely], inside[safely])
     with pytest.raises(ValueError, match="NaN"):

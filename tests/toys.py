@@ -6,9 +6,10 @@ from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 
 
 def interval_problem(*, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True):
-    """One axis, dq = u + v: u in {-1, 0, 1}, |v| <= disturbance, delta = 0.5; target |q| <= 1; unsafe q >= wall + rate t.
+    """One axis, dq = u + v: u in {-1, 0, 1}, |v| <= disturbance, delta = 0.5; target |q| <= 1;
+    unsafe q >= wall + rate t.
 
-    With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target set is wider than what the
+    With n steps to go the tube is [-1 - n (1 - disturbance) delta, ...] as long as the target is wider than what the
     disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
     """
     dynamics = Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [disturbance])

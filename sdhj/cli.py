@@ -1,0 +1,154 @@
+"""The command line: `sdhj --help`."""
+
+import functools
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+import sdhj
+
+METHOD = click.Choice(["hji", "projected", "lax", "certified"])
+VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
+KINEMATICS = click.Choice(["relative", "printed"])
+ADVERSARIES = ("random", "aggressive", "worst")
+
+
+class Refusal(click.ClickException):
+    """One clear line on standard error, exit status 2."""
+
+    exit_code = 2
+
+
+def plainly(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn what the library refuses into one line without a traceback."""
+
+    @functools.wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except (ValueError, OSError, MemoryError) as error:
+            raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
+        except ModuleNotFoundError as error:
+            raise Refusal(
+                f"{error}; install the extra that brings it, for example pip install 'sdhj[bench]'"
+            ) from error
+
+    return wrapped
+
+
+def writable(path: Path, *, folder: bool = False) -> Path:
+    """Check before long work that its result can be written; make the folder if asked for."""
+    place = path if folder else path.parent
+    try:
+        if folder:
+            place.mkdir(parents=True, exist_ok=True)
+        probe = place / f".sdhj-{time.time_ns()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OSError(
+            f"cannot write in {place}: {error.strerror}; choose a folder that exists and can be written"
+        ) from error
+    if not folder and path.is_dir():
+        raise OSError(f"{path} is a folder; name a file")
+    return path
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.version_option(sdhj.__version__, prog_name="sdhj")
+def main() -> None:
+    """Sampled-data Hamilton-Jacobi reachability for robust motion planning."""
+
+
+@main.command()
+@click.option("--nodes", default=25, help="Nodes on each axis.")
+@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for figures and tables.")
+@click.option("--runs", default=10_000, help="Closed-loop runs for each method and adversary.")
+@click.option("--seed", default=0, help="Seed of everything random.")
+@plainly
+def reproduce(nodes: int, out: Path, runs: int, seed: int) -> None:
+    """Solve the case study, exercise its controller, write every figure and a table of results."""
+    from sdhj.reproduce import reproduce as run
+
+    run(nodes=nodes, out=writable(out, folder=True), runs=runs, seed=seed, say=click.echo)
+
+
+@main.command()
+@click.option("--nodes", default=25, help="Nodes on each axis.")
+@click.option("--steps", default=8, help="N, the number of sampling intervals.")
+@click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
+@click.option("--view-time", default="swept", type=VIEW_TIME, help="How moving obstacles enter an interval.")
+@click.option("--kinematics", default="relative", type=KINEMATICS, help="Textbook arm, or Eq. (8) as printed.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
+@plainly
+def solve(nodes: int, steps: int, method: str, view_time: str, kinematics: str, output: Path) -> None:
+    """Solve the arm case study and write its look-up table."""
+    writable(output)
+    problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
+    table = sdhj.solve(problem, method=method)
+    table.save(output)
+    share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
+    click.echo(f"{output}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
+
+
+@main.command()
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
+@click.option("--runs", default=10_000, help="Without --start: runs from uniformly drawn admissible states.")
+@click.option("--adversary", default="worst", type=click.Choice(ADVERSARIES), help="Who plays against the controller.")
+@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
+@click.option("--seed", default=0, help="Seed of the adversary and the starts.")
+@plainly
+def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int) -> None:
+    """Run the controller of a table against an adversary, in the true geometry."""
+    controller = sdhj.Controller(sdhj.load(table), rule=rule)
+    if start is None:
+        click.echo(str(sdhj.monte_carlo(controller, runs=runs, adversary=adversary, seed=seed)))
+        return
+    trajectory = sdhj.simulate(controller, start, adversary=adversary, seed=seed)
+    for t, state in zip(trajectory.times, trajectory.states, strict=True):
+        click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in state))
+    click.echo(f"outcome: {trajectory.outcome}")
+
+
+@main.command()
+@click.argument("table", type=click.Path(path_type=Path))
+@plainly
+def info(table: Path) -> None:
+    """Say what a table holds and how it was computed."""
+    read = sdhj.load(table)
+    grid, problem = read.grid, read.problem
+    click.echo(f"{table}: {problem.name}, method {read.method}")
+    for axis in range(grid.ndim):
+        kind = "periodic" if grid.periodic[axis] else "bounded"
+        click.echo(
+            f"  {grid.names[axis]}: {grid.shape[axis]} nodes on [{grid.lower[axis]:g}, {grid.upper[axis]:g}], {kind}"
+        )
+    click.echo(
+        f"  {problem.steps} steps of {problem.delta:g} s, {len(problem.inputs)} inputs, view-time {problem.view_time}"
+    )
+    click.echo(f"  details: {json.dumps(dict(read.details), sort_keys=True)}")
+    click.echo(f"  problem digest: {problem.digest}")
+    shares = [read.fraction(start=0, within=n) for n in range(problem.steps + 1)]
+    click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
+
+
+@main.command()
+@plainly
+def warmup() -> None:
+    """Compile every kernel once; later runs read them from the disk cache."""
+    for method in ("hji", "projected", "lax"):
+        click.echo(f"compiling {method} ...", nl=False)
+        began = time.perf_counter()
+        table = sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2), method=method, progress=False)
+        sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0)
+        click.echo(f" {time.perf_counter() - began:.1f} s")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
