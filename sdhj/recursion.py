@@ -1,6 +1,7 @@
 """The recursion of Theorem 2 (Algorithm 1): from the one-step games to the look-up table."""
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from tqdm import tqdm
 from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.projections import ProjectedSolver
 from sdhj.schemes import Scheme
 from sdhj.table import AvoidTubes, LookupTable
 
@@ -34,6 +36,8 @@ def solve(
     scheme: Scheme | None = None,
     games: str = "decomposed",
     interpolation: str = "linear",
+    subspaces: Sequence[Sequence[int]] | None = None,
+    inner: str = "hji",
     progress: bool | None = None,
 ) -> LookupTable:
     """Compute every S_k^i and, at every node, the inputs that are guaranteed to make progress (Algorithm 1).
@@ -50,6 +54,11 @@ def solve(
         For "hji": reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
     interpolation : {"linear", "cubic", "quintic"}
         For "lax".
+    subspaces : sequence of sequence of int, optional
+        For "projected": the axes that each subspace keeps. By default each axis that no input drives is dropped, one at
+        a time; for the case studies those are the paper's (0, 1, 2) and (0, 1, 3).
+    inner : {"hji", "lax"}
+        For "projected": how the games on the subspaces are solved.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -69,18 +78,26 @@ def solve(
     if games == "joint" and method != "hji":
         raise ValueError(f'games="joint" goes with method="hji", got method={method!r}')
     scheme = Scheme() if scheme is None else scheme
+    if method != "projected" and (subspaces is not None or inner != "hji"):
+        raise ValueError(f'subspaces and inner go with method="projected", got method={method!r}')
     solver: Solver
-    if method == "lax":
+    if method == "projected":
+        solver = ProjectedSolver(problem, scheme, subspaces, inner=inner, interpolation=interpolation)
+    elif method == "lax":
         solver = LaxSolver(problem, interpolation, scheme.dtype)
     else:
         solver = JointSolver(problem, scheme) if games == "joint" else HJISolver(problem, scheme)
     started = time.perf_counter()
     details: dict[str, Any] = {"games": games}
     details |= {"interpolation": interpolation, "dtype": scheme.dtype} if method == "lax" else vars(scheme)
+    if isinstance(solver, ProjectedSolver):
+        details |= solver.options
     bar = tqdm(total=problem.steps * (problem.steps + 1) // 2, desc=method, unit="tube", disable=None if progress is None else not progress)
     with bar:
         table = _recursion(problem, solver, method, details, bar)
     details["seconds"] = time.perf_counter() - started
+    if isinstance(solver, ProjectedSolver):
+        details["projection"] = solver.diagnose(table)
     return table
 
 
@@ -119,6 +136,10 @@ def _recursion(problem: ReachAvoidProblem, solver: Solver, method: str, details:
     nothing = np.broadcast_to(np.array(-np.inf, solver.dtype), problem.grid.size)
     for k in range(steps, -1, -1):
         table.value_array(k, 0)[:] = problem.goal(k)
+        if isinstance(solver, ProjectedSolver) and k < steps:
+            solver.add_row(table, tubes, k)
+            bar.update(steps - k)
+            continue
         avoid = [] if k == steps or joint else [tubes.lifted(problem.grid, k, j).ravel() for j in range(count)]
         for n in range(1, steps - k + 1):
             tube, mask = table.value_array(k, n), table.mask_array(k, n)
