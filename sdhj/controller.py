@@ -1,0 +1,303 @@
+"""The feedback controller of Sec. 4.3 (Algorithm 2), read as Fig. 8 is.
+
+At step k a state q has n steps to go, the fewest with q in the tube S_k of that n; n = 0 is success. Every input u_j
+whose reach-avoid set holds q, that of the tube S_{k+1} with n - 1 to go, then keeps the promise, and a rule picks one.
+
+Off the grid those sets are known by interpolation only, and the promise holds up to its error. u_j counts as safe at
+q where
+
+* every node of the cell around q marks u_j in the look-up table, and
+* looking ahead from q itself agrees: the *margin*, the larger of the interpolated avoid tube of u_j at q and of the
+  largest interpolated value of S_{k+1} over the box of all states that u_j and any adversary can lead to, is at
+  most 0.
+
+Where no input passes both, the look-ahead alone decides; where none passes that either, which happens next to the
+boundary of a tube, the one input of least margin is all there is. On a coarse grid this costs fewer failures than
+either test alone. The certified method has a guarantee instead.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sdhj.controller_kernels import decide, tube_values
+from sdhj.grid import FloatArray
+from sdhj.motion import block_size, clip_to_walls, displacements, reachable_boxes
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import LookupTable
+
+RULES = ("deepest", "effort", "target", "clearance")
+CHUNK = 4096  # states that one thread takes at a time
+NOT_ADMISSIBLE = -1
+
+
+class NotAdmissible(ValueError):
+    """No tube of the table holds the state: nothing is known that leads it to the target safely in time."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a rule of your own decides on: it returns one of `candidates`.
+
+    Attributes
+    ----------
+    state : (ndim,) array
+    step : int
+        The sampling time t_k at which the input starts.
+    steps_to_go : int
+    candidates : (C,) int array
+        Indices of the safe inputs in problem.inputs.
+    margins : (C,) array
+        The margin of each: the largest level-set value the adversary can bring about. The lower, the deeper inside.
+    problem : ReachAvoidProblem
+    """
+
+    state: FloatArray
+    step: int
+    steps_to_go: int
+    candidates: FloatArray
+    margins: FloatArray
+    problem: ReachAvoidProblem
+
+
+Rule = Callable[[Choice], int]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """The controller's answers for many states at one step.
+
+    Attributes
+    ----------
+    states : (M, ndim) array
+    step : int
+    steps_to_go : (M,) int array
+        -1 where a state is not admissible.
+    safe : (M, L) bool array
+        Which inputs are safe; none where a state is not admissible and at the last step.
+    margins : (M, L) array
+        Of the safe inputs; +inf for inputs that did not need one.
+    """
+
+    states: FloatArray
+    step: int
+    steps_to_go: FloatArray
+    safe: FloatArray
+    margins: FloatArray
+
+
+class Controller:
+    """Set-valued feedback from a look-up table, for any state, on or off the grid (Algorithm 2).
+
+    Queries of one state may come from several threads at once, also while a solve runs.
+
+    Parameters
+    ----------
+    table : LookupTable
+    rule : {"deepest", "effort", "target", "clearance"} or callable (Choice) -> int
+        Which safe input `select` takes: the one of least margin; the smallest in norm; the one whose successor is
+        nearest to the target, or farthest from the unsafe sets, without an adversary; or what your function returns.
+
+    Raises
+    ------
+    ValueError
+        For an unknown rule.
+    """
+
+    def __init__(self, table: LookupTable, rule: str | Rule = "deepest") -> None:
+        if not callable(rule) and rule not in RULES:
+            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of a Choice, got {rule!r}")
+        self.table, self.problem, self.rule = table, table.problem, rule
+        problem, avoid = table.problem, table.avoid
+        inputs, steps = len(problem.inputs), table.steps
+        self._table = (
+            steps,
+            table.tubes.reshape(len(table.tubes), -1),
+            table.masks,
+            avoid.static.reshape(inputs, -1),
+            np.array(avoid.static_axes, dtype=np.int64),
+            avoid.moving.reshape(steps, inputs, -1),
+            np.array(avoid.moving_axes, dtype=np.int64),
+        )
+        constant = problem.dynamics.constant
+        self._reach = reachable_boxes(problem, np.zeros((1, problem.grid.ndim))) if constant else None
+        self._room = block_size(problem.grid, *self._reach[:2]) if self._reach else 0
+        self._effort = np.linalg.norm(problem.inputs, axis=1)
+        self._local = threading.local()
+
+    # ---- one state
+
+    def steps_to_go(self, q: FloatArray, step: int) -> int | None:
+        """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible."""
+        batch = self._query(q, step)
+        return None if batch.steps_to_go[0] == NOT_ADMISSIBLE else int(batch.steps_to_go[0])
+
+    def safe_inputs(self, q: FloatArray, step: int) -> FloatArray:
+        """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
+
+        With no steps to go they bring the state back into the target one step later. None at the last step.
+
+        Raises
+        ------
+        NotAdmissible
+            Where no tube holds q.
+        """
+        return np.flatnonzero(self._admissible(q, step).safe[0])
+
+    def select(self, q: FloatArray, step: int) -> int:
+        """Index into problem.inputs of the safe input that the rule prefers.
+
+        Raises
+        ------
+        NotAdmissible
+            Where no tube holds q.
+        ValueError
+            At the last step, where no interval is left, and where your own rule returns no candidate.
+        """
+        batch = self._admissible(q, step)
+        if step == self.table.steps:
+            raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
+        return int(self.choose(batch)[0])
+
+    def _query(self, q: FloatArray, step: int) -> Batch:
+        state = np.asarray(q, dtype=np.float64)
+        ndim = self.problem.grid.ndim
+        if state.shape != (ndim,):
+            raise ValueError(f"a state must have shape ({ndim},), got {state.shape}; for many states use batch()")
+        return self._decide(state[None], self._checked_step(step))
+
+    def _admissible(self, q: FloatArray, step: int) -> Batch:
+        batch = self._query(q, step)
+        if batch.steps_to_go[0] == NOT_ADMISSIBLE:
+            raise NotAdmissible(self._explain(batch.states[0], step))
+        return batch
+
+    def _explain(self, state: FloatArray, step: int) -> str:
+        within = self.table.steps - step
+        value = self.table.grid.interpolate(self.table.value_array(step, within), state[None])[0]
+        where = "is off the grid" if np.isinf(value) else f"has the value {value:.3g} > 0 there"
+        return (
+            f"state {np.array2string(state, precision=4, separator=', ')} is not admissible at step {step}: it is "
+            f"outside the tube of the states that reach the target within {within} steps ({where}); choose a state where "
+            f"table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
+        )
+
+    # ---- many states
+
+    def batch(self, states: FloatArray, step: int) -> Batch:
+        """Steps to go and safe inputs of states (M, ndim) at one step, on all cores.
+
+        Raises
+        ------
+        ValueError
+            Where a state is NaN or infinite, or shape or step do not fit.
+        """
+        states = np.ascontiguousarray(states, dtype=np.float64)
+        ndim = self.problem.grid.ndim
+        if states.ndim != 2 or states.shape[1] != ndim:
+            raise ValueError(f"states must have shape (M, {ndim}), got {states.shape}")
+        return self._decide(states, self._checked_step(step))
+
+    def choose(self, batch: Batch) -> FloatArray:
+        """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""
+        chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
+        some = np.flatnonzero(batch.safe.any(axis=1))
+        if callable(self.rule):
+            for row in some:
+                chosen[row] = self._own_rule(batch, int(row))
+            return chosen
+        if self.rule == "deepest":
+            score = np.where(batch.safe, batch.margins, np.inf)
+        else:
+            score = np.full(batch.safe.shape, np.inf)
+            score[batch.safe] = self._score(batch)
+            best = score.min(axis=1, keepdims=True)
+            score = np.where(score <= best, batch.margins, np.inf)  # the deeper of two equals
+        chosen[some] = score[some].argmin(axis=1)
+        return chosen
+
+    def _own_rule(self, batch: Batch, row: int) -> int:
+        candidates = np.flatnonzero(batch.safe[row])
+        choice = Choice(
+            state=batch.states[row],
+            step=batch.step,
+            steps_to_go=int(batch.steps_to_go[row]),
+            candidates=candidates,
+            margins=batch.margins[row, candidates],
+            problem=self.problem,
+        )
+        index = self.rule(choice)  # type: ignore[operator]
+        if index not in candidates:
+            raise ValueError(f"the rule returned {index!r}, not one of choice.candidates, here {candidates.tolist()}")
+        return int(index)
+
+    def _score(self, batch: Batch) -> FloatArray:
+        """What a named rule minimises, for every safe pair of a state and an input."""
+        rows, inputs = np.nonzero(batch.safe)
+        if self.rule == "effort":
+            return self._effort[inputs]
+        moves = displacements(self.problem, batch.states)
+        moved = batch.states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
+        successors = clip_to_walls(self.problem.grid, moved)  # without an adversary
+        end = self.problem.time(batch.step + 1)
+        if self.rule == "target":
+            return self.problem.target_value(successors, end)
+        return -self.problem.unsafe_value(successors, end)
+
+    def tube_values(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Interpolated level-set values at points (M, V, ndim) of the tubes (step, within[m]); shape (M, V)."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        out = np.empty(points.shape[:2])
+        places = self.table.entry(step, 0) + within
+        tube_values(points, places, self._table[1], self.problem.grid.arrays, self._scratch()[:3], out)
+        return out
+
+    # ---- the kernel
+
+    def _checked_step(self, step: int) -> int:
+        if isinstance(step, bool) or int(step) != step or not 0 <= step <= self.table.steps:
+            raise ValueError(f"step must be a whole number from 0 to {self.table.steps}, got {step!r}")
+        return int(step)
+
+    def _decide(self, states: FloatArray, step: int) -> Batch:
+        if not np.isfinite(states).all():
+            bad = states[~np.isfinite(states).all(axis=1)][0]
+            raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
+        count = len(states)
+        safe = np.empty((count, len(self.problem.inputs)), dtype=np.bool_)
+        batch = Batch(states, step, np.empty(count, dtype=np.int64), safe, np.empty(safe.shape))
+        rows = [slice(begin, begin + CHUNK) for begin in range(0, count, CHUNK)]
+        if len(rows) <= 1:
+            self._decide_rows(batch, slice(None))
+        else:
+            with ThreadPoolExecutor(threads()) as pool:
+                list(pool.map(lambda part: self._decide_rows(batch, part), rows))
+        return batch
+
+    def _decide_rows(self, batch: Batch, rows: slice) -> None:
+        states = batch.states[rows]
+        reach = self._reach or reachable_boxes(self.problem, states)
+        out = (batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows])
+        decide(states, batch.step, self._table, reach, self.problem.grid.arrays, self._scratch(reach), out)
+
+    def _scratch(self, reach: tuple[Any, ...] | None = None) -> tuple[Any, ...]:
+        """This thread's room to work in, made anew only where a larger box of states needs more."""
+        room = 0 if reach is None else self._room or block_size(self.problem.grid, *reach[:2])
+        if getattr(self._local, "room", -1) < room:
+            ndim, inputs = self.problem.grid.ndim, len(self.problem.inputs)
+            numbers = [np.empty(room), np.empty(room), np.empty((inputs + 1, ndim)), np.empty((inputs + 1, ndim))]
+            places = [np.empty(shape, dtype=np.int64) for shape in (room, (inputs + 1, ndim), (inputs + 1, ndim))]
+            corners = (np.empty(1 << ndim, dtype=np.int64), np.empty(1 << ndim), np.arange(ndim))
+            self._local.scratch = (*corners, np.empty(inputs, dtype=np.bool_), (*numbers, *places))
+            self._local.room = room
+        return self._local.scratch
+
+
+def threads() -> int:
+    """How many threads share out a batch: the cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
