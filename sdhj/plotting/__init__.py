@@ -7,8 +7,21 @@ identifier (`artist.get_gid()`), by which tests and readers of an SVG file find 
 Draw inside `with style():`, or call `use_style()` once, to get the project's look.
 """
 
+from sdhj.plotting.games import draw_cost, draw_one_step, one_step_legend
+from sdhj.plotting.runs import (
+    Run,
+    draw_cspace_run,
+    draw_frame,
+    draw_frames,
+    draw_lookup,
+    draw_moment,
+    draw_sampled_data,
+    draw_workspace_run,
+    save_animation,
+)
 from sdhj.plotting.slices import (
     Plane,
+    comparison_legend,
     draw_comparison,
     draw_constraints,
     draw_path,
@@ -19,30 +32,50 @@ from sdhj.plotting.slices import (
     plane,
     unwrapped,
 )
+from sdhj.plotting.studies import draw_bars, draw_entries, draw_input_levels, draw_sweep, draw_timings, fraction_curves
 from sdhj.plotting.style import new_figure, patch, save, step_colours, style, use_style, writable_folder
 from sdhj.plotting.surfaces import draw_isosurface, isosurface
 from sdhj.plotting.workspace import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 
 __all__ = [
     "Plane",
+    "Run",
+    "comparison_legend",
     "draw_agent",
     "draw_arm",
+    "draw_bars",
     "draw_comparison",
     "draw_constraints",
+    "draw_cost",
+    "draw_cspace_run",
     "draw_disk",
+    "draw_entries",
+    "draw_frame",
+    "draw_frames",
+    "draw_input_levels",
     "draw_isosurface",
+    "draw_lookup",
+    "draw_moment",
+    "draw_one_step",
     "draw_path",
+    "draw_sampled_data",
     "draw_set",
     "draw_steps_bar",
+    "draw_sweep",
+    "draw_timings",
     "draw_tubes",
     "draw_workspace",
+    "draw_workspace_run",
+    "fraction_curves",
     "frame_slice",
     "frame_workspace",
     "isosurface",
     "new_figure",
+    "one_step_legend",
     "patch",
     "plane",
     "save",
+    "save_animation",
     "step_colours",
     "style",
     "unwrapped",

@@ -1,17 +1,19 @@
-"""Two-dimensional slices of state space: the sets, the tubes, and paths across the periodic seam (Figs. 9b, 10, 11, 13)."""
+"""Two-dimensional slices of state space: sets, tubes, and paths across the periodic seam (Figs. 9b, 10, 11, 13)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.plotting.style import FULL, INNER, OUTCOME_INK, look, step_colours
-from sdhj.problem import ReachAvoidProblem
+from sdhj.plotting.style import FULL, INNER, OUTCOME_INK, PURSUER, UNSAFE, look, step_colours
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import LookupTable
 
 RESOLUTION = 121  # points along each side of a slice: finer than any grid of the case study, 10 ms to evaluate
@@ -21,6 +23,7 @@ AXIS_LABELS = {
     "px": "pursuer $p_x$ (m)",
     "py": "pursuer $p_y$ (m)",
 }
+State = Sequence[float] | FloatArray  # one state (ndim,)
 QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 
@@ -42,11 +45,11 @@ class Plane:
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Grid values interpolated onto the slice, (Y, X): the function whose sign `LookupTable.contains` answers with."""
+        """Grid values interpolated onto the slice, (Y, X): `LookupTable.contains` answers with their sign."""
         return self.shaped(grid.interpolate(values, self.points))
 
 
-def plane(grid: Grid, through: Sequence[float], axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
+def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
     """The slice along two axes through the state `through` (its entries at those two axes are ignored).
 
     Raises
@@ -114,6 +117,8 @@ def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
         getattr(ax, f"set_{name}label")(AXIS_LABELS.get(label, label))
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
             getattr(ax, f"set_{name}ticks")(QUARTERS, QUARTER_LABELS)
+    for spine in ax.spines.values():  # a slice is a box; what runs off one side of a periodic axis enters at the other
+        spine.set_visible(True)
     if all(grid.periodic[axis] for axis in axes):
         ax.set_aspect("equal")
 
@@ -122,7 +127,7 @@ def draw_constraints(
     ax: Axes,
     problem: ReachAvoidProblem,
     *,
-    through: Sequence[float],
+    through: State,
     step: float = 0,
     axes: Sequence[int] = (0, 1),
     parts: Sequence[str] | None = None,
@@ -135,7 +140,8 @@ def draw_constraints(
     """
     where = plane(problem.grid, through, axes, resolution)
     t = step * problem.delta
-    for place, part in enumerate((problem.target, *problem.unsafe)):
+    everything: list[TargetSet | UnsafeSet] = [problem.target, *problem.unsafe]
+    for place, part in enumerate(everything):
         if parts is not None and part.name not in parts:
             continue
         values = where.shaped(part.level_set(where.points[:, part.axes], t))
@@ -147,7 +153,7 @@ def draw_tubes(
     ax: Axes,
     table: LookupTable,
     *,
-    through: Sequence[float],
+    through: State,
     start: int = 0,
     within: int | None = None,
     axes: Sequence[int] = (0, 1),
@@ -179,9 +185,10 @@ def draw_steps_bar(ax: Axes, steps: int, label: str = "steps to go, $n$", *, hor
     """A bar of the colours of 0 to `steps` steps to go, filling `ax`."""
     colours = ListedColormap(step_colours(steps))
     norm = BoundaryNorm(np.arange(-0.5, steps + 1), steps + 1)
-    bar = ax.figure.colorbar(  # type: ignore[union-attr]
-        ScalarMappable(norm, colours), cax=ax, orientation="horizontal" if horizontal else "vertical"
-    )
+    side = "horizontal" if horizontal else "vertical"
+    bar = ax.figure.colorbar(ScalarMappable(norm, colours), cax=ax, orientation=side, drawedges=True)
+    bar.dividers.set(color="#333333", linewidth=0.45)
+    bar.outline.set_linewidth(0.6)
     bar.set_ticks(list(range(steps + 1)))
     bar.set_label(label)
     bar.ax.tick_params(length=0)
@@ -192,14 +199,14 @@ def draw_comparison(
     full: LookupTable,
     inner: LookupTable,
     *,
-    through: Sequence[float],
+    through: State,
     start: int = 0,
     within: int | None = None,
     axes: Sequence[int] = (0, 1),
     unsafe: bool = True,
     resolution: int = RESOLUTION,
 ) -> None:
-    """One tube of two tables laid over each other (Fig. 13): `full` light with a solid edge, `inner` dark and dashed."""
+    """One tube of two tables laid over each other (Fig. 13): `full` light and solid, `inner` dark and dashed."""
     grid = full.grid
     within = full.steps - start if within is None else within
     where = plane(grid, through, axes, resolution)
@@ -224,7 +231,7 @@ def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> F
     lap = np.where(periodic, np.floor((path - low) / span), 0.0)
     path -= lap * span
     rows = [path[0]]
-    for before, after in zip(path[:-1], path[1:], strict=True):
+    for before, after in pairwise(path):
         jump = np.where(periodic, np.round((after - before) / span), 0.0)
         if jump.any():
             near = after - jump * span  # the next state, seen from this side
@@ -241,9 +248,21 @@ def draw_path(
 ) -> None:
     """A run on a slice, cut where it crosses a seam; `marks` (K, ndim) are states to dot, the sampling times say."""
     path = unwrapped(grid, states, axes)
-    ax.plot(*path.T, **({"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line))
+    looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
+    ax.plot(*path.T, **looks)
     if marks is not None and len(marks):
         low = np.array(grid.lower)
         span = np.array(grid.upper) - low
         wrapped = np.where(grid.periodic, low + np.mod(np.asarray(marks) - low, span), marks)[:, list(axes)]
         ax.plot(*wrapped.T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5, gid="marks")
+
+
+def comparison_legend() -> list[Patch]:
+    """Legend entries of `draw_comparison`."""
+    inner = {key: value for key, value in INNER.items() if key != "hatch"}
+    return [
+        Patch(**FULL, label="full"),
+        Patch(**inner, label="projected"),
+        Patch(**(UNSAFE | {"facecolor": "none"}), label="known obstacles"),
+        Patch(**PURSUER, label="capture by the pursuer"),
+    ]

@@ -5,7 +5,7 @@ widget alike. What a colour says in grey is said again by lightness, a hatch or 
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -26,13 +26,25 @@ UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on an
 
 INK = "#1a1a1a"
 FAINT = "#8c8c8c"
-ROBOT = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
-UNSAFE = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
-TARGET = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
-PURSUER = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
-FULL = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
-INNER = {"facecolor": "#2a8c82", "edgecolor": "#052e2a", "hatch": "", "linewidth": 1.2, "linestyle": (0, (4, 1.5))}
-LOOKS: dict[str, dict[str, Any]] = {"obstacles": UNSAFE, "unsafe": UNSAFE, "pursuer": PURSUER, "target": TARGET, "evader": TARGET}
+ROBOT: dict[str, Any] = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
+UNSAFE: dict[str, Any] = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
+TARGET: dict[str, Any] = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
+PURSUER: dict[str, Any] = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
+FULL: dict[str, Any] = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
+INNER: dict[str, Any] = {
+    "facecolor": "#2a8c82",
+    "edgecolor": "#052e2a",
+    "hatch": "",
+    "linewidth": 1.2,
+    "linestyle": (0, (4, 1.5)),
+}
+LOOKS: dict[str, dict[str, Any]] = {
+    "obstacles": UNSAFE,
+    "unsafe": UNSAFE,
+    "pursuer": PURSUER,
+    "target": TARGET,
+    "evader": TARGET,
+}
 OUTCOME_INK = "#c44e00"  # the run itself, on blue tubes
 
 
@@ -86,7 +98,7 @@ def writable_folder(folder: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def replace_whole(path: Path, write: Any) -> Path:
+def replace_whole(path: Path, write: Callable[[Path], None]) -> Path:
     """Call write(temporary path beside `path`), then rename: nobody ever sees half a file.
 
     The temporary name keeps the suffix, from which writers tell the format.
@@ -102,7 +114,11 @@ def replace_whole(path: Path, write: Any) -> Path:
 
 
 def save(
-    figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png"), dpi: float | None = None
+    figure: Figure,
+    folder: str | os.PathLike[str],
+    name: str,
+    formats: Sequence[str] = ("pdf", "png"),
+    dpi: float | None = None,
 ) -> list[Path]:
     """Write `figure` as folder/name.format for each format; the same figure gives the same bytes.
 
@@ -117,14 +133,14 @@ def save(
     if unknown:
         raise ValueError(f"formats must be among {', '.join(FORMATS)}, got {', '.join(sorted(unknown))}")
     folder = writable_folder(folder)
+    resolution: dict[str, Any] = {} if dpi is None else {"dpi": dpi}
+
+    def write(path: Path) -> None:
+        form = path.suffix[1:]
+        figure.savefig(path, format=form, metadata=UNDATED[form], **resolution)
+
     with style():
-        return [
-            replace_whole(
-                folder / f"{name}.{form}",
-                lambda path, form=form: figure.savefig(path, format=form, metadata=UNDATED[form], dpi=dpi or "figure"),  # type: ignore[misc]
-            )
-            for form in formats
-        ]
+        return [replace_whole(folder / f"{name}.{form}", write) for form in formats]
 
 
 def grey(rgb: Iterable[Any]) -> Any:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS
+from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS, State
 from sdhj.table import LookupTable
 
 LIGHT = np.array([-0.45, -0.55, 0.70])  # towards the lamp, over the viewer's left shoulder
@@ -83,7 +83,7 @@ def normals(triangles: FloatArray) -> FloatArray:
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
-def block(grid: Grid, values: FloatArray, axes: Sequence[int], through: Sequence[float]) -> tuple[FloatArray, list[FloatArray]]:
+def block(grid: Grid, values: FloatArray, axes: Sequence[int], through: State) -> tuple[FloatArray, list[FloatArray]]:
     """Values on the nodes of three axes through a state, periodic axes closed, in a box whose sides are all outside.
 
     Returns the values (X, Y, Z) and the coordinates of its three axes. The added sides close sets that leave the box.
@@ -107,7 +107,7 @@ def draw_isosurface(
     ax: Any,
     table: LookupTable,
     *,
-    through: Sequence[float],
+    through: State,
     start: int = 0,
     within: int | None = None,
     axes: Sequence[int] = (0, 1, 2),
@@ -127,9 +127,10 @@ def draw_isosurface(
     normal = normals(triangles / scale)
     length = np.linalg.norm(normal, axis=1)
     triangles, normal = triangles[length > 0], normal[length > 0] / length[length > 0, None]
-    light = 0.42 + 0.58 * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    light = 0.55 + 0.45 * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
     faces = np.concatenate([light[:, None] * np.array(to_rgb(colour)), np.full((len(light), 1), alpha)], axis=1)
-    surface = Poly3DCollection(triangles, facecolors=faces, edgecolors="none", linewidths=0.0, antialiased=False, rasterized=True)
+    looks = {"edgecolors": "none", "linewidths": 0.0, "antialiased": False, "rasterized": True}
+    surface = Poly3DCollection(triangles, facecolors=faces, **looks)
     surface.set_gid(gid)
     ax.add_collection3d(surface, autolim=False)
 
@@ -141,7 +142,7 @@ def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
         getattr(ax, f"set_{name}lim")(low, high)
         unit = "rad" if grid.names[axis].startswith("q") else "m"
         symbol = f"${grid.names[axis][0]}_{grid.names[axis][1:]}$" if len(grid.names[axis]) == 2 else grid.names[axis]
-        getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-4)
+        getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-5)
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
             getattr(ax, f"set_{name}ticks")(QUARTERS[::2], QUARTER_LABELS[::2])
         ax.tick_params(axis=name, pad=-2)
@@ -150,3 +151,4 @@ def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
     ax.grid(False)
     ax.view_init(elev=24, azim=-58)
     ax.set_proj_type("ortho")
+    ax.set_box_aspect((1.0, 1.0, 0.8), zoom=0.95)

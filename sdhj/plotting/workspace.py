@@ -1,6 +1,7 @@
 """The workspace: the arm, the known disks, the agent (Figs. 1, 9a and 12a)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,14 +26,16 @@ def frame_workspace(ax: Axes, scene: ArmScene, half_side: float | None = None) -
     ax.set_ylabel("$y$ (m)")
 
 
-def draw_arm(ax: Axes, scene: ArmScene, q: Sequence[float] | FloatArray, *, alpha: float = 1.0, zorder: float = 5.0) -> None:
+def draw_arm(
+    ax: Axes, scene: ArmScene, q: Sequence[float] | FloatArray, *, alpha: float = 1.0, zorder: float = 5.0
+) -> None:
     """The thick links at joint angles q (2,), with base, elbow and end-effector."""
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
     ax.add_patch(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT))
-    joints = np.stack([np.zeros(2), elbow])
-    ax.plot(*joints.T, "o", color="white", markeredgecolor=INK, markersize=3.0, alpha=alpha, zorder=zorder + 0.1, gid="joints")
-    ax.plot(*tip, "o", color=INK, markersize=2.8, alpha=alpha, zorder=zorder + 0.1, gid="tip")
+    dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "alpha": alpha, "zorder": zorder + 0.1}
+    ax.plot([0.0, elbow[0]], [0.0, elbow[1]], color="white", markeredgecolor=INK, markersize=3.0, gid="joints", **dots)
+    ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
 
 
 def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 4.5, gid: str = "velocity") -> None:
@@ -56,12 +59,12 @@ def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 
     )
 
 
-def draw_disk(ax: Axes, disk: Disk, t: float, looks: dict, gid: str, *, alpha: float = 1.0, zorder: float = 2.0) -> None:
+def draw_disk(ax: Axes, disk: Disk, t: float, looks: dict[str, Any], gid: str, *, zorder: float = 2.0) -> None:
     """A known disk where it is at time t."""
-    ax.add_patch(Circle(tuple(disk.centre(t)), disk.radius, alpha=alpha, zorder=zorder, gid=gid, **looks))
+    ax.add_patch(Circle(tuple(disk.centre(t)), disk.radius, zorder=zorder, gid=gid, **looks))
 
 
-def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: dict, gid: str) -> None:
+def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: dict[str, Any], gid: str) -> None:
     """Faint outlines of a moving disk at some times, and the line its centre follows."""
     if disk.speed == 0.0:
         return

@@ -1,0 +1,277 @@
+"""Closed-loop runs: sampled signals, the way through the table, frames, animations (Figs. 4, 8 and 12)."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.animation import PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import ConnectionPatch
+
+from sdhj.case_studies import scene
+from sdhj.grid import FloatArray
+from sdhj.plotting.slices import State, draw_constraints, draw_path, draw_set, plane
+from sdhj.plotting.style import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, replace_whole, step_colours, style
+from sdhj.plotting.workspace import draw_arm, draw_workspace
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import LookupTable
+
+CELL = 49  # points along each side of the small slices of Fig. 8
+WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
+
+
+class Run(Protocol):
+    """What drawing needs of a run; `sdhj.simulate` returns one.
+
+    `times` (T,) and `states` (T, ndim) are fine, and hold the sampling times; `inputs` (K,) are the indices of the
+    inputs held over the intervals.
+    """
+
+    @property
+    def times(self) -> FloatArray: ...
+
+    @property
+    def states(self) -> FloatArray: ...
+
+    @property
+    def inputs(self) -> FloatArray: ...
+
+    @property
+    def outcome(self) -> str: ...
+
+
+def samples(run: Run, problem: ReachAvoidProblem) -> FloatArray:
+    """Indices into run.times of the sampling times 0, delta, ... that the run came to."""
+    steps = np.arange(int(np.floor(run.times[-1] / problem.delta + 1e-6)) + 1)
+    return np.array([int(np.argmin(np.abs(run.times - k * problem.delta))) for k in steps])
+
+
+def steps_to_go(table: LookupTable, state: FloatArray, step: int) -> int | None:
+    """The fewest steps to go of a state at a step, by the tubes as they are drawn; None where no tube holds it."""
+    for n in range(table.steps - step + 1):
+        if table.contains(state, start=step, within=n)[0]:
+            return n
+    return None
+
+
+def draw_sampled_data(
+    axes: Sequence[Axes], problem: ReachAvoidProblem, run: Run, *, component: int = 0, gap: float = np.pi
+) -> None:
+    """A continuous state with its samples, and the input held between them (Fig. 4), on two axes over one time line.
+
+    Parameters
+    ----------
+    component : int
+        Which axis of the state, and which component of the input.
+    gap : float
+        A jump larger than this is a seam; the line is joined across it.
+    """
+    above, below = axes
+    at = samples(run, problem)
+    state = (
+        np.unwrap(run.states[:, component], discont=gap)
+        if problem.grid.periodic[component]
+        else run.states[:, component]
+    )
+    above.plot(run.times, state, color=INK, linestyle="-", linewidth=1.3, gid="state", label=r"state $x(t)$")
+    above.plot(
+        run.times[at],
+        state[at],
+        "o",
+        color="white",
+        markeredgecolor=OUTCOME_INK,
+        markersize=5,
+        gid="samples",
+        label=r"measured $x^k$",
+    )
+    held = problem.inputs[np.asarray(run.inputs, dtype=np.int64), component]
+    edges = np.arange(len(held) + 1) * problem.delta
+    below.stairs(held, edges, baseline=None, color="#0b3c5d", linewidth=1.6, gid="input", label="$u^k$, held")
+    below.plot(edges[:-1], held, "o", color="#0b3c5d", markersize=4)
+    levels = np.unique(problem.inputs[:, component])
+    for level in levels:
+        below.axhline(level, color="#d0d0d0", linewidth=0.5, zorder=0)
+    below.set_yticks(levels)
+    low, high = levels[0], levels[-1]
+    below.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
+    for ax in axes:
+        for t in edges:
+            ax.axvline(t, color=FAINT, linestyle=":", linewidth=0.6, zorder=0)
+    above.tick_params(labelbottom=False)
+    names = [f"$t_{{{k}}}$\n{t:.1f}" for k, t in enumerate(edges)]
+    below.set_xticks(edges, names)
+    below.set_xlabel("time (s)")
+    above.set_ylabel("$x(t) = q_1(t)$ (rad)")
+    below.set_ylabel("$u(t) = u_1(t)$ (rad/s)")
+
+
+def draw_lookup(figure: Figure, table: LookupTable, run: Run | None = None, *, through: State | None = None) -> None:
+    """The look-up table as small C-space slices and a run's way through it (Fig. 8), for a figure of 7 by 7 inches.
+
+    Row k is the step, column n the steps to go. Each row is sliced at where the agent was then in the run (or through
+    the state `through`), so the dot, the joint angles at step k, lies in the framed set and in none to its left.
+    """
+    figure.set_layout_engine("none")
+    steps, problem = table.steps, table.problem
+    left, top, size, gap = 0.105, 0.915, 0.087, 0.0095
+    colours = step_colours(steps)
+    at = samples(run, problem) if run is not None else np.array([], dtype=np.int64)
+    framed: list[Axes] = []
+    for k in range(steps + 1):
+        state = run.states[at[min(k, len(at) - 1)]] if run is not None else np.asarray(through, dtype=np.float64)
+        now = steps_to_go(table, state, k) if k < len(at) else None
+        where = plane(problem.grid, state, resolution=CELL)
+        for n in range(steps + 1):
+            ax = figure.add_axes((left + n * (size + gap), top - (k + 1) * size - k * gap, size, size))
+            ax.set(xticks=[], yticks=[], xlim=where.x[[0, -1]], ylim=where.y[[0, -1]])
+            if n > steps - k:
+                ax.axis("off")
+                if n == steps - k + 1:
+                    ax.text(0, 0, r"$*$", ha="center", va="center", color="#777777", fontsize=10)
+                continue
+            ax.set_gid(f"cell-{k}-{n}")
+            for part in problem.unsafe:
+                values = where.shaped(part.level_set(where.points[:, part.axes], k * problem.delta))
+                faint = {"facecolor": "#e9e9e9", "edgecolor": "#9a9a9a", "linewidth": 0.5}
+                draw_set(ax, where, values, faint, part.name, zorder=1.0)
+            values = where.of(problem.grid, table.values(start=k, within=n))
+            draw_set(
+                ax,
+                where,
+                values,
+                {"facecolor": colours[n], "edgecolor": "#222222", "linewidth": 0.5},
+                "tube",
+                zorder=2.0,
+            )
+            if k < len(at):
+                joints = np.where(problem.grid.periodic, np.mod(state + np.pi, 2 * np.pi) - np.pi, state)[:2]
+                chosen = n == now
+                ax.plot(
+                    *joints,
+                    "o",
+                    markersize=4.2 if chosen else 2.0,
+                    color=OUTCOME_INK,
+                    markeredgecolor="white",
+                    markeredgewidth=0.6,
+                    zorder=5,
+                )
+                if chosen:
+                    framed.append(ax)
+            for spine in ax.spines.values():
+                spine.set(visible=True, linewidth=0.5, color="#9a9a9a")
+    for ax in framed:
+        for spine in ax.spines.values():
+            spine.set(linewidth=2.0, color=OUTCOME_INK)
+        ax.set_zorder(2)
+    for first, second in pairwise(framed):
+        figure.add_artist(
+            ConnectionPatch(
+                (0.0, 0.0),
+                (1.0, 1.0),
+                "axes fraction",
+                "axes fraction",
+                axesA=first,
+                axesB=second,
+                arrowstyle="-|>,head_length=5,head_width=2.5",
+                mutation_scale=1.0,
+                color=OUTCOME_INK,
+                linewidth=1.4,
+                zorder=10,
+            )
+        )
+    for n in range(steps + 1):
+        figure.text(left + n * (size + gap) + size / 2, top + 0.008, str(n), ha="center", va="bottom")
+        figure.text(left - 0.008, top - n * (size + gap) - size / 2, str(n), ha="right", va="center")
+    middle = (steps + 1) * (size + gap) / 2
+    figure.text(left + middle, top + 0.045, r"reach within ... steps ($n$)", ha="center", va="bottom", fontsize=9)
+    figure.text(0.035, top - middle, r"from step ($k$)", ha="center", va="center", rotation=90, fontsize=9)
+
+
+def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Run) -> None:
+    """The end-effector's way in the workspace, the arm faintly at the sampling times, the sets at the end (Fig. 12a)."""
+    view, at = scene(problem), samples(run, problem)
+    draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]), arrows=False)
+    for index in at[:-1]:
+        draw_arm(ax, view, run.states[index], alpha=0.25, zorder=3.0)
+    tips = view.arm.tip(run.states[:, :2])
+    ax.plot(*tips.T, zorder=6, gid="tip-path", **WAY)
+    ax.plot(*tips[at].T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5)
+    ax.plot(*run.states[:, 2:4].T, color=PURSUER["edgecolor"], linestyle=":", linewidth=1.0, zorder=4)
+
+
+def draw_cspace_run(ax: Axes, table: LookupTable, run: Run) -> None:
+    """The run in C-space over the tube it starts in, with target and unsafe sets as they are at its end (Fig. 12b)."""
+    problem, at = table.problem, samples(run, table.problem)
+    n = steps_to_go(table, run.states[0], 0)
+    where = plane(problem.grid, run.states[0])
+    if n is not None:
+        draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL, "tube", zorder=1.0)
+    draw_constraints(ax, problem, through=run.states[-1], step=float(run.times[-1]) / problem.delta)
+    draw_path(ax, problem.grid, run.states, marks=run.states[at])
+
+
+def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Run, *, index: int) -> None:
+    """The workspace at one moment of a run, with the end-effector's way so far."""
+    view = scene(problem)
+    draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]), arrows=False)
+    ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)
+
+
+def draw_frames(axes: Sequence[Axes], problem: ReachAvoidProblem, run: Run) -> None:
+    """A strip of workspace frames at the sampling times; axes that are left over are switched off."""
+    at = samples(run, problem)
+    for place, ax in enumerate(axes):
+        if place >= len(at):
+            ax.axis("off")
+            continue
+        draw_frame(ax, problem, run, index=int(at[place]))
+        ax.set(xlabel="", ylabel="", xticks=[], yticks=[])
+        ax.set_title(f"$t = {run.times[at[place]]:.1f}$ s", fontsize=8, loc="center", pad=2)
+        for spine in ax.spines.values():
+            spine.set_visible(True)
+
+
+def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> None:
+    """One moment of a run: workspace on the left, C-space with the tube in force on the right. Clears the figure."""
+    figure.clear()
+    problem = table.problem
+    left, right = figure.subplots(1, 2)
+    draw_frame(left, problem, run, index=index)
+    step = min(int(run.times[index] / problem.delta + 1e-6), max(len(run.inputs) - 1, 0))
+    begun = run.states[samples(run, problem)[step]]
+    n = steps_to_go(table, begun, step)
+    state = run.states[index]
+    if n is not None:  # over an interval the run heads for the tube with one step less to go
+        goal = (step + 1, n - 1) if n > 0 else (step, 0)
+        where = plane(problem.grid, state, resolution=CELL * 2 - 1)
+        values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
+        draw_set(right, where, values, FULL, "tube", zorder=1.0)
+    draw_constraints(
+        right, problem, through=state, step=float(run.times[index]) / problem.delta, resolution=CELL * 2 - 1
+    )
+    draw_path(right, problem.grid, run.states[: index + 1], marks=state[None])
+    left.set_title(f"$t = {run.times[index]:.2f}$ s, step {step}")
+    to_go = "outside every tube" if n is None else f"{n} step{'' if n == 1 else 's'} to go from here"
+    right.set_title(to_go if index < len(run.times) - 1 else run.outcome)
+
+
+def save_animation(
+    table: LookupTable, run: Run, path: Path, *, frames: int = 48, rate: int = 12, dpi: int = 90
+) -> Path:
+    """Write a run as an animated GIF: slower than life, and still for a second at its end."""
+    shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
+
+    def write(temporary: Path) -> None:
+        with style():
+            figure = new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
+            figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
+            writer = PillowWriter(fps=rate)
+            with writer.saving(figure, str(temporary), dpi=dpi):
+                for index in [*shown, *[shown[-1]] * rate]:
+                    draw_moment(figure, table, run, index=int(index))
+                    writer.grab_frame()
+
+    return replace_whole(path, write)
