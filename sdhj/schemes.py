@@ -14,25 +14,28 @@ optionally followed by Phi <- max(Phi, -g). Space is discretised by upwind diffe
 
 Time is discretised by the total-variation-diminishing Runge-Kutta schemes of order 1, 2, 3 (Shu & Osher 1988).
 
-Rows along the last axis are contiguous and carry `GHOSTS` ghost nodes at each end; the inner loops run along them, free
-of branches, so that the compiler vectorises them. Other axes find their neighbouring rows in a small table.
+The kernels run over planes of the last two axes, which carry ghost nodes and so are one long loop, free of branches and
+with few arrays in it, which the compiler vectorises; other axes find their neighbouring planes in a table (`Layout`).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
 from sdhj.grid import FloatArray, Grid
 
-GHOSTS = 3  # the third-order stencil reaches three nodes to each side
 FLUXES = ("godunov", "lax-friedrichs")
 ORDERS = (1, 2, 3)
 INTEGRATORS = ("euler", "rk2", "rk3")
 DTYPES = ("float32", "float64")
-VECTOR = 16  # rows are padded to a multiple of this, so that no vector loop has a remainder
+RUN = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
+BLOCKS = 64  # pieces that threads share a stage in
+# Fused multiply-adds and the sign of zero may vary; NaN and infinity keep their meaning.
+MATH = {"contract", "nsz"}
 # each stage: (weight kept of the step's start, the rest goes to an Euler step from the stage before; time reached)
 STAGES = {
     "euler": ((0.0, 1.0),),
@@ -88,8 +91,8 @@ class Velocities:
     """The velocity set at every node, as the kernels read it.
 
     A box [lower, upper] for each axis: arrays (ndim,) where it does not depend on the state, (ndim, *shape) where it
-    does. Or, where the adversary couples axes or a coordinate was projected out, `drift` (modes, ndim, *shape) and `gain`
-    (modes, ndim, D, *shape) with the bounds multiplied in: H = max over modes of p . drift + sum_d |p . gain_d|.
+    does. Or, where the adversary couples axes or a coordinate was projected out, `drift` (modes, ndim, *shape) and
+    `gain` (modes, ndim, D, *shape) with the bounds multiplied in: H = max over modes of p . drift + sum_d |p . gain_d|.
     """
 
     lower: FloatArray
@@ -108,225 +111,330 @@ class Velocities:
         return int(np.ceil(duration * rate / cfl * (1 - 1e-9)))
 
 
+class Layout(NamedTuple):
+    """How a grid function lies in memory: planes of the last two axes (one row, for one axis alone), with ghost nodes.
+
+    A plane is flat: rows + 2 top padded rows of `width` = nodes + 2 ghosts values. The kernels run over `chunks` runs
+    of whole rows of it, ghost nodes in between included, because one long loop is faster than many short ones; the
+    ghost nodes are set afterwards.
+    """
+
+    near: FloatArray  # (planes, ndim - 2, 2 ghosts + 1): the plane o - ghosts nodes along each leading axis
+    source: FloatArray  # (rows + 2 top,): the row whose values each padded row holds
+    strides: FloatArray  # of the axes within a plane
+    rows: int
+    top: int
+    nodes: int
+    width: int
+    ghosts: int
+    chunks: int
+    periodic: bool  # the last axis
+
+
 @njit(cache=True, inline="always")
 def _smaller(a, b):
-    return a if abs(a) < abs(b) else b
+    return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
 
 
 @njit(cache=True, inline="always")
-def _differences1(m1, c, p1):
-    return c - m1, p1 - c
+def _upwind2(a2, a1, c, b1, half):
+    """Second order: c - a1, corrected by half the smaller of the second differences at a1 and c."""
+    d = c - a1
+    return d + half * _smaller(d - (a1 - a2), (b1 - c) - d)
 
 
 @njit(cache=True, inline="always")
-def _differences2(m2, m1, c, p1, p2, half):
-    left, right = c - m1, p1 - c
-    s = right - left
-    return (
-        left + half * _smaller(left - (m1 - m2), s),
-        right - half * _smaller(s, (p2 - p1) - right),
-    )
+def _upwind3(a3, a2, a1, c, b1, b2, half, third, sixth):
+    """Third order: the parabola through a2, a1, c or a1, c, b1, whichever bends less, then its smaller cubic term."""
+    d, e = c - a1, b1 - c
+    left, centre = d - (a1 - a2), e - d
+    inner = centre - left
+    if abs(left) < abs(centre):
+        return d + half * left + third * _smaller(left - ((a1 - a2) - (a2 - a3)), inner)
+    return d + half * centre - sixth * _smaller(inner, ((b2 - b1) - e) - centre)
 
 
 @njit(cache=True, inline="always")
-def _differences3(m3, m2, m1, c, p1, p2, p3, half, third, sixth):
-    left, right = c - m1, p1 - c
-    s0 = right - left
-    sm = left - (m1 - m2)
-    sp = (p2 - p1) - right
-    smm = (m1 - m2) - (m2 - m3)
-    spp = (p3 - p2) - (p2 - p1)
-    inner, outer_left, outer_right = s0 - sm, sm - smm, spp - sp
-    centre = sp - s0
-    # p-: the parabola through i-2, i-1, i or through i-1, i, i+1, whichever bends less, then its smaller cubic term
-    bend_left = left + half * sm + third * _smaller(outer_left, inner)
-    bend_mid = left + half * s0 - sixth * _smaller(inner, centre)
-    minus = bend_left if abs(sm) < abs(s0) else bend_mid
-    bend_mid = right - half * s0 - sixth * _smaller(inner, centre)
-    bend_right = right - half * sp + third * _smaller(centre, outer_right)
-    plus = bend_mid if abs(s0) < abs(sp) else bend_right
-    return minus, plus
+def _larger(a, b):
+    return a if a > b else b
 
 
-@njit(cache=True)
-def _add_axis(rhs, phi, near, shift, flux, order):
-    """Add one axis's numerical Hamiltonian along a padded row to `rhs`.
+@njit(cache=True, fastmath=MATH)
+def _add_axis1(rhs, m1, c, p1, f0, f1, f2, f3, f4):
+    for i in range(rhs.size):
+        minus, plus = c[i] - m1[i], p1[i] - c[i]
+        rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
 
-    near : (2 GHOSTS + 1,) rows of `phi` that hold the neighbours; `shift` is 1 where the neighbours lie in the row
-    itself (the last axis) and 0 elsewhere.
-    flux : (5, n) coefficients of `flux_coefficients`, divided by dx.
-    """
+
+@njit(cache=True, fastmath=MATH)
+def _add_axis2(rhs, m2, m1, c, p1, p2, f0, f1, f2, f3, f4):
     half = rhs.dtype.type(0.5)
-    third = rhs.dtype.type(1 / 3)
-    sixth = rhs.dtype.type(1 / 6)
-    r0, r1, r2, r3, r4, r5, r6 = near[0], near[1], near[2], near[3], near[4], near[5], near[6]
-    o0, o1, o2 = GHOSTS - 3 * shift, GHOSTS - 2 * shift, GHOSTS - shift
-    o4, o5, o6 = GHOSTS + shift, GHOSTS + 2 * shift, GHOSTS + 3 * shift
+    for i in range(rhs.size):
+        left, right = c[i] - m1[i], p1[i] - c[i]
+        bend = right - left
+        minus = left + half * _smaller(left - (m1[i] - m2[i]), bend)
+        plus = right - half * _smaller((p2[i] - p1[i]) - right, bend)
+        rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
+
+
+@njit(cache=True, fastmath=MATH)
+def _add_axis3(rhs, m3, m2, m1, c, p1, p2, p3, f0, f1, f2, f3, f4):
+    half, third, sixth = rhs.dtype.type(0.5), rhs.dtype.type(1 / 3), rhs.dtype.type(1 / 6)
+    for i in range(rhs.size):
+        left, right = c[i] - m1[i], p1[i] - c[i]
+        far_left, far_right = m1[i] - m2[i], p2[i] - p1[i]
+        bend_m, bend, bend_p = left - far_left, right - left, far_right - right
+        inner_m, inner_p = bend - bend_m, bend_p - bend
+        outer_m = bend_m - (far_left - (m2[i] - m3[i]))
+        outer_p = ((p3[i] - p2[i]) - far_right) - bend_p
+        near_m = half * bend - sixth * _smaller(inner_m, inner_p)
+        near_p = half * bend + sixth * _smaller(inner_p, inner_m)
+        far_m = half * bend_m + third * _smaller(outer_m, inner_m)
+        far_p = half * bend_p - third * _smaller(outer_p, inner_p)
+        minus = left + (far_m if abs(bend_m) < abs(bend) else near_m)
+        plus = right - (far_p if abs(bend_p) < abs(bend) else near_p)
+        rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
+
+
+@njit(cache=True, inline="always")
+def _run(phi, layout, plane, axis, offset, start, stop):
+    """The values `offset` nodes along an axis from those at start:stop of a plane."""
+    leading = layout.near.shape[1]
+    if axis < leading:
+        return phi[layout.near[plane, axis, offset + layout.ghosts], start:stop]
+    shift = offset * layout.strides[axis - leading]
+    return phi[plane, start + shift : stop + shift]
+
+
+@njit(cache=True, fastmath=MATH)
+def _add_axis(rhs, phi, layout, plane, axis, start, stop, f):
+    """Add one axis's numerical Hamiltonian for constant velocities; f (5,) from `flux_coefficients`, divided by dx."""
+    f0, f1, f2, f3, f4 = f[0], f[1], f[2], f[3], f[4]
+    order = layout.ghosts
+    m1 = _run(phi, layout, plane, axis, -1, start, stop)
+    c = phi[plane, start:stop]
+    p1 = _run(phi, layout, plane, axis, 1, start, stop)
     if order == 1:
-        for i in range(rhs.size):
-            minus, plus = _differences1(phi[r2, i + o2], phi[r3, i + GHOSTS], phi[r4, i + o4])
-            up = max(flux[0, i] * minus + flux[1, i] * plus, flux[2, i] * minus + flux[3, i] * plus)
-            rhs[i] += max(up, flux[4, i])
+        _add_axis1(rhs, m1, c, p1, f0, f1, f2, f3, f4)
+        return
+    m2 = _run(phi, layout, plane, axis, -2, start, stop)
+    p2 = _run(phi, layout, plane, axis, 2, start, stop)
+    if order == 2:
+        _add_axis2(rhs, m2, m1, c, p1, p2, f0, f1, f2, f3, f4)
+        return
+    m3 = _run(phi, layout, plane, axis, -3, start, stop)
+    p3 = _run(phi, layout, plane, axis, 3, start, stop)
+    _add_axis3(rhs, m3, m2, m1, c, p1, p2, p3, f0, f1, f2, f3, f4)
+
+
+@njit(cache=True, fastmath=MATH)
+def _differences(down, up, phi, layout, plane, axis, start, stop):
+    """Upwind differences: down = dx p-, up = -dx p+ (its mirror image). Both are written."""
+    order = layout.ghosts
+    far, third = min(2, order), min(3, order)  # a low order reads less than it is handed
+    m1 = _run(phi, layout, plane, axis, -1, start, stop)
+    m2 = _run(phi, layout, plane, axis, -far, start, stop)
+    m3 = _run(phi, layout, plane, axis, -third, start, stop)
+    c = phi[plane, start:stop]
+    p1 = _run(phi, layout, plane, axis, 1, start, stop)
+    p2 = _run(phi, layout, plane, axis, far, start, stop)
+    p3 = _run(phi, layout, plane, axis, third, start, stop)
+    _upwind(down, m3, m2, m1, c, p1, p2, order)
+    _upwind(up, p3, p2, p1, c, m1, m2, order)
+
+
+@njit(cache=True, fastmath=MATH)
+def _upwind(out, a3, a2, a1, c, b1, b2, order):
+    """out = the upwind difference of `order` towards a."""
+    half, third, sixth = out.dtype.type(0.5), out.dtype.type(1 / 3), out.dtype.type(1 / 6)
+    if order == 1:
+        for i in range(out.size):
+            out[i] = c[i] - a1[i]
     elif order == 2:
+        for i in range(out.size):
+            out[i] = _upwind2(a2[i], a1[i], c[i], b1[i], half)
+    else:
+        for i in range(out.size):
+            out[i] = _upwind3(a3[i], a2[i], a1[i], c[i], b1[i], b2[i], half, third, sixth)
+
+
+@njit(cache=True, fastmath=MATH)
+def _add_box(rhs, down, up, low, high, inverse, godunov):
+    """Add one axis's numerical Hamiltonian where the velocities [low, high] differ from node to node."""
+    half, zero = rhs.dtype.type(0.5), rhs.dtype.type(0.0)
+    if godunov:
         for i in range(rhs.size):
-            minus, plus = _differences2(
-                phi[r1, i + o1], phi[r2, i + o2], phi[r3, i + GHOSTS], phi[r4, i + o4], phi[r5, i + o5], half
-            )
-            up = max(flux[0, i] * minus + flux[1, i] * plus, flux[2, i] * minus + flux[3, i] * plus)
-            rhs[i] += max(up, flux[4, i])
+            a, b, minus, plus = low[i], high[i], inverse * down[i], -inverse * up[i]
+            best = _larger(a * (plus if a > zero else minus), b * (plus if b > zero else minus))
+            rhs[i] += _larger(best, zero) if (a < zero) & (b > zero) else best
     else:
         for i in range(rhs.size):
-            minus, plus = _differences3(
-                phi[r0, i + o0],
-                phi[r1, i + o1],
-                phi[r2, i + o2],
-                phi[r3, i + GHOSTS],
-                phi[r4, i + o4],
-                phi[r5, i + o5],
-                phi[r6, i + o6],
-                half,
-                third,
-                sixth,
-            )
-            up = max(flux[0, i] * minus + flux[1, i] * plus, flux[2, i] * minus + flux[3, i] * plus)
-            rhs[i] += max(up, flux[4, i])
+            a, b, minus, plus = low[i], high[i], inverse * down[i], -inverse * up[i]
+            mean = half * (minus + plus)
+            rhs[i] += _larger(a * mean, b * mean) + half * _larger(abs(a), abs(b)) * (plus - minus)
 
 
-@njit(cache=True)
-def _fill_ghosts(row, n, periodic):
-    """Fill the ghost nodes of one padded row in place, and the padding behind them with something finite."""
-    for g in range(GHOSTS):
-        if periodic:
-            row[g] = row[n + g]
-            row[n + GHOSTS + g] = row[GHOSTS + g]
-        else:
-            row[g] = row[GHOSTS]
-            row[n + GHOSTS + g] = row[n + GHOSTS - 1]
-    for i in range(n + 2 * GHOSTS, row.size):
-        row[i] = row[GHOSTS]
+@njit(cache=True, fastmath=MATH)
+def _add_product(total, x, y):
+    for i in range(total.size):
+        total[i] += x[i] * y[i]
 
 
-@njit(cache=True)
-def _fill_all_ghosts(phi, n, periodic):
-    for r in range(phi.shape[0]):
-        _fill_ghosts(phi[r], n, periodic)
+@njit(cache=True, fastmath=MATH)
+def _add_coupled(rhs, scratch, drift, gain, plane, start, stop):
+    """Add max over modes of p . drift + sum_d |p . gain_d|, p the mean differences in the first rows of `scratch`.
 
-
-@njit(cache=True)
-def _neighbour_rows(row, shape, table, out):
-    """Fill out[axis, o] with the row that lies o - GHOSTS nodes along each leading axis; `table` is made by `_row_table`."""
-    out[shape.size - 1, :] = row  # along the last axis the neighbours lie in the row itself
-    stride = 1
-    rest = row
-    for axis in range(shape.size - 2, -1, -1):
-        coordinate = rest % shape[axis]
-        rest //= shape[axis]
-        for o in range(2 * GHOSTS + 1):
-            out[axis, o] = row + (table[axis, o, coordinate] - coordinate) * stride
-        stride *= shape[axis]
-
-
-@njit(cache=True, parallel=True)
-def stage_box(phi, first, out, flux, obstacle, shape, table, periodic_last, dt, keep, order):
-    """One Runge-Kutta stage for box velocities: out = keep * first + (1 - keep) * (phi + dt H(D phi)), then the obstacle.
-
-    phi, first, out : (rows, width + 2 GHOSTS) padded values; `out` is written, ghosts included.
-    flux : (ndim, 1 or rows, 5, width) coefficients; one row serves all where they do not depend on the state.
-    obstacle : (rows, width), or (0, 0) for none; out >= obstacle afterwards.
+    The last three rows of `scratch` are overwritten. Slices are of one row at a time: they are contiguous.
     """
-    rows = phi.shape[0]
-    ndim = shape.size
-    width = phi.shape[1] - 2 * GHOSTS
-    varies = 1 if flux.shape[1] > 1 else 0
-    rest = phi.dtype.type(1.0) - keep
-    blocks = min(rows, 64)
+    n, ndim = rhs.size, drift.shape[1]
+    drift_plane, gain_plane = min(plane, drift.shape[2] - 1), min(plane, gain.shape[3] - 1)
+    best, value, push = scratch[-3, :n], scratch[-2, :n], scratch[-1, :n]
+    best[:] = -np.inf
+    for mode in range(drift.shape[0]):
+        value[:] = 0.0
+        for axis in range(ndim):
+            _add_product(value, scratch[axis, :n], drift[mode, axis, drift_plane, start:stop])
+        for d in range(gain.shape[2]):
+            push[:] = 0.0
+            for axis in range(ndim):
+                _add_product(push, scratch[axis, :n], gain[mode, axis, d, gain_plane, start:stop])
+            for i in range(n):
+                value[i] += abs(push[i])
+        for i in range(n):
+            best[i] = _larger(best[i], value[i])
+    for i in range(n):
+        rhs[i] += best[i]
+
+
+@njit(cache=True, fastmath=MATH)
+def _mean_and_dissipation(rhs, down, up, low, high, inverse):
+    """Turn `down` into the mean difference in place, and add the Lax-Friedrichs dissipation to `rhs`."""
+    half = rhs.dtype.type(0.5)
+    for i in range(rhs.size):
+        minus, plus = inverse * down[i], -inverse * up[i]
+        down[i] = half * (minus + plus)
+        rhs[i] += half * _larger(abs(low[i]), abs(high[i])) * (plus - minus)
+
+
+@njit(cache=True, fastmath=MATH)
+def _advance(out, first, phi, rhs, dt, keep):
+    """out = keep * first + (1 - keep) * (phi + dt * rhs): one Runge-Kutta stage."""
+    rest = rhs.dtype.type(1.0) - keep
+    for i in range(rhs.size):
+        out[i] = keep * first[i] + rest * (phi[i] + dt * rhs[i])
+
+
+@njit(cache=True, fastmath=MATH)
+def _raise_to(out, wall):
+    for i in range(out.size):
+        out[i] = _larger(out[i], wall[i])
+
+
+@njit(cache=True)
+def _fill_ghosts(plane, layout, begin, end):
+    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
+    n, g, width = layout.nodes, layout.ghosts, layout.width
+    for row in range(begin + layout.top, end + layout.top):
+        base = row * width
+        for o in range(g):
+            left, right = (n + o, g + o) if layout.periodic else (g, n + g - 1)
+            plane[base + o] = plane[base + left]
+            plane[base + n + g + o] = plane[base + right]
+    for ghost in range(2 * layout.top):
+        row = ghost if ghost < layout.top else ghost + layout.rows
+        source = layout.source[row]
+        if begin <= source < end:
+            base = (source + layout.top) * width
+            plane[row * width : (row + 1) * width] = plane[base : base + width]
+
+
+@njit(cache=True, inline="always")
+def _span(layout, task):
+    """(plane, first row, last row + 1, start, stop) of a task; start:stop are its first node and behind its last."""
+    plane = task // layout.chunks
+    chunk = task - plane * layout.chunks
+    begin = layout.rows * chunk // layout.chunks
+    end = layout.rows * (chunk + 1) // layout.chunks
+    start = (begin + layout.top) * layout.width + layout.ghosts
+    return plane, begin, end, start, (end + layout.top) * layout.width - layout.ghosts
+
+
+@njit(cache=True, fastmath=MATH)
+def _finish(out, first, phi, rhs, wall, layout, task, dt, keep):
+    """Write one task's part of a stage: Runge-Kutta, then the obstacle, then the ghost nodes."""
+    plane, begin, end, start, stop = _span(layout, task)
+    target = out[plane, start:stop]
+    _advance(target, first[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
+    if wall.shape[0] > 0:
+        _raise_to(target, wall[plane, start:stop])
+    _fill_ghosts(out[plane], layout, begin, end)
+
+
+@njit(cache=True, parallel=True, fastmath=MATH)
+def stage_constant(phi, first, out, wall, flux, layout, dt, keep):
+    """One Runge-Kutta stage for a box of velocities that does not depend on the state.
+
+    out = keep * first + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
+
+    phi, first, out : (planes, plane) values as `Layout` has them; `out` is written, ghost nodes included.
+    wall : the obstacle, likewise, or (0, 0) for none.
+    flux : (ndim, 5) coefficients of `flux_coefficients`, divided by dx.
+    """
+    tasks = layout.near.shape[0] * layout.chunks
+    blocks = min(tasks, BLOCKS)
     for block in prange(blocks):
-        start = np.int64(block) * rows // blocks
-        stop = (np.int64(block) + 1) * rows // blocks
-        rhs = np.empty(width, phi.dtype)
-        near = np.empty((ndim, 2 * GHOSTS + 1), np.int64)
-        for r in range(start, stop):
-            _neighbour_rows(r, shape, table, near)
+        scratch = np.empty(phi.shape[1], phi.dtype)
+        for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
+            plane, _, _, start, stop = _span(layout, task)
+            rhs = scratch[: stop - start]
+            rhs[:] = 0.0
+            for axis in range(flux.shape[0]):
+                _add_axis(rhs, phi, layout, plane, axis, start, stop, flux[axis])
+            _finish(out, first, phi, rhs, wall, layout, task, dt, keep)
+
+
+@njit(cache=True, parallel=True, fastmath=MATH)
+def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, layout, dt, keep, godunov):
+    """As `stage_constant`, for velocities that depend on the state or are coupled.
+
+    low, high : (ndim, planes, plane), the extreme velocities of each axis.
+    drift, gain : (modes, ndim, planes, plane) and (modes, ndim, D, planes, plane): H = max over modes of
+        p . drift + sum_d |p . gain_d|, by Lax-Friedrichs; no modes where the velocities are the box [low, high].
+    Any of the four has one plane instead of all where it does not depend on the state.
+    """
+    ndim = low.shape[0]
+    tasks = layout.near.shape[0] * layout.chunks
+    blocks = min(tasks, BLOCKS)
+    for block in prange(blocks):
+        scratch = np.empty((ndim + 5, phi.shape[1]), phi.dtype)
+        for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
+            plane, _, _, start, stop = _span(layout, task)
+            rhs, up = scratch[ndim, : stop - start], scratch[ndim + 1, : stop - start]
             rhs[:] = 0.0
             for axis in range(ndim):
-                _add_axis(rhs, phi, near[axis], 1 if axis == ndim - 1 else 0, flux[axis, r * varies], order)
-            for i in range(width):
-                rhs[i] = keep * first[r, i + GHOSTS] + rest * (phi[r, i + GHOSTS] + dt * rhs[i])
-            if obstacle.shape[0] > 0:
-                for i in range(width):
-                    rhs[i] = max(rhs[i], obstacle[r, i])
-            out[r, GHOSTS : GHOSTS + width] = rhs
-            _fill_ghosts(out[r], shape[ndim - 1], periodic_last)
-
-
-@njit(cache=True)
-def _difference_rows(minus, plus, phi, near, shift, inverse, order):
-    """Upwind differences p-, p+ along a padded row; `minus` and `plus` (width,) are written."""
-    half = phi.dtype.type(0.5)
-    third = phi.dtype.type(1 / 3)
-    sixth = phi.dtype.type(1 / 6)
-    for i in range(minus.size):
-        c = i + GHOSTS
-        m1, p1 = phi[near[2], c - shift], phi[near[4], c + shift]
-        if order == 1:
-            left, right = _differences1(m1, phi[near[3], c], p1)
-        else:
-            m2, p2 = phi[near[1], c - 2 * shift], phi[near[5], c + 2 * shift]
-            if order == 2:
-                left, right = _differences2(m2, m1, phi[near[3], c], p1, p2, half)
-            else:
-                m3, p3 = phi[near[0], c - 3 * shift], phi[near[6], c + 3 * shift]
-                left, right = _differences3(m3, m2, m1, phi[near[3], c], p1, p2, p3, half, third, sixth)
-        minus[i] = inverse * left
-        plus[i] = inverse * right
+                down = scratch[axis, : stop - start]
+                a = low[axis, min(plane, low.shape[1] - 1), start:stop]
+                b = high[axis, min(plane, high.shape[1] - 1), start:stop]
+                _differences(down, up, phi, layout, plane, axis, start, stop)
+                if drift.shape[0] == 0:
+                    _add_box(rhs, down, up, a, b, inverse[axis], godunov)
+                else:
+                    _mean_and_dissipation(rhs, down, up, a, b, inverse[axis])
+            if drift.shape[0] > 0:
+                _add_coupled(rhs, scratch, drift, gain, plane, start, stop)
+            _finish(out, first, phi, rhs, wall, layout, task, dt, keep)
 
 
 @njit(cache=True, parallel=True)
-def stage_coupled(phi, first, out, drift, gain, speed, inverse, obstacle, shape, table, periodic_last, dt, keep, order):
-    """One Lax-Friedrichs stage for coupled velocities: H = max over modes of p . drift + sum_d |p . gain_d|.
-
-    drift (modes, ndim, 1 or rows, width), gain (modes, ndim, D, 1 or rows, width); speed (ndim, 1 or rows, width) bounds
-    |dH / dp_i| and sets the dissipation. The rest as in `stage_box`.
-    """
-    rows = phi.shape[0]
-    ndim = shape.size
-    width = phi.shape[1] - 2 * GHOSTS
-    drift_varies = 1 if drift.shape[2] > 1 else 0
-    gain_varies = 1 if gain.shape[3] > 1 else 0
-    speed_varies = 1 if speed.shape[1] > 1 else 0
-    half = phi.dtype.type(0.5)
-    zero = phi.dtype.type(0.0)
-    blocks = min(rows, 64)
-    for block in prange(blocks):
-        start = np.int64(block) * rows // blocks
-        stop = (np.int64(block) + 1) * rows // blocks
-        minus = np.empty((ndim, width), phi.dtype)
-        plus = np.empty((ndim, width), phi.dtype)
-        near = np.empty((ndim, 2 * GHOSTS + 1), np.int64)
-        for r in range(start, stop):
-            _neighbour_rows(r, shape, table, near)
-            for axis in range(ndim):
-                _difference_rows(
-                    minus[axis], plus[axis], phi, near[axis], 1 if axis == ndim - 1 else 0, inverse[axis], order
-                )
-            for i in range(width):
-                best = phi.dtype.type(-np.inf)
-                for mode in range(drift.shape[0]):
-                    value = zero
-                    for axis in range(ndim):
-                        value += half * (minus[axis, i] + plus[axis, i]) * drift[mode, axis, r * drift_varies, i]
-                    for d in range(gain.shape[2]):
-                        push = zero
-                        for axis in range(ndim):
-                            push += half * (minus[axis, i] + plus[axis, i]) * gain[mode, axis, d, r * gain_varies, i]
-                        value += abs(push)
-                    best = max(best, value)
-                for axis in range(ndim):
-                    best += half * speed[axis, r * speed_varies, i] * (plus[axis, i] - minus[axis, i])
-                value = phi[r, GHOSTS + i] + dt * best
-                value = keep * first[r, GHOSTS + i] + (phi.dtype.type(1.0) - keep) * value
-                out[r, GHOSTS + i] = value if obstacle.shape[0] == 0 else max(value, obstacle[r, i])
-            _fill_ghosts(out[r], shape[ndim - 1], periodic_last)
+def to_planes(values, out, layout):
+    """Copy values (planes, rows, nodes) into `out` (planes, plane), ghost nodes included."""
+    n, g, width = layout.nodes, layout.ghosts, layout.width
+    for plane in prange(values.shape[0]):
+        for row in range(layout.rows):
+            base = (row + layout.top) * width + g
+            for i in range(n):
+                out[plane, base + i] = values[plane, row, i]
+        _fill_ghosts(out[plane], layout, 0, layout.rows)
 
 
 def flux_coefficients(lower: FloatArray, upper: FloatArray, flux: str) -> FloatArray:
@@ -345,46 +453,71 @@ def flux_coefficients(lower: FloatArray, upper: FloatArray, flux: str) -> FloatA
     return np.stack([lower - alpha, lower + alpha, upper - alpha, upper + alpha, 2 * never]) / 2
 
 
-def _row_table(grid: Grid) -> FloatArray:
-    """table[axis, o, c]: the node o - GHOSTS along a leading axis from node c, wrapped or, at a wall, held (constant)."""
-    table = np.zeros((max(grid.ndim - 1, 1), 2 * GHOSTS + 1, max(grid.shape)), np.int64)
-    for axis in range(grid.ndim - 1):
-        n = grid.shape[axis]
-        for o in range(2 * GHOSTS + 1):
-            moved = np.arange(n) + o - GHOSTS
-            table[axis, o, :n] = moved % n if grid.periodic[axis] else np.clip(moved, 0, n - 1)
-    return table
+@lru_cache(maxsize=64)
+def layout_of(grid: Grid, order: int) -> Layout:
+    """The layout of a grid's functions for differences of some order."""
+    leading, ghosts = max(grid.ndim - 2, 0), order
+    rows, nodes = (1, *grid.shape)[-2:]
+    top = ghosts if grid.ndim > 1 else 0
+    width = nodes + 2 * ghosts
+    strides = (width, 1) if grid.ndim > 1 else (1,)
+    coordinates = np.indices(grid.shape[:leading]).reshape(leading, int(np.prod(grid.shape[:leading])))
+    near = np.empty((coordinates.shape[1], leading, 2 * ghosts + 1), np.int64)
+    for axis in range(leading):
+        for o in range(2 * ghosts + 1):
+            there = coordinates.copy()
+            there[axis] = _neighbour(there[axis] + o - ghosts, grid, axis)
+            near[:, axis, o] = np.ravel_multi_index(tuple(there), grid.shape[:leading])
+    source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
+    chunks = max(1, round(rows * width / RUN))
+    return Layout(
+        near, source, np.array(strides), rows, top, nodes, width, ghosts, min(chunks, rows), grid.periodic[-1]
+    )
 
 
-def _rows(grid: Grid, values: FloatArray, leading: int, dtype: str) -> FloatArray:
-    """Arrange (leading..., *grid.shape), or (leading...,) where the state does not matter, as (leading..., rows or 1, width).
+def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
+    """The node that stands for one beyond an end: wrapped or, at a wall, the last one (constant extrapolation)."""
+    n = grid.shape[axis]
+    return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
 
-    The width is the last axis rounded up to whole vectors; what lies behind the nodes is copied from the last one.
-    """
-    n = grid.shape[-1]
+
+def _planes(layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
+    """Arrange values (*grid.shape) as (planes, plane)."""
+    out = np.empty((layout.near.shape[0], (layout.rows + 2 * layout.top) * layout.width), dtype)
+    to_planes(np.ascontiguousarray(values).reshape(-1, layout.rows, layout.nodes), out, layout)
+    return out
+
+
+def _field(layout: Layout, values: FloatArray, leading: int, dtype: str) -> FloatArray:
+    """Arrange a velocity field (leading..., *grid.shape) as (leading..., planes, plane); a constant one as one."""
+    plane = (layout.rows + 2 * layout.top) * layout.width
+    if values.ndim == leading:
+        return np.ascontiguousarray(np.broadcast_to(values[..., None, None], (*values.shape, 1, plane)), dtype)
     head = values.shape[:leading]
-    rows = np.broadcast_to(values[..., None, None], (*head, 1, n)) if values.ndim == leading else values.reshape(*head, -1, n)
-    fill = [(0, 0)] * (leading + 1) + [(0, -n % VECTOR)]
-    return np.ascontiguousarray(np.pad(rows, fill, mode="edge"), dtype=dtype)
+    parts = [_planes(layout, part, dtype) for part in values.reshape(-1, *values.shape[leading:])]
+    return np.stack(parts).reshape(*head, -1, plane)
 
 
-def _pad(grid: Grid, values: FloatArray, dtype: str) -> FloatArray:
-    """Rows with ghost nodes and padding, shape (rows, width + 2 GHOSTS)."""
-    rows = np.pad(_rows(grid, values, 0, dtype), ((0, 0), (GHOSTS, GHOSTS)))
-    _fill_all_ghosts(rows, grid.shape[-1], grid.periodic[-1])
-    return rows
-
-
-def _prepare(grid: Grid, velocities: Velocities, scheme: Scheme) -> tuple[FloatArray, ...]:
-    """What the stage kernel reads of the velocities, in the scheme's precision."""
-    inverse = 1.0 / np.array(grid.spacing)
-    if velocities.drift is None or velocities.gain is None:
-        flux = np.moveaxis(flux_coefficients(velocities.lower, velocities.upper, scheme.flux), 0, 1)  # (ndim, 5, ...)
-        flux = flux * inverse.reshape(-1, *[1] * (flux.ndim - 1))
-        return (np.ascontiguousarray(np.moveaxis(_rows(grid, flux, 2, scheme.dtype), 1, 2)),)
-    speed = np.maximum(np.abs(velocities.lower), np.abs(velocities.upper))
-    parts = ((velocities.drift, 2), (velocities.gain, 3), (speed, 1))
-    return (*(_rows(grid, part, leading, scheme.dtype) for part, leading in parts), inverse.astype(scheme.dtype))
+def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -> Callable[..., None]:
+    """The kernel that fits the velocities, with all it reads of them: stage(phi, first, out, wall, dt, keep)."""
+    inverse, kind = 1.0 / np.array(grid.spacing), np.dtype(scheme.dtype).type
+    lower, upper = velocities.lower, velocities.upper
+    if lower.ndim == 1 and not velocities.coupled:
+        flux = (flux_coefficients(lower, upper, scheme.flux) * inverse).T.astype(scheme.dtype, order="C")
+        return lambda phi, first, out, wall, dt, keep: stage_constant(
+            phi, first, out, wall, flux, layout, kind(dt), kind(keep)
+        )
+    none = np.empty((0, grid.ndim))
+    drift = none if velocities.drift is None else velocities.drift
+    gain = none[..., None] if velocities.gain is None else velocities.gain
+    fields = [
+        _field(layout, part, leading, scheme.dtype)
+        for part, leading in ((lower, 1), (upper, 1), (drift, 2), (gain, 3))
+    ]
+    godunov = scheme.flux == "godunov"
+    return lambda phi, first, out, wall, dt, keep: stage_general(
+        phi, first, out, wall, *fields, inverse.astype(scheme.dtype), layout, kind(dt), kind(keep), godunov
+    )
 
 
 def evolve(
@@ -415,24 +548,20 @@ def evolve(
     -------
     (shape) array of the scheme's dtype
     """
-    dtype = scheme.dtype
-    kind: Any = np.dtype(dtype).type
     steps = velocities.steps(grid, duration, scheme.cfl) if steps is None else steps
     dt = duration / max(steps, 1)
+    layout = layout_of(grid, scheme.order)
 
     def wall(tau: float) -> FloatArray:
         if obstacle is None:
-            return np.empty((0, 0), dtype)
-        return _rows(grid, np.asarray(obstacle(tau) if callable(obstacle) else obstacle), 0, dtype)
+            return np.empty((0, 0), scheme.dtype)
+        return _planes(layout, np.asarray(obstacle(tau) if callable(obstacle) else obstacle), scheme.dtype)
 
-    held = wall(0.0)
+    phi, held = _planes(layout, np.asarray(values), scheme.dtype), wall(0.0)
     if held.size:
-        values = np.maximum(values, held[:, : grid.shape[-1]].reshape(grid.shape))
-    phi = _pad(grid, values, dtype)
+        np.maximum(phi, held, out=phi)
     first, spare = np.empty_like(phi), np.empty_like(phi)
-    rates = _prepare(grid, velocities, scheme)
-    geometry = (np.array(grid.shape), _row_table(grid), grid.periodic[-1])
-    kernel = stage_coupled if velocities.coupled else stage_box
+    stage = _stage(grid, layout, velocities, scheme)
     for step in range(steps):
         first, phi = phi, first
         source = first
@@ -440,8 +569,10 @@ def evolve(
             if callable(obstacle):
                 held = wall((step + reached) * dt)
             out = phi if source is not phi else spare
-            kernel(source, first, out, *rates, held, *geometry, kind(dt), kind(keep), scheme.order)
+            stage(source, first, out, held, dt, keep)
             source = out
         if source is not phi:
             phi, spare = spare, phi
-    return np.ascontiguousarray(phi[:, GHOSTS : GHOSTS + grid.shape[-1]]).reshape(grid.shape)
+    whole = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    inner = whole[:, layout.top : layout.top + layout.rows, layout.ghosts : layout.ghosts + layout.nodes]
+    return np.ascontiguousarray(inner).reshape(grid.shape)
