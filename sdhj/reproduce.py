@@ -78,8 +78,8 @@ def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
         *("| " + " | ".join(row[column] for column in columns) + " |" for row in rows),
         "",
         f"{note}. sdhj {sdhj.__version__}, NumPy {np.__version__}, Numba {numba.__version__} with "
-        f"{numba.get_num_threads()} threads, Python {platform.python_version()}, {platform.machine()}; peak memory of the "
-        f"whole job {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB.",
+        f"{numba.get_num_threads()} threads, Python {platform.python_version()}, {platform.machine()}; "
+        f"peak memory of the whole job {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB.",
         "",
     ]
     (out / "results.md").write_text("\n".join(lines))
