@@ -345,20 +345,19 @@ class ProjectedSolver:
         grid, most = self.problem.grid, self.problem.steps - step
         pieces = [self.reach_pieces(table.value_array(step + 1, n)) for n in range(most)]
         reach = np.stack([np.concatenate([p.reshape(len(p), -1) for p in piece], axis=1) for piece in pieces])
-        sizes = [grid.subgrid(axes).size for axes in self.subspaces]
-        starts = np.stack([_row_starts(grid, axes) for axes in self.subspaces]) + np.cumsum([0, *sizes[:-1]])[:, None]
-        last = grid.ndim - 1
-        first = table.entry(step, 0)
-        count = len(self.problem.inputs)
+        static, moving = (tubes.reshape(len(tubes), -1) for tubes in (avoid.static, avoid.moving[step]))
+        if step == self.problem.steps - 1:  # the first row to be filled
+            self._static_bits = pack(static[None])[0]
+        starts, along = _layout(grid, self.subspaces)
+        first, rows = table.entry(step, 0), (-1, grid.shape[-1])
         unite_row(
-            table.tubes[first : first + most + 1].reshape(most + 1, -1, grid.shape[-1]),
-            table.masks[first : first + most + 1].reshape(most + 1, table.masks.shape[1], -1, grid.shape[-1]),
-            reach,
-            starts,
-            np.array([last in axes for axes in self.subspaces]),
-            (avoid.static.reshape(count, -1), avoid.moving[step].reshape(count, -1)),
-            np.stack([_row_starts(grid, axes) for axes in (avoid.static_axes, avoid.moving_axes)]),
-            np.array([last in axes for axes in (avoid.static_axes, avoid.moving_axes)]),
+            table.tubes[first : first + most + 1].reshape(most + 1, *rows),
+            table.masks[first : first + most + 1].reshape(most + 1, table.masks.shape[1], *rows),
+            (reach, pack(reach)),
+            starts[~along],
+            starts[along],
+            (static, moving, self._static_bits, pack(moving[None])[0]),
+            *_layout(grid, (avoid.static_axes, avoid.moving_axes), apart=True),
         )
 
     @property
@@ -431,58 +430,121 @@ def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
     return np.ascontiguousarray(np.broadcast_to(total, grid.shape))
 
 
-def _row_starts(grid: Grid, axes: Axes) -> FloatArray:
-    """Where each row of the grid, along the last axis, begins in a flat function on the subspace `axes`; (rows,)."""
-    size = grid.subgrid(axes).size if axes else 1
-    places = np.broadcast_to(grid.lift(np.arange(size), axes), grid.shape)
-    return np.ascontiguousarray(places[..., 0]).ravel()
+def _layout(grid: Grid, collection: Sequence[Axes], *, apart: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Where the rows of the grid, along its last axis, find their values in flat functions on subspaces.
 
-
-@njit(cache=True, inline="always")
-def _lower(row, values, start, along):
-    """row = min(row, values along the row, or their one value there)."""
-    if along:
-        for i in range(row.size):
-            row[i] = min(row[i], values[start + i])
-    else:
-        value = values[start]
-        for i in range(row.size):
-            row[i] = min(row[i], value)
+    Returns
+    -------
+    starts : (subspaces, rows) int64
+        Where each row begins, the functions lying one behind the other or, with `apart`, each on its own.
+    along : (subspaces,) bool
+        Whether the function varies along a row; where it does not, it has one value for the whole row.
+    """
+    starts, offset = [], 0
+    for axes in collection:
+        size = grid.subgrid(axes).size if axes else 1
+        places = np.broadcast_to(grid.lift(np.arange(offset, offset + size), axes), grid.shape)
+        starts.append(places[..., 0].ravel())
+        offset += 0 if apart else size
+    return np.stack(starts), np.array([grid.ndim - 1 in axes for axes in collection])
 
 
 @njit(cache=True, parallel=True)
-def unite_row(tubes, masks, reach, starts, along, walls, wall_starts, wall_along):
+def pack(values):
+    """Which of the L functions are <= 0: (n, L, size) to (n, ceil(L / 8), size) uint8, bit j % 8 of byte j // 8."""
+    steps, count, size = values.shape
+    out = np.zeros((steps, (count + 7) // 8, size), np.uint8)
+    chunk = 1024
+    blocks = (size + chunk - 1) // chunk
+    for task in prange(steps * blocks):
+        n = np.int64(task) // blocks
+        start = (np.int64(task) - n * blocks) * chunk
+        stop = min(start + chunk, size)
+        for j in range(count):
+            bit = np.uint8(1 << j % 8)
+            bits, row = out[n, j // 8], values[n, j]
+            for i in range(start, stop):
+                bits[i] |= bit if row[i] <= 0.0 else np.uint8(0)
+    return out
+
+
+@njit(cache=True, inline="always")
+def _smaller(a, b):
+    return a if a < b else b
+
+
+@njit(cache=True, inline="always")
+def _larger(a, b):
+    return a if a > b else b
+
+
+@njit(cache=True, parallel=True)
+def unite_row(tubes, masks, reach, flat, varied, walls, wall_starts, wall_along):
     """Back-projection, union, intersection with the avoid tubes and union over the inputs, in one pass.
 
     tubes : (n + 1, rows, width), the first filled in; the others are written.
-    masks : (n + 1, bytes, rows, width) uint8, zero; the bits of all but the first are set.
-    reach : (n, L, size) the reach sets on all subspaces, one behind the other; starts (subspaces, rows) and along
-    (subspaces,) say where a row of the grid finds its values and whether they vary along it.
-    walls : a pair of (L, any size), the avoid tubes that both hold, with wall_starts (2, rows) and wall_along (2,).
+    masks : (n + 1, bytes, rows, width) uint8; all but the first are written.
+    reach : values (n, L, size) of the reach sets on all subspaces, one behind the other, and their bits (see `pack`).
+    flat, varied : (subspaces, rows), where each row begins in the subspaces in which its value stays the same, and in
+    those in which it varies.
+    walls : the static avoid tubes (L, any size), the moving ones (L, any size), and the bits of both; wall_starts
+    (2, rows) and wall_along (2,) say where a row begins and whether its values vary along it.
     """
-    steps, rows, width = reach.shape[0], tubes.shape[1], tubes.shape[2]
-    count = reach.shape[1]
+    values, bits = reach
+    static, moving, static_bits, moving_bits = walls
+    steps, count = values.shape[0], values.shape[1]
+    rows, width = tubes.shape[1], np.uint64(tubes.shape[2])  # unsigned: negative indices would have to be wrapped
+    infinity = tubes.dtype.type(np.inf)
+    along0, along1 = np.uint64(wall_along[0]), np.uint64(wall_along[1])
     blocks = min(rows, 64)
     for block in prange(blocks):
         wall = np.empty((count, width), tubes.dtype)
-        value = np.empty(width, tubes.dtype)
+        row = np.empty(width, tubes.dtype)
+        best = np.empty(width, tubes.dtype)
+        safe = np.empty((masks.shape[1], width), np.uint8)
         for r in range(np.int64(block) * rows // blocks, (np.int64(block) + 1) * rows // blocks):
+            o0, o1 = np.uint64(wall_starts[0, r]), np.uint64(wall_starts[1, r])
             for j in range(count):
-                for i in range(width):  # the intersection of the two
-                    wall[j, i] = max(
-                        walls[0][j, wall_starts[0, r] + i * wall_along[0]],
-                        walls[1][j, wall_starts[1, r] + i * wall_along[1]],
-                    )
-            for n in range(steps):
-                tube = tubes[n + 1, r]
-                tube[:] = tubes[n, r]
-                for j in range(count):
-                    value[:] = np.inf
-                    for s in range(starts.shape[0]):
-                        _lower(value, reach[n, j], starts[s, r], along[s])
-                    bit = np.uint8(1 << j % 8)
-                    bits = masks[n + 1, j // 8, r]
+                if along0 == 1 and along1 == 0:  # the common case, written out because it vectorises
+                    constant = moving[j, o1]
                     for i in range(width):
-                        both = max(value[i], wall[j, i])
-                        tube[i] = min(tube[i], both)
-                        bits[i] |= bit if both <= 0.0 else np.uint8(0)
+                        wall[j, i] = _larger(static[j, o0 + i], constant)
+                else:
+                    for i in range(width):
+                        wall[j, i] = _larger(static[j, o0 + i * along0], moving[j, o1 + i * along1])
+            for b in range(masks.shape[1]):
+                for i in range(width):
+                    safe[b, i] = static_bits[b, o0 + i * along0] & moving_bits[b, o1 + i * along1]
+            for i in range(width):
+                best[i] = tubes[0, r, i]
+            for n in range(steps):
+                for j in range(count):
+                    constant = infinity
+                    for s in range(flat.shape[0]):
+                        constant = _smaller(values[n, j, flat[s, r]], constant)
+                    if varied.shape[0] == 1:  # likewise
+                        o = np.uint64(varied[0, r])
+                        for i in range(width):
+                            best[i] = _smaller(best[i], _larger(_smaller(values[n, j, o + i], constant), wall[j, i]))
+                    else:
+                        row[:] = constant
+                        for s in range(varied.shape[0]):
+                            o = np.uint64(varied[s, r])
+                            for i in range(width):
+                                row[i] = _smaller(row[i], values[n, j, o + i])
+                        for i in range(width):
+                            best[i] = _smaller(best[i], _larger(row[i], wall[j, i]))
+                for i in range(width):
+                    tubes[n + 1, r, i] = best[i]
+                for b in range(masks.shape[1]):  # the same on packed bits: min is or, max is and
+                    some = np.uint8(0)
+                    for s in range(flat.shape[0]):
+                        some |= bits[n, b, flat[s, r]]
+                    for i in range(width):
+                        masks[n + 1, b, r, i] = some
+                    for s in range(varied.shape[0]):
+                        o = np.uint64(varied[s, r])
+                        for i in range(width):
+                            masks[n + 1, b, r, i] |= bits[n, b, o + i]
+                    for i in range(width):
+                        masks[n + 1, b, r, i] &= safe[b, i]
