@@ -26,12 +26,13 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import LookupTable
 
 FORMATS = ("pdf", "png")
-SHOWN_STATE = (0.3, 0.9, 0.27, 0.29)  # what Figs. 1 and 9 show
+SHOWN_STATE = (-2.2, -0.9, 0.19, 0.22)  # what Figs. 1 and 9 show
 PURSUER_AT = (0.0, 0.0, 0.24, 0.24)  # the slices of Figs. 10, 11: the joint angles play no part
 PURSUER_ALSO = (0.0, 0.0, -0.15, 0.21)
 PURSUERS = ((0.24, 0.24), (-0.15, 0.21), (-0.27, -0.09), (0.12, -0.21), (0.30, 0.03), (0.03, 0.33))  # Fig. 13
-BOAT_STARTS = (("$q$", (-0.42, 0.30)), ("$q'$", (-0.42, 0.03)), ("$q''$", (-0.70, 0.42)))
+BOAT_STARTS = (("$q$", (-0.42, 0.30)), ("$q'$", (-0.42, 0.03)), ("$q''$", (-0.60, 0.68)))
 CANDIDATES = 20_000  # states among which a run's start is chosen
+STARTS = 20  # runs, of which the longest is shown
 TIMED_NODES = studies.PAPER_NODES
 TIMED_METHODS = ("hji", "projected")
 
@@ -82,9 +83,14 @@ class Context:
 
     @cached_property
     def run(self) -> runs.Run:
-        """A run of the controller against the paper's random adversary, from a start with many steps to go."""
+        """A run of the controller against the paper's random adversary: of `STARTS` many, one that takes the longest."""
         table = self.table("hji")
-        return sdhj.simulate(sdhj.Controller(table), start_of_run(table, self.seed), adversary="random", seed=self.seed)
+        controller = sdhj.Controller(table)
+        tried = [
+            sdhj.simulate(controller, start, adversary="random", seed=self.seed)
+            for start in starts_of_runs(table, STARTS, self.seed)
+        ]
+        return max(tried, key=lambda run: (run.outcome == "reached", len(run.inputs)))
 
     @cached_property
     def boat(self) -> illustrations.OneStepGame:
@@ -97,8 +103,10 @@ class Context:
         return measure(self.timed_nodes, TIMED_METHODS, self.say)
 
 
-def start_of_run(table: LookupTable, seed: int = 0, within: int = 7) -> FloatArray:
-    """A state (ndim,) with `within` steps to go at step 0, or the most there are: of many, the deepest in its tube.
+def starts_of_runs(table: LookupTable, count: int, seed: int = 0, within: int = 7) -> FloatArray:
+    """States (up to count, ndim) with `within` steps to go at step 0, or the most there are.
+
+    Of many such states well inside their tube, those whose agent is nearest to the target.
 
     Raises
     ------
@@ -113,8 +121,18 @@ def start_of_run(table: LookupTable, seed: int = 0, within: int = 7) -> FloatArr
     for n in range(len(inside) - 1, -1, -1):
         fits = (inside[n] <= 0) & (inside[n - 1] > 0 if n else True)
         if fits.any():
-            return states[np.argmin(np.where(fits, inside[n], np.inf))]
+            deep = fits & (inside[n] <= np.quantile(inside[n][fits], 0.3))
+            nearest = np.argsort(np.where(deep, _agent_to_target(table.problem, states), np.inf), kind="stable")
+            return states[nearest[: min(count, int(deep.sum()))]]
     raise ValueError(f"none of {CANDIDATES} states is admissible; use more nodes or an easier problem")
+
+
+def _agent_to_target(problem: ReachAvoidProblem, states: FloatArray) -> FloatArray:
+    """How far the agent is from the middle of the known target's way, (M,); zeros where the target is the agent."""
+    target = scene(problem).target
+    if target is None:
+        return np.zeros(len(states))
+    return np.linalg.norm(states[:, 2:4] - target.centre(problem.time(problem.steps) / 2), axis=1)
 
 
 def measure(
@@ -145,10 +163,10 @@ def machine() -> str:
 # --------------------------------------------------------------------------------------------------------------------
 
 
-def _set_legend(figure: Figure, *, pursuer: bool = True) -> None:
-    entries = [plotting.patch("obstacles", "known obstacles (unsafe)"), plotting.patch("target", "target")]
-    if pursuer:
-        entries.append(plotting.patch("pursuer", "pursuer"))
+def _set_legend(figure: Figure, *, target: bool = True) -> None:
+    entries = [plotting.patch("obstacles", "known obstacles"), plotting.patch("pursuer", "pursuer")]
+    if target:
+        entries.insert(1, plotting.patch("target", "target"))
     figure.legend(handles=entries, loc="outside upper center", ncols=3, handleheight=1.1)
 
 
@@ -171,9 +189,17 @@ def online_diagram(context: Context) -> Figure:
 
 
 def sampled_data(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 3.3)
-    axes = figure.subplots(2, 1, sharex=True)
-    runs.draw_sampled_data(axes, context.problem, context.run, component=1)
+    figure = plotting.new_figure(7.0, 3.6)
+    run = illustrations.sampled_run()
+    runs.draw_sampled_data(
+        figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1.0)),
+        run.times,
+        run.states[:, 0],
+        run.held[:, 0],
+        run.delta,
+        levels=run.levels,
+        names=("state $x(t)$ (m)", "input $u(t)$ (m/s)"),
+    )
     return figure
 
 
@@ -228,14 +254,15 @@ def spaces(context: Context) -> Figure:
 
 
 def _tubes(table: LookupTable) -> Figure:
-    figure = plotting.new_figure(7.0, 3.75)
-    left, right, bar = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 0.05))
+    figure = plotting.new_figure(7.0, 4.15)
+    parts = figure.subplot_mosaic([["left", "right"], ["bar", "bar"]], height_ratios=(1.0, 0.045))
+    left, right, bar = parts["left"], parts["right"], parts["bar"]
     for ax, state in ((left, PURSUER_AT), (right, PURSUER_ALSO)):
         plotting.draw_tubes(ax, table, through=state)
         ax.set_title(f"pursuer at ({state[2]:.2f}, {state[3]:.2f}) m")
     right.set_ylabel("")
-    plotting.draw_steps_bar(bar, table.steps, r"steps to go, $n$  ($\mathcal{S}_0^{N-n}$)")
-    _set_legend(figure)
+    plotting.draw_steps_bar(bar, table.steps, r"steps to go, $n$:  the set $\mathcal{S}_0^{N-n}$", horizontal=True)
+    _set_legend(figure, target=False)
     return figure
 
 
@@ -248,7 +275,7 @@ def projected_tubes(context: Context) -> Figure:
 
 
 def trajectory(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 7.3)
+    figure = plotting.new_figure(7.0, 7.4)
     above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
     left, right = above.subplots(1, 2)
     runs.draw_workspace_run(left, context.problem, context.run)
@@ -256,8 +283,9 @@ def trajectory(context: Context) -> Figure:
     left.set_title(r"(a) end-effector in $\mathcal{W}$")
     right.set_title(r"(b) robot in $\mathcal{C}^r$")
     steps = len(runs.samples(context.run, context.problem))
-    columns = max(4, -(-steps // 2))
+    columns = max(3, -(-steps // 2))
     runs.draw_frames(below.subplots(2, columns).ravel(), context.problem, context.run)
+    _set_legend(figure)
     return figure
 
 

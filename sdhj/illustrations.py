@@ -1,7 +1,7 @@
-"""A small game of one sampling interval, to look at (Figs. 6 and 7).
+"""Small games to look at (Figs. 4, 6 and 7).
 
-A boat on a lake whose water turns: its state is where it is, its input a heading that it holds over the interval, the
-adversary a wind. Two axes, one input, one interval: every construct of Sec. 3.4 and 4.1 is a picture.
+A boat on a lake whose water turns: its state is where it is, its input a velocity that it holds over the interval, the
+adversary a wind. With two axes, one input and one interval every construct of Sec. 3.4 and 4.1 is a picture.
 """
 
 from collections.abc import Sequence
@@ -142,6 +142,53 @@ def play(problem: ReachAvoidProblem, start: Sequence[float], *, count: int = 60,
     missed = problem.target_value(paths[:, -1], problem.delta)
     hit = np.max([-problem.unsafe_value(paths[:, k], float(t)) for k, t in enumerate(times)], axis=0)
     return Rollouts(times, paths, np.maximum(missed, hit))
+
+
+@dataclass(frozen=True)
+class SampledRun:
+    """A sampled-data run of the boat: `times` (T,), `states` (T, 2), and the inputs `held` (K, 2) over intervals."""
+
+    times: FloatArray
+    states: FloatArray
+    held: FloatArray
+    levels: FloatArray
+    delta: float
+
+
+def sampled_run(
+    *, delta: float = 0.25, intervals: int = 8, gain: float = 2.2, wind: float = 0.14, turn: float = 0.8, seed: int = 0
+) -> SampledRun:
+    """The boat steers for (0.5, 0.3) by what it measured at t_k, quantised to five levels, and holds that (Fig. 4).
+
+    The wind, a smooth one within its bound, and the turning water act all the time.
+    """
+    levels = np.linspace(-1.5, 1.5, 5)
+    phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, 2))
+    rates = np.array([[3.0, 7.0], [4.0, 9.0]])
+
+    def blowing(t: float) -> FloatArray:
+        return wind * np.sin(rates * t + phases).mean(axis=1)
+
+    def velocity(q: FloatArray, u: FloatArray, t: float) -> FloatArray:
+        return u + turn * np.array([-q[1], q[0]]) + blowing(t)
+
+    parts = PIECES * SUBSTEPS
+    h, goal = delta / parts, np.array([0.5, 0.3])
+    q, states, held = np.array([-0.8, -0.5]), [], []
+    for k in range(intervals):
+        wanted = gain * (goal - q) - turn * np.array([-q[1], q[0]])
+        u = levels[np.argmin(np.abs(wanted[:, None] - levels), axis=1)]
+        held.append(u)
+        for part in range(parts):
+            states.append(q)
+            t = k * delta + part * h
+            k1 = velocity(q, u, t)
+            k2 = velocity(q + h / 2 * k1, u, t + h / 2)
+            k3 = velocity(q + h / 2 * k2, u, t + h / 2)
+            q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + velocity(q + h * k3, u, t + h))
+    states.append(q)
+    times = np.linspace(0.0, intervals * delta, len(states))
+    return SampledRun(times, np.array(states), np.array(held), levels, delta)
 
 
 def _velocity(problem: ReachAvoidProblem, state: FloatArray, v: FloatArray) -> FloatArray:

@@ -128,6 +128,7 @@ class Board:
 def draw_problem(ax: Axes, scene: ArmScene, *, state: Sequence[float], trail: Sequence[float]) -> None:
     """The arm among known moving disks and an unpredictable agent, named (Fig. 1)."""
     draw_workspace(ax, scene, state=state, trail=np.asarray(trail))
+    ax.set_ylim(-0.34, 0.34)
     ax.axis("off")
     pursuer, radius = scene.agent_disk(state)
     for angle in np.deg2rad((20, 65, 110, 155, 200, 245, 290, 335)):  # it may go anywhere
@@ -142,14 +143,14 @@ def draw_problem(ax: Axes, scene: ArmScene, *, state: Sequence[float], trail: Se
     assert scene.target is not None
     still, line, circle = (disk.centre(0.0) for disk in scene.obstacles)
     names = [
-        ("unpredictable agent\n(pursuer)", pursuer, 0.38, 0.36),
-        ("end-effector", tip, 0.38, 0.21),
-        ("robot arm", 0.4 * elbow + 0.6 * tip, 0.38, 0.11),
-        ("known moving obstacles", line, 0.38, -0.04),
-        ("", circle + np.array([0.02, 0.0]), 0.38, -0.04),
-        ("base", base, -0.36, -0.09),
-        ("known static obstacle", still, -0.36, 0.06),
-        ("known moving target", scene.target.centre(0.0), -0.36, 0.28),
+        ("unpredictable agent\n(pursuer)", pursuer, 0.38, 0.30),
+        ("end-effector", tip, -0.40, -0.12),
+        ("robot arm", 0.5 * elbow + 0.5 * tip, -0.40, -0.24),
+        ("known moving obstacles", line, 0.38, -0.12),
+        ("", circle + np.array([0.035, -0.01]), 0.38, -0.12),
+        ("base", base, -0.40, 0.0),
+        ("known static obstacle", still, -0.40, 0.13),
+        ("known moving target", scene.target.centre(0.0), -0.40, 0.26),
     ]
     for text, point, x, y in names:
         right = x > 0

@@ -21,13 +21,20 @@ from sdhj.table import LookupTable
 
 CELL = 49  # points along each side of the small slices of Fig. 8
 WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
+LOOKUP_KEY = (
+    "each cell: joint angles $q_1$ (across) and $q_2$ (up), from $-\\pi$ to $\\pi$,\n"
+    "at where the pursuer is at step $k$ of the run\n"
+    "coloured: $\\mathcal{S}_k^{N-n}$;  grey: unsafe at $t_k$\n"
+    "dot: the arm;  frame: the leftmost set of its row that holds it\n"
+    "$*$: the same as the last set of its row"
+)
 
 
 class Run(Protocol):
     """What drawing needs of a run; `sdhj.simulate` returns one.
 
     `times` (T,) and `states` (T, ndim) are fine, and hold the sampling times; `inputs` (K,) are the indices of the
-    inputs held over the intervals.
+    inputs held over the intervals, `steps_to_go` (K,) what the controller promised at the start of each.
     """
 
     @property
@@ -40,6 +47,9 @@ class Run(Protocol):
     def inputs(self) -> FloatArray: ...
 
     @property
+    def steps_to_go(self) -> FloatArray: ...
+
+    @property
     def outcome(self) -> str: ...
 
 
@@ -49,63 +59,56 @@ def samples(run: Run, problem: ReachAvoidProblem) -> FloatArray:
     return np.array([int(np.argmin(np.abs(run.times - k * problem.delta))) for k in steps])
 
 
-def steps_to_go(table: LookupTable, state: FloatArray, step: int) -> int | None:
-    """The fewest steps to go of a state at a step, by the tubes as they are drawn; None where no tube holds it."""
-    for n in range(table.steps - step + 1):
-        if table.contains(state, start=step, within=n)[0]:
-            return n
-    return None
-
-
 def draw_sampled_data(
-    axes: Sequence[Axes], problem: ReachAvoidProblem, run: Run, *, component: int = 0, gap: float = np.pi
+    axes: Sequence[Axes],
+    times: FloatArray,
+    state: FloatArray,
+    held: FloatArray,
+    delta: float,
+    *,
+    levels: Sequence[float] | FloatArray = (),
+    names: tuple[str, str] = ("$x(t)$", "$u(t)$"),
 ) -> None:
     """A continuous state with its samples, and the input held between them (Fig. 4), on two axes over one time line.
 
     Parameters
     ----------
-    component : int
-        Which axis of the state, and which component of the input.
-    gap : float
-        A jump larger than this is a seam; the line is joined across it.
+    axes : two Axes
+    times, state : (T,) arrays
+        One coordinate of a run, finely.
+    held : (K,) array
+        One component of the input over each interval.
+    delta : float
+        Sampling interval, s.
+    levels : sequence, optional
+        The input's quantised levels, ruled faintly.
+    names : (str, str)
+        Labels of the vertical axes, with units.
     """
     above, below = axes
-    at = samples(run, problem)
-    state = (
-        np.unwrap(run.states[:, component], discont=gap)
-        if problem.grid.periodic[component]
-        else run.states[:, component]
-    )
-    above.plot(run.times, state, color=INK, linestyle="-", linewidth=1.3, gid="state", label=r"state $x(t)$")
-    above.plot(
-        run.times[at],
-        state[at],
-        "o",
-        color="white",
-        markeredgecolor=OUTCOME_INK,
-        markersize=5,
-        gid="samples",
-        label=r"measured $x^k$",
-    )
-    held = problem.inputs[np.asarray(run.inputs, dtype=np.int64), component]
-    edges = np.arange(len(held) + 1) * problem.delta
-    below.stairs(held, edges, baseline=None, color="#0b3c5d", linewidth=1.6, gid="input", label="$u^k$, held")
+    edges = np.arange(len(held) + 1) * delta
+    sampled = np.interp(edges, times, state)
+    above.plot(times, state, color=INK, linestyle="-", gid="state")
+    above.plot(edges, sampled, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=5, gid="samples")
+    for k, (t, x) in enumerate(zip(edges, sampled, strict=True)):
+        above.annotate(f"$x^{{{k}}}$", (t, x), (4, 6), textcoords="offset points", fontsize=7.5, color=OUTCOME_INK)
+    below.stairs(held, edges, baseline=None, color="#0b3c5d", linewidth=1.8, gid="input")
     below.plot(edges[:-1], held, "o", color="#0b3c5d", markersize=4)
-    levels = np.unique(problem.inputs[:, component])
+    for k, (t, u) in enumerate(zip(edges, held, strict=False)):
+        below.annotate(
+            f"$u^{{{k}}}$", (t + delta / 2, u), (0, 3), textcoords="offset points", ha="center", fontsize=7.5
+        )
     for level in levels:
         below.axhline(level, color="#d0d0d0", linewidth=0.5, zorder=0)
-    below.set_yticks(levels)
-    low, high = levels[0], levels[-1]
-    below.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
     for ax in axes:
+        ax.margins(y=0.2)
         for t in edges:
             ax.axvline(t, color=FAINT, linestyle=":", linewidth=0.6, zorder=0)
     above.tick_params(labelbottom=False)
-    names = [f"$t_{{{k}}}$\n{t:.1f}" for k, t in enumerate(edges)]
-    below.set_xticks(edges, names)
+    below.set_xticks(edges, [f"$t_{{{k}}}$\n{t:.3g}" for k, t in enumerate(edges)])
     below.set_xlabel("time (s)")
-    above.set_ylabel("$x(t) = q_1(t)$ (rad)")
-    below.set_ylabel("$u(t) = u_1(t)$ (rad/s)")
+    above.set_ylabel(names[0])
+    below.set_ylabel(names[1])
 
 
 def draw_lookup(figure: Figure, table: LookupTable, run: Run | None = None, *, through: State | None = None) -> None:
@@ -119,10 +122,13 @@ def draw_lookup(figure: Figure, table: LookupTable, run: Run | None = None, *, t
     left, top, size, gap = 0.105, 0.915, 0.087, 0.0095
     colours = step_colours(steps)
     at = samples(run, problem) if run is not None else np.array([], dtype=np.int64)
+    promised = [] if run is None else [int(n) for n in run.steps_to_go]
+    if run is not None and run.outcome == "reached":  # by the true target: S_k^N on the grid may miss its rim
+        promised.append(0)
     framed: list[Axes] = []
     for k in range(steps + 1):
         state = run.states[at[min(k, len(at) - 1)]] if run is not None else np.asarray(through, dtype=np.float64)
-        now = steps_to_go(table, state, k) if k < len(at) else None
+        now = promised[k] if k < len(promised) else None
         where = plane(problem.grid, state, resolution=CELL)
         for n in range(steps + 1):
             ax = figure.add_axes((left + n * (size + gap), top - (k + 1) * size - k * gap, size, size))
@@ -188,10 +194,11 @@ def draw_lookup(figure: Figure, table: LookupTable, run: Run | None = None, *, t
     middle = (steps + 1) * (size + gap) / 2
     figure.text(left + middle, top + 0.045, r"reach within ... steps ($n$)", ha="center", va="bottom", fontsize=9)
     figure.text(0.035, top - middle, r"from step ($k$)", ha="center", va="center", rotation=90, fontsize=9)
+    figure.text(0.98, 0.06, LOOKUP_KEY, ha="right", va="bottom", linespacing=1.6, color="#333333")
 
 
 def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Run) -> None:
-    """The end-effector's way in the workspace, the arm faintly at the sampling times, the sets at the end (Fig. 12a)."""
+    """The end-effector's way in the workspace, the arm faintly at sampling times, the sets at the end (Fig. 12a)."""
     view, at = scene(problem), samples(run, problem)
     draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]), arrows=False)
     for index in at[:-1]:
@@ -205,10 +212,9 @@ def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Run) -> None:
 def draw_cspace_run(ax: Axes, table: LookupTable, run: Run) -> None:
     """The run in C-space over the tube it starts in, with target and unsafe sets as they are at its end (Fig. 12b)."""
     problem, at = table.problem, samples(run, table.problem)
-    n = steps_to_go(table, run.states[0], 0)
     where = plane(problem.grid, run.states[0])
-    if n is not None:
-        draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL, "tube", zorder=1.0)
+    n = int(run.steps_to_go[0])
+    draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL, "tube", zorder=1.0)
     draw_constraints(ax, problem, through=run.states[-1], step=float(run.times[-1]) / problem.delta)
     draw_path(ax, problem.grid, run.states, marks=run.states[at])
 
@@ -240,28 +246,24 @@ def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> 
     problem = table.problem
     left, right = figure.subplots(1, 2)
     draw_frame(left, problem, run, index=index)
-    step = min(int(run.times[index] / problem.delta + 1e-6), max(len(run.inputs) - 1, 0))
-    begun = run.states[samples(run, problem)[step]]
-    n = steps_to_go(table, begun, step)
+    step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
+    n = int(run.steps_to_go[step])
     state = run.states[index]
-    if n is not None:  # over an interval the run heads for the tube with one step less to go
-        goal = (step + 1, n - 1) if n > 0 else (step, 0)
-        where = plane(problem.grid, state, resolution=CELL * 2 - 1)
-        values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
-        draw_set(right, where, values, FULL, "tube", zorder=1.0)
+    where = plane(problem.grid, state, resolution=CELL * 2 - 1)
+    values = where.of(problem.grid, table.values(start=step + 1, within=n - 1))  # where the interval has to end
+    draw_set(right, where, values, FULL, "tube", zorder=1.0)
     draw_constraints(
         right, problem, through=state, step=float(run.times[index]) / problem.delta, resolution=CELL * 2 - 1
     )
     draw_path(right, problem.grid, run.states[: index + 1], marks=state[None])
     left.set_title(f"$t = {run.times[index]:.2f}$ s, step {step}")
-    to_go = "outside every tube" if n is None else f"{n} step{'' if n == 1 else 's'} to go from here"
-    right.set_title(to_go if index < len(run.times) - 1 else run.outcome)
+    right.set_title(f"{n} step{'' if n == 1 else 's'} to go" if index < len(run.times) - 1 else run.outcome)
 
 
 def save_animation(
-    table: LookupTable, run: Run, path: Path, *, frames: int = 48, rate: int = 12, dpi: int = 90
+    table: LookupTable, run: Run, path: Path, *, frames: int = 41, rate: int = 12, dpi: int = 90
 ) -> Path:
-    """Write a run as an animated GIF: slower than life, and still for a second at its end."""
+    """Write a run as an animated GIF: slower than life, and still for a moment at its end."""
     shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
 
     def write(temporary: Path) -> None:
@@ -270,7 +272,7 @@ def save_animation(
             figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
             writer = PillowWriter(fps=rate)
             with writer.saving(figure, str(temporary), dpi=dpi):
-                for index in [*shown, *[shown[-1]] * rate]:
+                for index in [*shown, *[shown[-1]] * (rate // 2)]:
                     draw_moment(figure, table, run, index=int(index))
                     writer.grab_frame()
 

@@ -4,6 +4,7 @@ Nothing here uses `matplotlib.pyplot`: figures have no window and no global stat
 widget alike. What a colour says in grey is said again by lightness, a hatch or a line style.
 """
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
@@ -139,6 +140,7 @@ def save(
         form = path.suffix[1:]
         figure.savefig(path, format=form, metadata=UNDATED[form], **resolution)
 
+    logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
     with style():
         return [replace_whole(folder / f"{name}.{form}", write) for form in formats]
 

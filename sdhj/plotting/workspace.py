@@ -18,7 +18,8 @@ MARGIN = 0.02
 
 def frame_workspace(ax: Axes, scene: ArmScene, half_side: float | None = None) -> None:
     """Equal axes over the square in which arm and agent move, in metres."""
-    half_side = max(scene.agent_box, sum(scene.arm.lengths)) + MARGIN if half_side is None else half_side
+    if half_side is None:
+        half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + MARGIN
     ax.set_xlim(-half_side, half_side)
     ax.set_ylim(-half_side, half_side)
     ax.set_aspect("equal")
