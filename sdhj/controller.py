@@ -3,17 +3,17 @@
 At step k a state q has n steps to go, the fewest with q in the tube S_k of that n; n = 0 is success. Every input u_j
 whose reach-avoid set holds q, that of the tube S_{k+1} with n - 1 to go, then keeps the promise, and a rule picks one.
 
-Off the grid those sets are known by interpolation only, and the promise holds up to its error. u_j counts as safe at
-q where
+Off the grid those sets are known by interpolation only, and the promise holds up to its error. Looking ahead from q,
+the *margin* of u_j is the largest interpolated value of S_{k+1}, with n - 1 to go, over the box of all states that u_j
+and any adversary can lead to. Inputs are safe by the first of these tests that any input passes:
 
-* every node of the cell around q marks u_j in the look-up table, and
-* looking ahead from q itself agrees: the *margin*, the larger of the interpolated avoid tube of u_j at q and of the
-  largest interpolated value of S_{k+1} over the box of all states that u_j and any adversary can lead to, is at
-  most 0.
+1. every node of the cell around q marks u_j in the look-up table, and its margin is <= 0;
+2. the interpolated avoid tube of u_j at q and its margin are <= 0;
+3. next to the boundary of a tube no input may pass either; the one whose larger of the two is least is then all there
+   is, and no promise.
 
-Where no input passes both, the look-ahead alone decides; where none passes that either, which happens next to the
-boundary of a tube, the one input of least margin is all there is. On a coarse grid this costs fewer failures than
-either test alone. The certified method has a guarantee instead.
+The look-ahead loses fewer runs than the marks of the nodes alone, and the marks keep inputs that would only graze an
+obstacle from the rules that do not ask for depth. The certified method has a guarantee instead.
 """
 
 import os
@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from sdhj.controller_kernels import decide, tube_values
-from sdhj.grid import FloatArray
-from sdhj.motion import block_size, clip_to_walls, displacements, reachable_boxes
+from sdhj.grid import FloatArray, Grid
+from sdhj.motion import clip_to_walls, displacements, reachable_boxes
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import LookupTable
 
@@ -81,7 +81,8 @@ class Batch:
     safe : (M, L) bool array
         Which inputs are safe; none where a state is not admissible and at the last step.
     margins : (M, L) array
-        Of the safe inputs; +inf for inputs that did not need one.
+        The margin of every input; in the third case also at least its avoid tube. +inf where a state is not admissible
+        and at the last step.
     """
 
     states: FloatArray
@@ -125,8 +126,10 @@ class Controller:
             np.array(avoid.moving_axes, dtype=np.int64),
         )
         constant = problem.dynamics.constant
-        self._reach = reachable_boxes(problem, np.zeros((1, problem.grid.ndim))) if constant else None
-        self._room = block_size(problem.grid, *self._reach[:2]) if self._reach else 0
+        self._reach = (
+            _shared_intervals(*reachable_boxes(problem, np.zeros((1, problem.grid.ndim)))) if constant else None
+        )
+        self._room = _room(problem.grid, self._reach) if self._reach else 0
         self._effort = np.linalg.norm(problem.inputs, axis=1)
         self._local = threading.local()
 
@@ -179,12 +182,15 @@ class Controller:
 
     def _explain(self, state: FloatArray, step: int) -> str:
         within = self.table.steps - step
-        value = self.table.grid.interpolate(self.table.value_array(step, within), state[None])[0]
-        where = "is off the grid" if np.isinf(value) else f"has the value {value:.3g} > 0 there"
+        if np.array_equal(clip_to_walls(self.problem.grid, state), state):
+            value = self.tube_values(state[None, None], step, np.array([within]))[0, 0]
+            where = f"its level-set value there is {value:.3g} > 0"
+        else:
+            where = "it is off the grid"
         return (
             f"state {np.array2string(state, precision=4, separator=', ')} is not admissible at step {step}: it is "
-            f"outside the tube of the states that reach the target within {within} steps ({where}); choose a state where "
-            f"table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
+            f"outside the tube of the states that reach the target within {within} steps ({where}); choose a state "
+            f"where table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
         )
 
     # ---- many states
@@ -216,6 +222,8 @@ class Controller:
         else:
             score = np.full(batch.safe.shape, np.inf)
             score[batch.safe] = self._score(batch)
+            if np.isnan(score).any():
+                raise ValueError(f"rule {self.rule!r} met a NaN in the level-set functions of the problem")
             best = score.min(axis=1, keepdims=True)
             score = np.where(score <= best, batch.margins, np.inf)  # the deeper of two equals
         chosen[some] = score[some].argmin(axis=1)
@@ -260,7 +268,8 @@ class Controller:
     # ---- the kernel
 
     def _checked_step(self, step: int) -> int:
-        if isinstance(step, bool) or int(step) != step or not 0 <= step <= self.table.steps:
+        whole = isinstance(step, int | np.integer) and not isinstance(step, bool)
+        if not whole or not 0 <= step <= self.table.steps:
             raise ValueError(f"step must be a whole number from 0 to {self.table.steps}, got {step!r}")
         return int(step)
 
@@ -272,30 +281,68 @@ class Controller:
         safe = np.empty((count, len(self.problem.inputs)), dtype=np.bool_)
         batch = Batch(states, step, np.empty(count, dtype=np.int64), safe, np.empty(safe.shape))
         rows = [slice(begin, begin + CHUNK) for begin in range(0, count, CHUNK)]
-        if len(rows) <= 1:
-            self._decide_rows(batch, slice(None))
-        else:
+        if len(rows) == 1:
+            self._decide_rows(batch, rows[0])
+        elif rows:
             with ThreadPoolExecutor(threads()) as pool:
                 list(pool.map(lambda part: self._decide_rows(batch, part), rows))
         return batch
 
     def _decide_rows(self, batch: Batch, rows: slice) -> None:
         states = batch.states[rows]
-        reach = self._reach or reachable_boxes(self.problem, states)
+        reach = self._reach or _own_intervals(*reachable_boxes(self.problem, states))
         out = (batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows])
         decide(states, batch.step, self._table, reach, self.problem.grid.arrays, self._scratch(reach), out)
 
     def _scratch(self, reach: tuple[Any, ...] | None = None) -> tuple[Any, ...]:
-        """This thread's room to work in, made anew only where a larger box of states needs more."""
-        room = 0 if reach is None else self._room or block_size(self.problem.grid, *reach[:2])
+        """This thread's room to work in, made anew only where larger boxes need more of it."""
+        room = 0 if reach is None else self._room or _room(self.problem.grid, reach)
         if getattr(self._local, "room", -1) < room:
             ndim, inputs = self.problem.grid.ndim, len(self.problem.inputs)
-            numbers = [np.empty(room), np.empty(room), np.empty((inputs + 1, ndim)), np.empty((inputs + 1, ndim))]
-            places = [np.empty(shape, dtype=np.int64) for shape in (room, (inputs + 1, ndim), (inputs + 1, ndim))]
-            corners = (np.empty(1 << ndim, dtype=np.int64), np.empty(1 << ndim), np.arange(ndim))
-            self._local.scratch = (*corners, np.empty(inputs, dtype=np.bool_), (*numbers, *places))
+            whole, real = (lambda *shape: np.empty(shape, np.int64)), (lambda *shape: np.empty(shape))
+            corners = (whole(1 << ndim), real(1 << ndim), np.arange(ndim), whole(2, 1 << ndim), real(2, 1 << ndim))
+            each = (ndim, inputs)
+            unions = (whole(ndim), whole(ndim), whole(ndim), whole(ndim + 1))
+            spans = (whole(*each), whole(*each), real(*each), real(*each), *unions)
+            self._local.scratch = (*corners, spans, whole(room), real(2 * room), np.empty(inputs, dtype=np.bool_))
             self._local.room = room
         return self._local.scratch
+
+
+def _shared_intervals(low: FloatArray, high: FloatArray) -> tuple[Any, ...]:
+    """Boxes (1, L, ndim) that are the same for all states, as `decide` reads them: each different interval once."""
+    inputs, ndim = low.shape[1:]
+    pairs = np.stack([low[0], high[0]], axis=-1)
+    intervals, places = [], np.empty((inputs, ndim), dtype=np.int64)
+    for axis in range(ndim):
+        different, place = np.unique(pairs[:, axis], axis=0, return_inverse=True)
+        intervals.append(different)
+        places[:, axis] = place.ravel()
+    number = np.array([len(different) for different in intervals])
+    order = np.argsort(number, kind="stable")
+    filled = np.zeros((2, 1, number.max(), ndim))
+    for axis in range(ndim):
+        filled[:, 0, : number[axis], axis] = intervals[axis].T
+    kinds = np.ascontiguousarray(places[:, order])
+    return filled[0], filled[1], (number[order], order, kinds, np.lexsort(kinds.T[::-1]))
+
+
+def _own_intervals(low: FloatArray, high: FloatArray) -> tuple[Any, ...]:
+    """Boxes (M, L, ndim) that depend on the state, as `decide` reads them: every input has intervals of its own."""
+    inputs, ndim = low.shape[1:]
+    every = np.arange(inputs)
+    kinds = np.ascontiguousarray(np.broadcast_to(every[:, None], (inputs, ndim)))
+    return low, high, (np.full(ndim, inputs), np.arange(ndim), kinds, every)
+
+
+def _room(grid: Grid, reach: tuple[Any, ...]) -> int:
+    """How many nodes, at most, the boxes of one state touch, all inputs together."""
+    low, high, (number, order, _, _) = reach
+    room = np.ones(low.shape[0])
+    for a, axis in enumerate(order):
+        extent = high[:, : number[a], axis].max(axis=1) - low[:, : number[a], axis].min(axis=1)
+        room *= np.ceil(extent / grid.spacing[axis] + 1e-6) + 2  # cells it can touch, and one node more
+    return int(room.max())
 
 
 def threads() -> int:

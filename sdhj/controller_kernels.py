@@ -12,6 +12,7 @@ from numba import njit
 
 FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it in a cell
 SLACK = 1e-6  # cells beyond a wall that still count as on it, as in `sdhj.interpolation`
+TINY = 1e-9  # a weight below it is rounding: the state is on the other node
 
 
 @njit(cache=True, inline="always")
@@ -51,7 +52,7 @@ def _on_grid(state, grid):
 def _corners(state, axes, grid, index, weight):
     """Flat indices and weights of the nodes around a state on the subgrid of `axes`; returns how many.
 
-    Nodes of weight zero are left out. `index` and `weight`, both (2^len(axes),), are modified in place.
+    Nodes of no weight are left out. `index` and `weight`, both (2^len(axes),), are modified in place.
     """
     lower, spacing, shape, periodic = grid
     index[0] = 0
@@ -60,6 +61,11 @@ def _corners(state, axes, grid, index, weight):
     for axis in axes:
         nodes = shape[axis]
         base, _, right, _ = _span(state[axis], state[axis], lower[axis], spacing[axis], nodes, periodic[axis])
+        if right > 1.0 - TINY:
+            base += 1
+            right = 0.0
+        elif right < TINY:
+            right = 0.0
         here = base % nodes
         there = (base + 1) % nodes
         more = count
@@ -100,143 +106,132 @@ def _fewest_steps(tubes, first, most, index, weight, count):
 
 
 @njit(cache=True)
-def _marked(mask, index, count, wanted):
-    """wanted[j] = whether every node around the state marks u_j (`mask` (bytes, size) of the table); how many are."""
-    total = 0
-    for byte in range(mask.shape[0]):
-        bits = np.uint8(255)
-        for c in range(count):
-            bits &= mask[byte, index[c]]
-        for j in range(8 * byte, min(8 * byte + 8, wanted.size)):
-            wanted[j] = (bits >> np.uint8(j - 8 * byte)) & 1
-            total += wanted[j]
-    return total
-
-
-@njit(cache=True)
-def _gather(values, order, first, counts, grid, offsets, block):
-    """Copy `values` at a product of spans into `block`, the axis order[0] slowest. `offsets` is scratch."""
-    _, _, shape, _ = grid
-    offsets[0] = 0
-    size = 1
+def _spans(state, low, high, boxes, grid, spans):
+    """Spans of every interval around a state, and on each axis their union; `spans` is written, see `decide`."""
+    number, order, _, _ = boxes
+    lower, spacing, shape, periodic = grid
+    first, counts, near, far, begin, width, _, _ = spans
     for a in range(order.size):
         axis = order[a]
-        stride = 1
-        for later in range(axis + 1, shape.size):
-            stride *= shape[later]
-        nodes = counts[a]
-        for c in range(size - 1, -1, -1):  # from the back, so that no entry is overwritten before it is used
-            start = offsets[c]
-            for i in range(nodes - 1, -1, -1):
-                offsets[c * nodes + i] = start + (first[a] + i) % shape[axis] * stride
-        size *= nodes
-    for c in range(size):
-        block[c] = values[offsets[c]]
-
-
-@njit(cache=True)
-def _cut(block, first, counts, inner_first, inner_counts, begin, offsets, part):
-    """Copy from `block`, whose axes are those from `begin` on, the product of narrower spans into `part`."""
-    offsets[0] = 0
-    size = 1
-    for a in range(begin, counts.size):
-        nodes = inner_counts[a]
-        for c in range(size - 1, -1, -1):
-            start = offsets[c] * counts[a] + inner_first[a] - first[a]
-            for i in range(nodes - 1, -1, -1):
-                offsets[c * nodes + i] = start + i
-        size *= nodes
-    for c in range(size):
-        part[c] = block[offsets[c]]
-
-
-@njit(cache=True)
-def _reduce(block, counts, near, far, begin, end, rest):
-    """Maximum over intervals along the axes begin..end-1 of `block`, the leading ones, one after the other.
-
-    near, far: weights at the two ends of each span; rest: how many values the axes behind `end` have. In place.
-    """
-    size = rest
-    for a in range(begin, end):
-        size *= counts[a]
-    for a in range(begin, end):
-        nodes = counts[a]
-        size //= nodes
-        last = (nodes - 1) * size
-        for i in range(size):
-            value = (1.0 - near[a]) * block[i] + near[a] * block[size + i]
-            value = max(value, (1.0 - far[a]) * block[last - size + i] + far[a] * block[last + i])
-            for node in range(1, nodes - 1):
-                value = max(value, block[node * size + i])
-            block[i] = value
-
-
-@njit(cache=True)
-def _worst_values(state, values, low, high, order, shared, grid, scratch, wanted, out):
-    """out[j] = maximum of the interpolated `values` over the box state + [low[j], high[j]], for the wanted j.
-
-    The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side. low, high: (L, ndim); order:
-    the axes, first the `shared` ones whose interval is the same for all inputs, which are reduced once for all.
-    """
-    lower, spacing, shape, periodic = grid
-    block, part, near, far, offsets, first, counts = scratch
-    inputs, ndim = low.shape
-    whole = inputs  # the row of `first` and `counts` for the union over all wanted inputs
-    rest = 1
-    for a in range(ndim):
-        axis = order[a]
-        begin = 0
         end = 0
-        fresh = True
-        for j in range(inputs):
-            if not wanted[j] or (a < shared and not fresh):
-                continue
-            base, nodes, near[j, a], far[j, a] = _span(
-                state[axis] + low[j, axis],
-                state[axis] + high[j, axis],
+        for g in range(number[a]):
+            first[a, g], counts[a, g], near[a, g], far[a, g] = _span(
+                state[axis] + low[g, axis],
+                state[axis] + high[g, axis],
                 lower[axis],
                 spacing[axis],
                 shape[axis],
                 periodic[axis],
             )
-            first[j, a] = base
-            counts[j, a] = nodes
+            begin[a] = first[a, g] if g == 0 else min(begin[a], first[a, g])
+            end = max(end, first[a, g] + counts[a, g]) if g > 0 else first[a, g] + counts[a, g]
+        width[a] = end - begin[a]
+
+
+@njit(cache=True)
+def _gather(values, order, begin, width, shape, offsets, block):
+    """Copy flat `values` at the union of the spans to the front of `block`, the axis order[0] slowest."""
+    offsets[0] = 0
+    size = 1
+    for a in range(order.size - 1, -1, -1):
+        axis = order[a]
+        nodes = shape[axis]
+        stride = 1
+        for later in range(axis + 1, shape.size):
+            stride *= shape[later]
+        start = begin[a] % nodes
+        for i in range(width[a] - 1, -1, -1):  # the first copy last: all others read it
+            node = start + i
+            while node >= nodes:
+                node -= nodes
+            for c in range(size):
+                offsets[i * size + c] = offsets[c] + node * stride
+        size *= width[a]
+    for c in range(size):
+        block[c] = values[offsets[c]]
+
+
+@njit(cache=True, inline="always")
+def _reduce(block, source, target, nodes, rest, near, far):
+    """Maximum over an interval along the leading axis of block[source:] (nodes, rest), to block[target:] (rest,).
+
+    near and far: weight of the second node at the interval's low end, of the last node at its high end.
+    """
+    second = source + rest
+    last = source + (nodes - 1) * rest
+    for i in range(rest):
+        low = (1.0 - near) * block[source + i] + near * block[second + i]
+        high = (1.0 - far) * block[last - rest + i] + far * block[last + i]
+        block[target + i] = max(low, high)
+    for node in range(1, nodes - 1):
+        for i in range(rest):
+            block[target + i] = max(block[target + i], block[source + node * rest + i])
+
+
+@njit(cache=True)
+def _worst_values(values, boxes, shape, spans, offsets, block, out):
+    """out[j] = maximum of the interpolated `values` over the box of input j, whose spans are given.
+
+    The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side. Inputs come in an order in
+    which neighbours agree on the leading axes, and share the work there.
+    """
+    _, order, kinds, sequence = boxes
+    first, counts, near, far, begin, width, rest, source = spans
+    ndim = order.size
+    _gather(values, order, begin, width, shape, offsets, block)
+    rest[ndim - 1] = 1
+    for a in range(ndim - 1, 0, -1):
+        rest[a - 1] = rest[a] * width[a]
+    source[0] = 0  # where in `block` the values lie that axis order[a] is reduced from
+    for a in range(ndim):
+        source[a + 1] = source[a] + rest[a] * width[a]
+    for place in range(sequence.size):
+        j = sequence[place]
+        fresh = place == 0
+        for a in range(ndim):
+            g = kinds[j, a]
+            fresh = fresh or g != kinds[sequence[place - 1], a]
             if fresh:
-                near[whole, a] = near[j, a]
-                far[whole, a] = far[j, a]
-            begin = base if fresh else min(begin, base)
-            end = base + nodes if fresh else max(end, base + nodes)
-            fresh = False
-        first[whole, a] = begin
-        counts[whole, a] = end - begin
-        if a >= shared:
-            rest *= end - begin
-    _gather(values, order, first[whole], counts[whole], grid, offsets, block)
-    _reduce(block, counts[whole], near[whole], far[whole], 0, shared, rest)
-    for j in range(inputs):
-        if wanted[j]:
-            _cut(block, first[whole], counts[whole], first[j], counts[j], shared, offsets, part)
-            _reduce(part, counts[j], near[j], far[j], shared, ndim, 1)
-            out[j] = part[0]
+                start = source[a] + (first[a, g] - begin[a]) * rest[a]
+                _reduce(block, start, source[a + 1], counts[a, g], rest[a], near[a, g], far[a, g])
+        out[j] = block[source[ndim]]
 
 
 @njit(cache=True)
-def _raise_to_avoid(state, values, axes, grid, index, weight, wanted, out):
-    """out[j] = max(out[j], interpolated avoid tube of u_j), wanted j only; values (L, size of the subgrid of axes)."""
-    count = _corners(state, axes, grid, index, weight)
-    for j in range(out.size):
-        if wanted[j]:
-            out[j] = max(out[j], _interpolated(values[j], index, weight, count))
+def _marked(mask, index, count, marked):
+    """marked[j] = whether every node around a state marks u_j; `mask` (bytes, size) as in the look-up table."""
+    for byte in range(mask.shape[0]):
+        bits = np.uint8(255)
+        for c in range(count):
+            bits &= mask[byte, index[c]]
+        for j in range(8 * byte, min(8 * byte + 8, marked.size)):
+            marked[j] = (bits >> np.uint8(j - 8 * byte)) & 1
 
 
 @njit(cache=True)
-def _judge(wanted, margin, safe):
-    """safe[j] = wanted and margin <= 0; returns whether any is."""
+def _avoid_value(static, moving, j, index, weight, counts):
+    """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
+    still = _interpolated(static[j], index[0], weight[0], counts[0])
+    return max(still, _interpolated(moving[j], index[1], weight[1], counts[1]))
+
+
+@njit(cache=True)
+def _judge(margin, marked, static, moving, index, weight, counts, safe):
+    """safe[j] from the worst values in `margin`; see the docstring of `sdhj.controller`."""
     found = False
-    for j in range(wanted.size):
-        safe[j] = wanted[j] and margin[j] <= 0.0
+    for j in range(margin.size):
+        safe[j] = marked[j] and margin[j] <= 0.0  # marked at every node: so the interpolated avoid tube is <= 0 too
         found = found or safe[j]
-    return found
+    if found:
+        return
+    for j in range(margin.size):
+        safe[j] = margin[j] <= 0.0 and _avoid_value(static, moving, j, index, weight, counts) <= 0.0
+        found = found or safe[j]
+    if found:
+        return
+    for j in range(margin.size):
+        margin[j] = max(margin[j], _avoid_value(static, moving, j, index, weight, counts))
+    safe[np.argmin(margin)] = True
 
 
 @njit(cache=True, nogil=True)
@@ -247,16 +242,19 @@ def decide(states, step, table, reach, grid, scratch, out):
     ----------
     table : (steps, tubes (entries, size), masks (entries, bytes, size), static, static_axes, moving, moving_axes)
         Of the look-up table; static (L, size of its subgrid), moving (steps, L, size of its subgrid).
-    reach : (low, high (1 or M, L, ndim), order (ndim,), shared)
-        Where each input can take a state until the next sampling time, relative to it; see `_worst_values`.
-    scratch : (index, weight, everything, wanted, box)
-        Room to work in, from `sdhj.controller`; `everything` is np.arange(ndim).
+    reach : (low, high (1 or M, G, ndim), boxes)
+        Intervals on each axis, relative to the state, and which of them make up the box of states that each input can
+        lead to: boxes = (number (ndim,), order (ndim,), kinds (L, ndim), sequence (L,)). Axis order[a] has number[a]
+        different intervals and input j takes the one at kinds[j, a]; `sequence` sorts the inputs by `kinds`.
+    scratch : (index, weight, everything, avoid_index, avoid_weight, spans, offsets, block, marked)
+        Room to work in, from `sdhj.controller`.
     out : (to_go (M,), safe (M, L), margin (M, L))
-        To be written. to_go is -1 where no tube holds the state; margin is inf where it was not needed.
+        To be written. to_go is -1 where no tube holds the state; safe is False and margin inf there and at the last
+        step.
     """
     steps, tubes, masks, static, static_axes, moving, moving_axes = table
-    low, high, order, shared = reach
-    index, weight, everything, wanted, box = scratch
+    low, high, boxes = reach
+    index, weight, everything, avoid_index, avoid_weight, spans, offsets, block, marked = scratch
     to_go, safe, margin = out
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -272,21 +270,15 @@ def decide(states, step, table, reach, grid, scratch, out):
         if to_go[m] < 0 or step == steps:
             continue
         n = max(to_go[m], 1)  # in the target already: inputs that bring the state back into it
+        _marked(masks[here + n], index, count, marked)
         own = m if low.shape[0] > 1 else 0
-        marked = _marked(masks[here + n], index, count, wanted)
-        for attempt in range(2):  # the marked inputs first, all of them where none of those will do
-            if attempt == 1:
-                wanted[:] = True
-            elif marked == 0:
-                continue
-            ahead = tubes[following + n - 1]
-            _worst_values(state, ahead, low[own], high[own], order, shared, grid, box, wanted, margin[m])
-            _raise_to_avoid(state, static, static_axes, grid, index, weight, wanted, margin[m])
-            _raise_to_avoid(state, moving[step], moving_axes, grid, index, weight, wanted, margin[m])
-            if _judge(wanted, margin[m], safe[m]):
-                break
-        else:
-            safe[m, np.argmin(margin[m])] = True
+        _spans(state, low[own], high[own], boxes, grid, spans)
+        _worst_values(tubes[following + n - 1], boxes, grid[2], spans, offsets, block, margin[m])
+        counts = (
+            _corners(state, static_axes, grid, avoid_index[0], avoid_weight[0]),
+            _corners(state, moving_axes, grid, avoid_index[1], avoid_weight[1]),
+        )
+        _judge(margin[m], marked, static, moving[step], avoid_index, avoid_weight, counts, safe[m])
 
 
 @njit(cache=True, nogil=True)

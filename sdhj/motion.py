@@ -71,32 +71,15 @@ def displacements(problem: ReachAvoidProblem, states: FloatArray) -> FloatArray:
     return np.stack(moves, axis=1)
 
 
-def reachable_boxes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+def reachable_boxes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Boxes that hold the states at the end of one interval under each input and any adversary, relative to the states.
 
-    Exact where velocities do not depend on the state; else the adversary's gain is that at the start.
-
-    Returns
-    -------
-    low, high : (M, L, ndim) arrays, or (1, L, ndim) where they are the same for all states
-    order : (ndim,) int array
-        The axes, those first whose interval is the same for every input.
-    shared : int
-        How many axes those are; 0 where boxes depend on the state.
+    Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
+    velocities do not depend on the state; else the adversary's gain is that at the start.
     """
     dynamics = problem.dynamics
     if dynamics.constant:
         states = states[:1]
     centre = displacements(problem, states)
     spread = problem.delta * np.abs(dynamics.gain_at(states)) @ dynamics.bounds  # (M, ndim)
-    low, high = centre - spread[:, None], centre + spread[:, None]
-    same = np.zeros(problem.grid.ndim, dtype=bool)
-    if dynamics.constant:
-        same = (low == low[:, :1]).all(axis=(0, 1)) & (high == high[:, :1]).all(axis=(0, 1))
-    return low, high, np.argsort(~same, kind="stable"), int(same.sum())
-
-
-def block_size(grid: Grid, low: FloatArray, high: FloatArray) -> int:
-    """How many nodes, at most, the boxes of one state (all its inputs together) touch."""
-    cells = (high.max(axis=1) - low.min(axis=1)) / np.array(grid.spacing)
-    return int(np.prod(np.ceil(cells + 1e-6) + 2, axis=1).max())
+    return centre - spread[:, None], centre + spread[:, None]
