@@ -1,0 +1,88 @@
+"""Slow twin of the controller's kernel, in plain loops. Imports nothing from sdhj.
+
+A grid is the dictionary {lower, spacing, shape, periodic}, each with one entry for an axis.
+"""
+
+import itertools
+import math
+
+
+def position(q, axis, grid):
+    """The coordinate counted in cells from the first node, clipped at walls."""
+    p = (q - grid["lower"][axis]) / grid["spacing"][axis]
+    return p if grid["periodic"][axis] else min(max(p, 0.0), grid["shape"][axis] - 1.0)
+
+
+def node(i, axis, grid):
+    return i % grid["shape"][axis] if grid["periodic"][axis] else min(i, grid["shape"][axis] - 1)
+
+
+def surrounding(point, axes, grid):
+    """(weight, multi-index) of every node of the cell around a point that has a weight, on the subgrid of `axes`."""
+    found = []
+    for sides in itertools.product((0, 1), repeat=len(axes)):
+        weight, index = 1.0, []
+        for axis, side in zip(axes, sides, strict=True):
+            p = position(point[axis], axis, grid)
+            left = math.floor(p)
+            weight *= p - left if side else 1.0 - (p - left)
+            index.append(node(left + side, axis, grid))
+        if weight > 0.0:
+            found.append((weight, tuple(index)))
+    return found
+
+
+def interpolated(values, point, axes, grid):
+    return sum(weight * float(values[index]) for weight, index in surrounding(point, axes, grid))
+
+
+def largest_in_box(values, low, high, order, grid):
+    """Maximum over the box [low, high] taken one axis after the other, order[0] first, all others held at nodes."""
+
+    def reduced(done, index):
+        if done == 0:
+            return float(values[tuple(index)])
+        axis = order[done - 1]
+        first, last = position(low[axis], axis, grid), position(high[axis], axis, grid)
+        inner = range(math.ceil(first), math.floor(last) + 1)
+        candidates = []
+        for p in (first, last, *inner):
+            left = math.floor(p)
+            value = 0.0
+            for weight, i in ((1.0 - (p - left), left), (p - left, left + 1)):
+                if weight > 0.0:
+                    index[axis] = node(i, axis, grid)
+                    value += weight * reduced(done - 1, index)
+            candidates.append(value)
+        return max(candidates)
+
+    return reduced(len(order), [0] * len(order))
+
+
+def decide(q, tubes, following, marks, boxes, order, avoid, grid):
+    """Steps to go (None where not admissible), safe inputs and margins at one state.
+
+    Parameters
+    ----------
+    tubes : list of arrays, S_k with 0, 1, ... steps to go
+    following : list of arrays, S_{k+1} with 0, 1, ... steps to go; empty at the last step
+    marks : list of bool arrays (*shape, L), which inputs each node marks, for each n
+    boxes : list of (low, high), the corners of the box of states that each input can lead to
+    avoid : list of (axes, values (L, *shape of those axes))
+    """
+    axes = list(range(len(q)))
+    to_go = next((n for n, tube in enumerate(tubes) if interpolated(tube, q, axes, grid) <= 0.0), None)
+    if to_go is None or not following:
+        return to_go, [], []
+    n = max(to_go, 1)
+    inputs = range(len(boxes))
+    margins = [largest_in_box(following[n - 1], low, high, order, grid) for low, high in boxes]
+    nodes = [index for _, index in surrounding(q, axes, grid)]
+    marked = [all(marks[n][index][j] for index in nodes) for j in inputs]
+    hazard = [max(interpolated(values[j], q, axes, grid) for axes, values in avoid) for j in inputs]
+    first = [j for j in inputs if marked[j] and margins[j] <= 0.0]
+    second = [j for j in inputs if margins[j] <= 0.0 and hazard[j] <= 0.0]
+    if first or second:
+        return to_go, first or second, margins
+    both = [max(margin, h) for margin, h in zip(margins, hazard, strict=True)]
+    return to_go, [both.index(min(both))], both

@@ -1,0 +1,332 @@
+"""The feedback controller: against its slow twin, against the table at the nodes, its rules and its guards."""
+
+import threading
+import time
+from dataclasses import replace
+from functools import cache
+
+import naive_controller
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj.controller import CHUNK, RULES, Controller
+from sdhj.motion import reachable_boxes
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import AvoidTubes, LookupTable
+
+DOUBLE = sdhj.Scheme(dtype="float64")
+FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
+
+
+def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
+    return sdhj.solve(problem, method=method, scheme=DOUBLE, progress=False)
+
+
+@cache
+def free_table() -> LookupTable:
+    return solved(FREE)
+
+
+@pytest.fixture(scope="module")
+def tables() -> dict[str, LookupTable]:
+    """Tables in one to four dimensions: walls and periodic axes, moving sets, velocities that depend on the state."""
+    return {
+        "interval": solved(toys.interval_problem(nodes=41, rate=-0.3)),
+        "free": free_table(),
+        "torus": solved(toys.torus_problem()),
+        "unicycle": solved(toys.unicycle_problem(nodes=(9, 9, 8), steps=2), "hji"),
+        "arm": solved(sdhj.arm_case_study(nodes=9, steps=3), "hji"),
+    }
+
+
+def random_states(problem: ReachAvoidProblem, count: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(problem.grid.lower, problem.grid.upper, (count, problem.grid.ndim))
+
+
+def admissible_states(table: LookupTable, count: int, rng: np.random.Generator, step: int = 0) -> np.ndarray:
+    states = random_states(table.problem, 200 * count, rng)
+    found = states[table.contains(states, start=step, within=table.steps)][:count]
+    assert len(found) == count
+    return found
+
+
+def twin(table: LookupTable, q: np.ndarray, step: int) -> tuple[int | None, list[int], list[float]]:
+    """What the slow twin says; the boxes are worked out here, from Eq. (1)."""
+    problem, grid = table.problem, table.grid
+    dynamics, left = problem.dynamics, table.steps - step
+    boxes = []
+    for j in range(len(problem.inputs)):
+        middle = problem.grid.lower, problem.grid.upper
+        half = q + problem.delta / 2 * dynamics.drift_at(q[None], j)[0]
+        held = np.where(grid.periodic, half, np.clip(half, *middle))
+        centre = q + problem.delta * dynamics.drift_at(held[None], j)[0]
+        spread = problem.delta * np.abs(dynamics.gain_at(q[None])[0]) @ dynamics.bounds
+        boxes.append((centre - spread, centre + spread))
+    kinds = [len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high in boxes}) for axis in range(grid.ndim)]
+    order = sorted(range(grid.ndim), key=lambda axis: kinds[axis] if dynamics.constant else axis)
+    avoid = [(table.avoid.static_axes, table.avoid.static)]
+    if step < table.steps:
+        avoid.append((table.avoid.moving_axes, table.avoid.moving[step]))
+    return naive_controller.decide(
+        q,
+        [table.value_array(step, n) for n in range(left + 1)],
+        [table.value_array(step + 1, n) for n in range(left)],
+        [table.inputs(start=step, within=n) for n in range(left + 1)],
+        boxes,
+        order,
+        avoid,
+        {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic},
+    )
+
+
+@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm"])
+def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
+    table = tables[name]
+    controller = Controller(table)
+    seen = set()
+    for step in range(table.steps + 1):
+        states = random_states(table.problem, 60, rng)
+        batch = controller.batch(states, step)
+        for m, q in enumerate(states):
+            to_go, safe, margins = twin(table, q, step)
+            assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
+            assert np.flatnonzero(batch.safe[m]).tolist() == safe
+            if safe:
+                # products and sums of a few dozen float64 numbers of order one, in another order
+                np.testing.assert_allclose(batch.margins[m], margins, rtol=0, atol=1e-12)
+            else:
+                assert np.isposinf(batch.margins[m]).all()
+            seen.add(to_go)
+    assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
+
+
+def test_all_three_tests_of_an_input_decide_somewhere(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
+    """Marked and ahead, ahead only, and neither: the cases that the twin is compared on all occur on the arm."""
+    table = tables["arm"]
+    states = admissible_states(table, 300, rng)
+    batch = Controller(table).batch(states, 0)
+    least = np.where(batch.safe, batch.margins, np.inf).min(axis=1)
+    cells = np.floor((states - table.grid.lower) / table.grid.spacing).astype(int)
+    marked = np.zeros_like(batch.safe)
+    for m in range(len(states)):
+        inputs = table.inputs(start=0, within=max(batch.steps_to_go[m], 1))
+        block = np.ix_(*((cells[m, a] + np.arange(2)) % table.grid.shape[a] for a in range(4)))
+        marked[m] = inputs[block].reshape(-1, len(table.problem.inputs)).all(axis=0)
+    agreed = (batch.safe & marked).any(axis=1) & (least <= 0)
+    assert agreed.any() and (~agreed & (least <= 0)).any() and (least > 0).any()
+
+
+def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks() -> None:
+    """With the Hopf-Lax table the look-ahead is the very operator that marked the nodes: nothing may differ there."""
+    table = solved(toys.torus_problem())
+    controller = Controller(table)
+    nodes = table.grid.points()
+    for step in range(table.steps):
+        batch = controller.batch(nodes, step)
+        for n in range(1, table.steps - step + 1):
+            rows = batch.steps_to_go == n
+            assert rows.any()
+            marks = table.inputs(start=step, within=n).reshape(len(nodes), -1)[rows]
+            np.testing.assert_array_equal(batch.safe[rows], marks)
+
+
+def test_closed_form_on_an_interval() -> None:
+    """Tube: |q| <= 1 + 0.4 n, the wall cuts it; from the left, only u = +1 makes progress at its edge."""
+    controller = Controller(solved(toys.interval_problem(steps=4)))
+    for q, n in ((0.5, 0), (-1.05, 1), (-1.39, 1), (-1.41, 2), (-2.59, 4), (2.35, 4), (1.79, 2)):
+        assert controller.steps_to_go([q], 0) == n
+    assert controller.steps_to_go([-2.61], 0) is None
+    assert controller.steps_to_go([-1.41], 3) is None  # one step left reaches to -1.4
+    assert controller.safe_inputs([-1.39], 0).tolist() == [2]
+    assert controller.safe_inputs([1.39], 0).tolist() == [0]
+    # -1.05: u = 0 ends in [-1.15, -0.95], u = 1 in [-0.65, -0.45], u = -1 farther out
+    assert controller.safe_inputs([-1.05], 0).tolist() == [2]
+    # in the target: every input that certainly stays in it
+    assert controller.safe_inputs([0.0], 0).tolist() == [0, 1, 2]
+    assert controller.safe_inputs([0.7], 0).tolist() == [0, 1]
+
+
+def test_reachable_boxes_are_exact_for_constant_velocities() -> None:
+    problem = toys.interval_problem()
+    low, high = reachable_boxes(problem, np.zeros((7, 1)))
+    np.testing.assert_allclose(low[..., 0], [[-0.6, -0.1, 0.4]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(high[..., 0], [[-0.4, 0.1, 0.6]], rtol=0, atol=1e-15)
+
+
+def test_one_state_and_a_batch_over_several_threads_agree(
+    tables: dict[str, LookupTable], rng: np.random.Generator
+) -> None:
+    controller = Controller(tables["torus"])
+    states = random_states(controller.problem, 2 * CHUNK + 100, rng)
+    batch = controller.batch(states, 1)
+    chosen = controller.choose(batch)
+    for m in (0, 1, 2, CHUNK - 1, CHUNK, 2 * CHUNK, len(states) - 1):
+        n = controller.steps_to_go(states[m], 1)
+        assert batch.steps_to_go[m] == (-1 if n is None else n)
+        if n is None:
+            assert chosen[m] == -1 and not batch.safe[m].any()
+        else:
+            assert controller.safe_inputs(states[m], 1).tolist() == np.flatnonzero(batch.safe[m]).tolist()
+            assert controller.select(states[m], 1) == chosen[m]
+    assert (chosen >= 0).any() and (chosen < 0).any()
+    assert controller.batch(np.zeros((0, 2)), 0).steps_to_go.shape == (0,)
+    assert Controller(tables["unicycle"]).batch(np.zeros((0, 3)), 0).safe.shape == (0, 3)
+
+
+def test_a_state_is_the_same_a_turn_later(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
+    controller = Controller(tables["arm"])
+    turns = 2 * np.pi * np.array([1.0, -2.0, 0.0, 0.0])
+    for q in admissible_states(tables["arm"], 20, rng):
+        assert controller.steps_to_go(q, 0) == controller.steps_to_go(q + turns, 0)
+        assert controller.select(q, 0) == controller.select(q + turns, 0)
+
+
+def test_a_query_may_run_beside_a_solve(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
+    controller = Controller(tables["arm"])
+    states = admissible_states(tables["arm"], 50, rng)
+    alone = [controller.select(q, 0) for q in states]
+    problem = sdhj.arm_case_study(nodes=11, steps=3)
+    worker = threading.Thread(target=lambda: sdhj.solve(problem, progress=False))
+    worker.start()
+    beside = 0
+    while worker.is_alive():
+        assert [controller.select(q, 0) for q in states] == alone
+        with pytest.raises(sdhj.NotAdmissible):
+            controller.select([0.0, 0.0, 0.3, 0.3], 3)
+        beside += 1
+        time.sleep(0.001)
+    assert beside > 0
+
+
+# ---- rules
+
+
+def test_rules_take_the_best_of_the_safe_inputs(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
+    table = tables["arm"]
+    problem, step = table.problem, 1
+    states = admissible_states(table, 40, rng)
+    states = states[table.contains(states, start=step, within=table.steps)]
+    end = problem.time(step + 1)
+    chosen = {rule: Controller(table, rule).choose(Controller(table).batch(states, step)) for rule in RULES}
+    for m, q in enumerate(states):
+        safe = Controller(table).safe_inputs(q, step)
+        margins = Controller(table).batch(q[None], step).margins[0]
+        after = q + problem.delta * problem.dynamics.drift[safe]
+        scores = {
+            "deepest": margins[safe],
+            "effort": np.hypot(*problem.inputs[safe].T),
+            "target": problem.target_value(after, end),
+            "clearance": -problem.unsafe_value(after, end),
+        }
+        for rule in RULES:
+            j = chosen[rule][m]
+            assert j in safe
+            assert scores[rule][safe.tolist().index(j)] == scores[rule].min()
+            assert Controller(table, rule).select(q, step) == j
+    assert any((chosen["deepest"] != chosen[rule]).any() for rule in RULES[1:])
+
+
+def test_equals_go_to_the_deeper_one() -> None:
+    """At q = 0.1 in the target both moves cost the same effort; the one towards the middle is deeper."""
+    problem = toys.interval_problem(steps=2, unsafe=False)
+    moves = replace(problem.dynamics, inputs=[[-1.0], [1.0]], drift=[[-1.0], [1.0]])
+    controller = Controller(solved(replace(problem, dynamics=moves)), "effort")
+    assert controller.select([0.1], 0) == 0 and controller.select([-0.1], 0) == 1
+
+
+def test_own_rule_sees_the_choice_and_decides() -> None:
+    seen = []
+
+    def last(choice: sdhj.controller.Choice) -> int:
+        seen.append(choice)
+        return int(choice.candidates[-1])
+
+    controller = Controller(free_table(), last)
+    assert controller.select([0.0], 1) == 2
+    (choice,) = seen
+    assert choice.step == 1 and choice.steps_to_go == 0 and choice.problem is FREE
+    assert choice.state.tolist() == [0.0] and choice.candidates.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(choice.margins, [-0.4, -0.9, -0.4], atol=1e-12)  # |q| - 1 at 0.6, 0.1 and 0.6
+    batch = controller.batch(np.array([[0.0], [3.9], [0.7]]), 1)
+    assert controller.choose(batch).tolist() == [2, -1, 1]
+
+
+def test_own_rule_must_return_a_candidate() -> None:
+    with pytest.raises(ValueError, match=r"rule returned 2, not one of choice.candidates, here \[0, 1\]"):
+        Controller(free_table(), lambda choice: 2).select([0.7], 0)
+
+
+# ---- guards
+
+
+def test_unknown_rule() -> None:
+    with pytest.raises(ValueError, match=r"deepest, effort, target, clearance.*'boldest'"):
+        Controller(free_table(), "boldest")
+
+
+def test_not_admissible_names_state_step_and_remedy() -> None:
+    controller = Controller(free_table())
+    for ask in (controller.safe_inputs, controller.select):
+        with pytest.raises(
+            sdhj.NotAdmissible, match=r"state \[3\.9\] .* step 1: .*within 2 steps .*value.*choose a state"
+        ):
+            ask([3.9], 1)
+        with pytest.raises(sdhj.NotAdmissible, match=r"state \[4\.1\] .* off the grid"):
+            ask([4.1], 1)
+    assert issubclass(sdhj.NotAdmissible, ValueError)
+    assert controller.steps_to_go([3.9], 1) is None and controller.steps_to_go([4.1], 1) is None
+    assert controller.steps_to_go([1e300], 1) is None
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_state_must_be_finite(bad: float) -> None:
+    controller = Controller(free_table())
+    for ask in (controller.steps_to_go, controller.safe_inputs, controller.select):
+        with pytest.raises(ValueError, match="NaN or an infinity"):
+            ask([bad], 0)
+    with pytest.raises(ValueError, match="NaN or an infinity"):
+        controller.batch([[0.0], [bad]], 0)
+
+
+@pytest.mark.parametrize("bad", [0.0, [0.0, 0.0], [[0.0]]])
+def test_state_must_have_the_grid_s_shape(bad: object) -> None:
+    with pytest.raises(ValueError, match=r"shape \(1,\)"):
+        Controller(free_table()).select(bad, 0)
+
+
+@pytest.mark.parametrize("bad", [[0.0], [[0.0, 0.0]]])
+def test_batch_must_have_the_grid_s_shape(bad: object) -> None:
+    with pytest.raises(ValueError, match=r"shape \(M, 1\)"):
+        Controller(free_table()).batch(bad, 0)
+
+
+@pytest.mark.parametrize("bad", [-1, 4, 0.5, np.nan, True, "0", None])
+def test_step_must_be_one_of_the_problem_s(bad: object) -> None:
+    with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
+        Controller(free_table()).steps_to_go([0.0], bad)
+
+
+def test_the_last_step_has_no_inputs() -> None:
+    controller = Controller(free_table())
+    assert controller.steps_to_go([0.0], np.int64(3)) == 0
+    assert controller.safe_inputs([0.0], 3).size == 0
+    with pytest.raises(ValueError, match="step 3 is the last"):
+        controller.select([0.0], 3)
+    with pytest.raises(sdhj.NotAdmissible, match="step 3"):
+        controller.select([1.1], 3)
+
+
+def test_rules_report_a_level_set_that_is_not_a_number() -> None:
+    table = free_table()
+    broken = replace(FREE.target, level_set=lambda p, t: np.where(t == 0.5, np.nan, np.abs(p[:, 0]) - 1.0))
+    problem = replace(FREE, delta=0.5)
+    object.__setattr__(problem, "target", broken)
+    with pytest.raises(ValueError, match="rule 'target' met a NaN"):
+        Controller(replace(table, problem=problem), "target").select([0.0], 0)
+
+
+def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
+    avoid = free_table().avoid
+    assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
