@@ -1,0 +1,156 @@
+"""Cells of a certified set, axis by axis, in exact arithmetic.
+
+A certificate must not depend on how a machine rounds 0.3 * 0.1. So the numbers of a problem are read as the decimals
+they are written as, and cells, velocities and images are `Fraction`s. Where cells are a whole fraction of what the
+disturbance moves the state in one interval, the image of a cell is a whole number of cells and nothing is lost to
+rounding it outward: `aligned_width` picks such cells.
+
+A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, the cells are whole
+from the lower end on, and the last one, the *seam cell*, is what is left. Comparisons that the interval leaves open are
+answered outward.
+"""
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+IndexArray = NDArray[np.int64]
+
+EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
+
+
+def exact(value: float) -> Fraction:
+    """The decimal that `value` is written as: 0.3 means three tenths."""
+    return Fraction(repr(float(value)))
+
+
+def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
+    """An interval that holds the period upper - lower; a point where both ends are short decimals."""
+    period = exact(upper) - exact(lower)
+    digits = max(len(repr(float(end)).split("e")[0].lstrip("-0.").replace(".", "")) for end in (lower, upper))
+    doubt = period / 2**49 if digits > EXACT_DIGITS else Fraction(0)
+    return period - doubt, period + doubt
+
+
+@dataclass(frozen=True)
+class CellAxis:
+    """The cells of one axis: [lower + i * width, lower + (i + 1) * width], the last one cut at the upper end.
+
+    Parameters
+    ----------
+    lower : Fraction
+        Where the first cell begins.
+    extent : (Fraction, Fraction)
+        Bounds on the length of the axis; equal where the length is known exactly.
+    width : Fraction
+    periodic : bool
+    """
+
+    lower: Fraction
+    extent: tuple[Fraction, Fraction]
+    width: Fraction
+    periodic: bool
+
+    def __post_init__(self) -> None:
+        if not 0 < self.width <= self.extent[0]:
+            raise ValueError(
+                f"cells of width {float(self.width):g} do not fit an axis of length {float(self.extent[0]):g}"
+            )
+        if not self.periodic and self.extent[0] != self.extent[1]:
+            raise ValueError("the length of a bounded axis must be known exactly")
+        if (self.count - 1) * self.width >= self.extent[0]:
+            raise ValueError(
+                "the last cell is narrower than the doubt about the period; choose another number of cells"
+            )
+
+    @property
+    def count(self) -> int:
+        """How many cells there are."""
+        return math.ceil(self.extent[1] / self.width)
+
+    def edges(self) -> NDArray[np.float64]:
+        """Edges of the cells, shape (count + 1,), each rounded to the nearest float."""
+        inner = [float(self.lower + i * self.width) for i in range(self.count)]
+        return np.array([*inner, float(self.lower + (self.extent[0] + self.extent[1]) / 2)])
+
+    def shares(self) -> NDArray[np.float64]:
+        """Each cell's share of the length of the axis, shape (count,)."""
+        lengths = np.full(self.count, float(self.width))
+        lengths[-1] = float(sum(self.extent) / 2 - (self.count - 1) * self.width)
+        return lengths / lengths.sum()
+
+    def image(self, slow: Fraction, fast: Fraction, duration: Fraction) -> tuple[IndexArray, IndexArray]:
+        """Which cells cover everything reachable from each cell when the velocity stays in [slow, fast].
+
+        Returns
+        -------
+        first, number : (count,) int64
+            Cell i ends up inside the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`. At
+            the ends of a bounded axis the velocity is clipped.
+        """
+        covers = [self._cover(i, slow * duration, fast * duration) for i in range(self.count)]
+        first = np.array([start % self.count for start, _ in covers], dtype=np.int64)
+        number = np.array([min(stop - start, self.count) for start, stop in covers], dtype=np.int64)
+        return first, number
+
+    def _cover(self, cell: int, back: Fraction, ahead: Fraction) -> tuple[int, int]:
+        """First and last + 1 of the cells, counted on over laps, that cover cell + [back, ahead]."""
+        low, high = cell * self.width + back, (cell + 1) * self.width + ahead
+        if self.periodic:
+            # the seam cell ends at the period, that is at 0 of the next lap
+            end = (ahead, 1) if cell == self.count - 1 else (high, 0)
+            return self._edge_below(low), self._edge_above(*end)
+        length = self.extent[0]
+        low, high = (
+            min(max(low, Fraction(0)), length),
+            min(max(min((cell + 1) * self.width, length) + ahead, Fraction(0)), length),
+        )
+        start = min(math.floor(low / self.width), self.count - 1)
+        return start, max(math.ceil(high / self.width), start + 1)
+
+    def _laps(self, laps: int) -> tuple[Fraction, Fraction]:
+        """Bounds on the length of some laps, which may be negative."""
+        ends = (laps * self.extent[0], laps * self.extent[1])
+        return min(ends), max(ends)
+
+    def _edge_below(self, offset: Fraction) -> int:
+        """The greatest edge that is surely not above `offset`, counted on over laps of `count` edges."""
+        lap = math.floor(offset / self.extent[0]) + 1
+        while self._laps(lap)[1] > offset:
+            lap -= 1
+        inside = math.floor((offset - self._laps(lap)[1]) / self.width)
+        return lap * self.count + min(inside, self.count - 1)
+
+    def _edge_above(self, offset: Fraction, lap_of_offset: int) -> int:
+        """The least edge that is surely not below `offset` on a lap, counted on over laps of `count` edges."""
+        lap = lap_of_offset + math.floor(offset / self.extent[0]) - 1
+        while offset + self._laps(lap_of_offset - lap - 1)[1] > 0:
+            lap += 1
+        inside = math.ceil((offset + self._laps(lap_of_offset - lap)[1]) / self.width)
+        return lap * self.count + min(max(inside, 0), self.count)
+
+
+def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
+    """A cell width that divides every length in `moves` (and `extent` where `whole`), near `wish` cells in all.
+
+    Where the lengths have no common measure that gives a sensible number of cells, extent / wish: sound as well, but
+    every image is rounded out to whole cells.
+    """
+    lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
+    if not lengths:
+        return extent / wish
+    measure = lengths[0]
+    for length in lengths[1:]:
+        measure = common_measure(measure, length)
+    parts = round(measure * wish / extent)
+    if parts < 1 and measure * wish * 2 < extent:
+        return extent / wish
+    return measure / max(parts, 1)
+
+
+def common_measure(a: Fraction, b: Fraction) -> Fraction:
+    """The greatest length of which both a and b are whole multiples."""
+    return Fraction(math.gcd(a.numerator * b.denominator, b.numerator * a.denominator), a.denominator * b.denominator)

@@ -1,0 +1,363 @@
+"""Certified sets of any problem, by bounds that its author states.
+
+Reach boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, let every component of the velocity
+f(x, u_j) + g(x) v change with the state by at most A |x - y| (A a matrix of non-negative numbers, the same for every
+input and every |v| <= bounds), and let |g(c) v| <= w. Over a time T the state moves away from c by at most r with
+
+    r = h + T (|f(c, u_j)| + w + A r),
+
+so its velocity is within A r + w of f(c, u_j) throughout, and the box moves with it. The interval is cut into parts so
+that A r stays small. Nothing is integrated and no step is approximate. Walls only hold the state back: a box is cut
+at them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified_arm import pack, velocity_bounds
+from sdhj.certified_cells import CellAxis, exact
+from sdhj.certified_kernels import SLACK, Cells, cells_at, covered, pick, row_and_bit
+from sdhj.grid import FloatArray
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import entry
+
+ROUNDING = 1e-9  # what is granted to the rounding of a user's function, relative to its value or absolute below one
+
+
+@dataclass(frozen=True)
+class LipschitzBounds:
+    """How fast a problem's functions can change with the state.
+
+    Parameters
+    ----------
+    dynamics : (ndim, ndim) array, optional
+        dynamics[i, k] >= |d/dx_k (drift_i + sum_d gain_id v_d)| everywhere, for every input and |v_d| <= bounds_d. Not
+        needed (zero) where the dynamics do not depend on the state.
+    sets : mapping from the name of a set to a sequence of float
+        For the target and each unsafe set: a bound on |d(level set)/dx| for each of its axes.
+    """
+
+    dynamics: FloatArray | None = None
+    sets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    def matrix(self, problem: ReachAvoidProblem) -> FloatArray:
+        """`dynamics`, checked, (ndim, ndim)."""
+        ndim = problem.grid.ndim
+        if self.dynamics is None:
+            if problem.dynamics.constant:
+                return np.zeros((ndim, ndim))
+            raise ValueError(
+                f"the dynamics of {problem.name!r} depend on the state: give LipschitzBounds(dynamics=...), how fast"
+            )
+        matrix = np.asarray(self.dynamics, dtype=np.float64)
+        if matrix.shape != (ndim, ndim) or not np.isfinite(matrix).all() or (matrix < 0).any():
+            raise ValueError(f"dynamics of LipschitzBounds must be a ({ndim}, {ndim}) matrix of finite numbers >= 0")
+        return matrix
+
+    def of(self, name: str, axes: Sequence[int]) -> FloatArray:
+        """The bounds of one set, checked, (len(axes),)."""
+        if name not in self.sets:
+            raise ValueError(
+                f"no Lipschitz bounds for the set {name!r}: give LipschitzBounds(sets={{{name!r}: [...]}})"
+            )
+        bounds = np.asarray(self.sets[name], dtype=np.float64)
+        if bounds.shape != (len(axes),) or not np.isfinite(bounds).all() or (bounds < 0).any():
+            raise ValueError(f"the bounds of the set {name!r} must be {len(axes)} finite numbers >= 0, got {bounds}")
+        return bounds
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes with centres and half-widths, each (M, ndim), over a time [begin, end] of the interval."""
+
+    centre: FloatArray
+    half: FloatArray
+    begin: float
+    end: float
+
+
+class Reach:
+    """What can be reached from boxes within one interval: the boxes of each part, and the last one."""
+
+    def __init__(self, problem: ReachAvoidProblem, matrix: FloatArray, parts: int) -> None:
+        self.problem, self.matrix, self.parts = problem, matrix, parts
+        self.time = problem.delta / parts
+        system = np.eye(len(matrix)) - self.time * matrix
+        if (self.time * matrix).sum(axis=1).max() > 0.5:  # the inverse is non-negative below 1
+            raise ValueError("the dynamics change too fast for this interval: use more parts")
+        self.inverse = np.linalg.inv(system)
+        self.walls = [axis for axis, periodic in enumerate(problem.grid.periodic) if not periodic]
+
+    def run(self, low: FloatArray, high: FloatArray, j: int) -> tuple[list[Boxes], FloatArray, FloatArray]:
+        """Tube (a `Boxes` for each part) and image (low, high) of boxes low..high (M, ndim) under input j."""
+        tube = []
+        for part in range(self.parts):
+            slow, fast = self._velocities((low + high) / 2, (high - low) / 2, j)
+            after_low, after_high = self._held(low + self.time * slow), self._held(high + self.time * fast)
+            least, most = np.minimum(low, after_low), np.maximum(high, after_high)
+            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * self.time, (part + 1) * self.time))
+            low, high = after_low, after_high
+        return tube, low, high
+
+    def _velocities(self, centre: FloatArray, half: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+        """Bounds on the velocity over one part from boxes, each (M, ndim)."""
+        dynamics = self.problem.dynamics
+        inside = self._wrapped(centre)
+        drift = dynamics.drift_at(inside, j)
+        push = np.abs(dynamics.gain_at(inside)) @ dynamics.bounds
+        push = push + ROUNDING * (1.0 + np.abs(drift) + push)
+        away = (half + self.time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ROUNDING)
+        slack = away @ self.matrix.T + push
+        return drift - slack, drift + slack
+
+    def _wrapped(self, points: FloatArray) -> FloatArray:
+        """Points with periodic coordinates on the grid, where the user's functions are defined."""
+        grid = self.problem.grid
+        points = points.copy()
+        for axis, periodic in enumerate(grid.periodic):
+            if periodic:
+                points[:, axis] = grid.lower[axis] + np.mod(
+                    points[:, axis] - grid.lower[axis], grid.upper[axis] - grid.lower[axis]
+                )
+        return points
+
+    def _held(self, points: FloatArray) -> FloatArray:
+        """Points cut at the walls of bounded axes."""
+        grid = self.problem.grid
+        for axis in self.walls:
+            points[:, axis] = np.clip(points[:, axis], grid.lower[axis], grid.upper[axis])
+        return points
+
+    def least(self, part: Any, boxes: Boxes, bounds: FloatArray, begin: float, rate: float) -> FloatArray:
+        """Lower bound of a level-set function over boxes and their times, (M,)."""
+        axes = list(part.axes)
+        middle = begin + (boxes.begin + boxes.end) / 2
+        value = np.asarray(part.level_set(self._wrapped(boxes.centre)[:, axes], middle), dtype=np.float64)
+        return (
+            value
+            - boxes.half[:, axes] @ bounds
+            - rate * (boxes.end - boxes.begin) / 2
+            - ROUNDING * (1.0 + np.abs(value))
+        )
+
+
+@dataclass(frozen=True)
+class GeneralProof:
+    """Which inputs are certified in which cells, for a problem without special geometry.
+
+    Attributes
+    ----------
+    masks : (entries, bytes, cells) uint8
+        Bit j % 8 of byte j // 8: the input u_j is certified for the cell.
+    rows : int
+        Leading axes that number the blocks of the packed sets: all but the last.
+    matrix, sets : the checked `LipschitzBounds`
+    parts : int
+        Parts of the interval.
+    count : int
+        L, how many inputs there are.
+    """
+
+    masks: FloatArray
+    rows: int
+    matrix: FloatArray
+    sets: Mapping[str, FloatArray]
+    parts: int
+    count: int
+    kind = "general"
+
+    @classmethod
+    def prepare(
+        cls, problem: ReachAvoidProblem, axes: Sequence[CellAxis], bounds: LipschitzBounds | None, parts: int
+    ) -> "GeneralProof":
+        """Check the bounds and make room."""
+        bounds = LipschitzBounds() if bounds is None else bounds
+        sets = {part.name: bounds.of(part.name, part.axes) for part in problem.unsafe}
+        sets[problem.target.name] = bounds.of(problem.target.name, problem.target.axes)
+        entries = entry(problem.steps, problem.steps, 0) + 1
+        size = int(np.prod([axis.count for axis in axes], dtype=np.int64))
+        masks = np.zeros((entries, -(-len(problem.inputs) // 8), size), np.uint8)
+        return cls(masks, len(axes) - 1, bounds.matrix(problem), sets, parts, len(problem.inputs))
+
+    def recursion(
+        self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], progress: bool | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Index and pool of all S_k^n; fills `masks`."""
+        return GeneralRecursion(problem, axes, self).run(progress)
+
+    def inputs_of(
+        self,
+        state: FloatArray,
+        step: int,
+        cells: Cells,
+        index: FloatArray,
+        place: int,
+        following: int,
+        pool: FloatArray,
+    ) -> FloatArray:
+        """Which inputs are certified for one state (ndim,), bool (L,)."""
+        return self.inputs_of_many(state[None], step, cells, index, place, following, pool)[0]
+
+    def inputs_of_many(
+        self,
+        states: FloatArray,
+        step: int,
+        cells: Cells,
+        index: FloatArray,
+        place: int,
+        following: int,
+        pool: FloatArray,
+    ) -> FloatArray:
+        """Which inputs are certified for states (M, ndim), bool (M, L)."""
+        masks = self.masks[place]
+        found, cell = np.empty((2, states.shape[1]), np.int64), np.empty(states.shape[1], np.int64)
+        out = np.zeros((len(states), masks.shape[0]), np.uint8)
+        for m, state in enumerate(states):
+            if cells_at(state, cells, found):
+                for choice in range(1 << cell.size):
+                    if pick(found, choice, cell):
+                        row, bit = row_and_bit(cell, cells)
+                        out[m] |= masks[:, row * cells.counts[-1] + bit]
+        return np.unpackbits(out, axis=1, count=self.count, bitorder="little").view(np.bool_)
+
+    def save(self, group: h5py.Group) -> None:
+        """Write the inputs and the bounds that they rest on."""
+        group.attrs["parts"] = self.parts
+        group["matrix"] = self.matrix
+        for name, bounds in self.sets.items():
+            group[f"sets/{name}"] = bounds
+        group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
+
+    @classmethod
+    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> "GeneralProof":
+        """Read what `save` wrote."""
+        sets = {name: data[()] for name, data in group["sets"].items()}
+        count = len(problem.inputs)
+        return cls(group["masks"][()], len(axes) - 1, group["matrix"][()], sets, int(group.attrs["parts"]), count)
+
+
+class GeneralRecursion:
+    """Theorem 2 on cells of any shape, one bool for each."""
+
+    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], proof: GeneralProof) -> None:
+        self.problem, self.axes, self.proof = problem, tuple(axes), proof
+        self.shape = np.array([axis.count for axis in axes], dtype=np.int64)
+        edges = [axis.edges() for axis in axes]
+        self.low, self.high = (mesh([own[side : own.size - 1 + side] for own in edges]) for side in (0, 1))
+        self.reach = Reach(problem, proof.matrix, proof.parts)
+
+    def run(self, progress: bool | None) -> tuple[FloatArray, FloatArray]:
+        """Index and pool of all sets."""
+        steps, count = self.problem.steps, len(self.problem.inputs)
+        index, chunks = [], [np.zeros((1, -(-int(self.shape[-1]) // 64)), np.uint64)]
+        sets: list[FloatArray] = []
+        with tqdm(
+            total=count + steps * (steps + 1) // 2, desc="certified", disable=None if progress is None else not progress
+        ) as bar:
+            images, clear = self._intervals(bar)
+            for step in range(steps, -1, -1):
+                row = [self.goal(step)]
+                for within in range(1, steps - step + 1):
+                    row.append(self._add_step(row[-1], sets[within - 1], step, within, images, clear))
+                    bar.update()
+                sets = row
+                blocks, places = packed(row, self.shape, sum(len(chunk) for chunk in chunks))
+                chunks.append(blocks)
+                index.append(places)
+        return np.concatenate(index[::-1]), np.concatenate(chunks)
+
+    def _intervals(self, bar: Any) -> tuple[list[tuple[FloatArray, FloatArray]], FloatArray]:
+        """For each input the cells that cover each image, and where the tube is clear: (steps, L, cells)."""
+        problem = self.problem
+        clear = np.ones((problem.steps, len(problem.inputs), len(self.low)), np.bool_)
+        images = []
+        for j in range(len(problem.inputs)):
+            tube, low, high = self.reach.run(self.low - SLACK, self.high + SLACK, j)
+            images.append(self._cover(low, high, j))
+            for step in range(problem.steps):
+                for boxes in tube:
+                    clear[step, j] &= self._clear(boxes, problem.time(step))
+            bar.update()
+        return images, clear
+
+    def _clear(self, boxes: Boxes, begin: float) -> FloatArray:
+        """Whether boxes are outside every unsafe set at all their times, (M,)."""
+        out = np.ones(len(boxes.centre), np.bool_)
+        for part in self.problem.unsafe:
+            out &= self.reach.least(part, boxes, self.proof.sets[part.name], begin, part.rate) > 0.0
+        return out
+
+    def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+        """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
+        first, number = np.empty((2, len(self.axes), len(low)), np.int64)
+        for axis, cells in enumerate(self.axes):
+            if self.problem.dynamics.constant:  # exactly
+                tables = cells.image(*velocity_bounds(self.problem, axis, j), exact(self.problem.delta))
+                own = np.indices(tuple(int(n) for n in self.shape))[axis].ravel()
+                first[axis], number[axis] = tables[0][own], tables[1][own]
+            else:
+                begin, end = cover(low[:, axis], high[:, axis], cells)
+                first[axis], number[axis] = begin % cells.count, np.minimum(end - begin, cells.count)
+        return first, number
+
+    def _add_step(
+        self,
+        before: FloatArray,
+        following: FloatArray,
+        step: int,
+        within: int,
+        images: Sequence[Any],
+        clear: FloatArray,
+    ) -> FloatArray:
+        """S_k^n from S_k^{n-1} and S_{k+1}^{n-1}, each (cells,) bool; sets the masks."""
+        out, reached = before.copy(), np.empty_like(before)
+        masks = self.proof.masks[entry(self.problem.steps, step, within)]
+        for j, (first, number) in enumerate(images):
+            covered(following, first, number, self.shape, clear[step, j], reached)
+            masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
+            out |= reached
+        return out
+
+    def goal(self, step: int) -> FloatArray:
+        """S_k^0: cells inside the target and outside the unsafe set at t_k, (cells,) bool."""
+        problem, t = self.problem, self.problem.time(step)
+        half = (self.high - self.low) / 2 + SLACK
+        boxes = Boxes((self.low + self.high) / 2, half, 0.0, 0.0)
+        axes = list(problem.target.axes)
+        value = np.asarray(problem.target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
+        most = value + half[:, axes] @ self.proof.sets[problem.target.name] + ROUNDING * (1.0 + np.abs(value))
+        return (most <= 0.0) & self._clear(boxes, t)
+
+
+def mesh(coordinates: Sequence[FloatArray]) -> FloatArray:
+    """All combinations of the axes' coordinates, the last axis fastest, (M, ndim)."""
+    return np.stack([grid.ravel() for grid in np.meshgrid(*coordinates, indexing="ij")], axis=1)
+
+
+def cover(low: FloatArray, high: FloatArray, axis: CellAxis) -> tuple[FloatArray, FloatArray]:
+    """First cell and last cell + 1 that hold [low, high] with room for rounding, counted on over laps; int64 each."""
+    width, length, count = float(axis.width), float(sum(axis.extent) / 2), axis.count
+    low, high = low - float(axis.lower) - ROUNDING, high - float(axis.lower) + ROUNDING
+    if not axis.periodic:
+        begin = np.clip(np.floor(low / width), 0, count - 1)
+        return begin.astype(np.int64), np.clip(np.ceil(high / width), begin + 1, count).astype(np.int64)
+    laps = np.floor(low / length), np.floor(high / length)
+    begin = laps[0] * count + np.minimum(np.floor((low - laps[0] * length) / width), count - 1)
+    end = laps[1] * count + np.minimum(np.ceil((high - laps[1] * length) / width), count)
+    return begin.astype(np.int64), np.maximum(end, begin + 1).astype(np.int64)
+
+
+def packed(row: Sequence[FloatArray], shape: FloatArray, used: int) -> tuple[FloatArray, FloatArray]:
+    """Sets (cells,) bool as blocks of the last axis, and which block each row of each set is; `used` blocks exist."""
+    bits = np.stack(row).reshape(len(row), -1, int(shape[-1]))
+    padded = np.zeros((*bits.shape[:2], -(-bits.shape[2] // 64) * 64), np.bool_)
+    padded[..., : bits.shape[2]] = bits
+    some = bits.any(axis=2)
+    places = np.zeros(some.shape, np.uint32)
+    places[some] = used + np.arange(some.sum())
+    return pack(padded)[some], places
