@@ -147,7 +147,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     ValueError
         For a state that is not one, an unknown adversary, or one that leaves its bounds.
     """
-    play = _adversary(adversary)
+    play, seed = _adversary(adversary), _count("seed", seed, least=0)
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     record = _Record()
@@ -189,12 +189,11 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     play = _adversary(adversary)
-    if isinstance(runs, bool) or int(runs) != runs or runs < 1:
-        raise ValueError(f"runs must be a whole number of at least 1, got {runs!r}")
+    runs, seed = _count("runs", runs, least=1), _count("seed", seed, least=0)
     began = time.perf_counter()
-    sizes = [min(CHUNK, int(runs) - begin) for begin in range(0, int(runs), CHUNK)]
+    sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
-    bar = tqdm(total=int(runs), desc="rollouts", unit="run", disable=None if progress is None else not progress)
+    bar = tqdm(total=runs, desc="rollouts", unit="run", disable=None if progress is None else not progress)
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])
@@ -208,7 +207,7 @@ def monte_carlo(
             results.append(result)
     starts, outcomes, steps = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
     return Report(
-        runs=int(runs),
+        runs=runs,
         adversary=_name(adversary),
         rule=_name(controller.rule),
         method=controller.table.method,
@@ -219,6 +218,12 @@ def monte_carlo(
         steps=steps,
         seconds=time.perf_counter() - began,
     )
+
+
+def _count(name: str, value: object, *, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return int(value)
 
 
 def _name(option: object) -> str:

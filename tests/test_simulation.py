@@ -1,0 +1,451 @@
+"""Closed-loop simulation: the motion, the judgement by true geometry, the adversaries, and the rates."""
+
+import itertools
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import toys
+from scipy.stats import binomtest
+
+import sdhj
+from sdhj import simulation
+from sdhj.adversaries import ADVERSARIES, Moment
+from sdhj.controller import CHUNK, Controller
+from sdhj.motion import advance, clip_to_walls
+from sdhj.problem import ReachAvoidProblem
+from sdhj.simulation import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.table import LookupTable
+
+DOUBLE = sdhj.Scheme(dtype="float64")
+PLAYERS = ("none", "random", "aggressive", "worst")
+
+
+@cache
+def interval_table() -> LookupTable:
+    return sdhj.solve(toys.interval_problem(), method="lax", scheme=DOUBLE, progress=False)
+
+
+@cache
+def torus_table() -> LookupTable:
+    return sdhj.solve(toys.torus_problem(nodes=32), method="lax", scheme=DOUBLE, progress=False)
+
+
+@cache
+def unicycle_table() -> LookupTable:
+    return sdhj.solve(toys.unicycle_problem(), scheme=DOUBLE, progress=False)
+
+
+@cache
+def arm_table() -> LookupTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
+
+
+def judged_by(table: LookupTable, **changes: object) -> Controller:
+    """A controller that believes the table while the true problem is another one."""
+    return Controller(replace(table, problem=replace(table.problem, **changes)))
+
+
+def moment(controller: Controller, states: np.ndarray, **changes: object) -> Moment:
+    """The start of the first interval under input 0, with one step to go after it."""
+    problem = controller.problem
+    within = np.ones(len(states), dtype=int)
+    standard = {
+        "problem": problem,
+        "states": states,
+        "inputs": np.zeros(len(states), dtype=int),
+        "step": 0,
+        "substep": 0,
+        "time": 0.0,
+        "remaining": problem.delta,
+        "duration": problem.delta / SUBSTEPS,
+        "previous": np.zeros((len(states), problem.dynamics.bounds.size)),
+        "tube": lambda points: controller.tube_values(points, 1, within),
+        "rng": np.random.default_rng(1),
+    }
+    return Moment(**(standard | changes))
+
+
+# ---- motion
+
+
+def test_constant_velocities_move_on_lines_and_stop_at_walls() -> None:
+    problem = sdhj.arm_case_study(nodes=7, steps=1)
+    states = np.array([[0.1, 0.2, 0.0, 0.35], [3.1, -3.1, -0.36, 0.0]])
+    v = np.array([[0.3, -0.3, 0.2, 0.2], [0.0, 0.0, -0.2, 0.1]])
+    inputs = np.array([24, 0])  # (3, 3) and (-3, -3) rad/s
+    after = advance(problem, states, inputs, v, 0.1)
+    expected = [[0.1 + 0.33, 0.2 + 0.27, 0.02, 0.36], [3.1 - 0.3, -3.1 - 0.3, -0.36, 0.01]]
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(clip_to_walls(problem.grid, after), after)
+
+
+def test_curved_paths_are_integrated_to_fourth_order() -> None:
+    """A car that turns at rate 2 with drift v: x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v t, closed form."""
+    problem = toys.unicycle_problem()
+    start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.8
+    turned = 0.4 + 2 * t
+    east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
+    exact = start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]])
+    errors = []
+    counts = np.array([4, 8, 16, 32])
+    for count in counts:
+        state = start
+        for _ in range(count):
+            state = advance(problem, state, np.array([2]), v, t / count)
+        errors.append(np.abs(state - exact).max())
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert 3.8 < order < 4.2
+
+
+def test_each_run_moves_under_its_own_input() -> None:
+    problem = toys.unicycle_problem()
+    states = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 1.0]])
+    inputs = np.array([2, 0, 1])
+    together = advance(problem, states, inputs, np.zeros((3, 2)), 0.1)
+    for m in range(3):
+        alone = advance(problem, states[m : m + 1], inputs[m : m + 1], np.zeros((1, 2)), 0.1)
+        np.testing.assert_array_equal(together[m], alone[0])
+    assert together[0, 2] == pytest.approx(0.2) and together[1, 2] == pytest.approx(-0.2) and together[2, 2] == 1.0
+
+
+# ---- one run
+
+
+def test_a_trajectory_is_what_happened() -> None:
+    controller = Controller(interval_table())
+    run = simulate(controller, [-2.5], adversary="random", seed=3)
+    problem = controller.problem
+    assert run.outcome == "reached"
+    intervals = len(run.inputs)
+    assert run.times.shape == (intervals * SUBSTEPS + 1,) and run.states.shape == (len(run.times), 1)
+    np.testing.assert_allclose(run.times, np.arange(len(run.times)) * problem.delta / SUBSTEPS, atol=1e-12)
+    assert run.disturbances.shape == (len(run.times) - 1, 1) and run.samples.shape == (intervals + 1, 1)
+    velocity = np.repeat(problem.inputs[run.inputs], SUBSTEPS, axis=0) + run.disturbances
+    np.testing.assert_allclose(np.diff(run.states, axis=0), velocity * problem.delta / SUBSTEPS, atol=1e-12)
+    for step in range(intervals):
+        assert run.inputs[step] == controller.select(run.samples[step], step)
+        assert run.steps_to_go[step] == controller.steps_to_go(run.samples[step], step)
+    assert abs(run.states[-1, 0]) <= 1.0 and (np.abs(run.samples[:-1]) > 1.0).all()
+    assert (np.diff(run.steps_to_go) <= -1).all() and run.steps_to_go[0] == 4
+
+
+def test_a_start_in_the_target_has_arrived() -> None:
+    run = simulate(Controller(interval_table()), [0.5])
+    assert run.outcome == "reached" and run.inputs.size == 0
+    assert run.states.tolist() == [[0.5]] and run.times.tolist() == [0.0] and run.disturbances.shape == (0, 1)
+
+
+@pytest.mark.parametrize("adversary", PLAYERS)
+def test_angles_run_on_without_jumps(adversary: str) -> None:
+    controller = Controller(arm_table())
+    starts = admissible_states(controller, 30, np.random.default_rng(0))
+    longest = max((simulate(controller, q, adversary) for q in starts), key=lambda run: len(run.times))
+    assert len(longest.inputs) >= 2
+    fastest = (3.0 + 0.3) * controller.problem.delta / SUBSTEPS
+    assert np.abs(np.diff(longest.states[:, :2], axis=0)).max() <= fastest * (1 + 1e-9)
+
+
+# ---- the judgement: truth, not the table
+
+
+def test_a_collision_that_the_table_does_not_know_is_seen() -> None:
+    """A thin wall between two sampling times: only the instants between them can see it."""
+    thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 1.3) - 0.02, name="thin wall")
+    run = simulate(judged_by(interval_table(), unsafe=(thin,)), [-2.0], adversary="none")
+    assert run.outcome == "collided"
+    assert abs(run.states[-1, 0] + 1.3) <= 0.02 and len(run.times) < 2 * SUBSTEPS
+    assert (np.abs(run.states[:-1] + 1.3) > 0.02).all()  # the run ends where it happened
+    assert np.abs(run.samples + 1.3).min() > 0.02
+
+
+def test_a_start_in_an_unsafe_set_has_collided() -> None:
+    wall = sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] + 1.9, name="wall")
+    assert simulate(judged_by(interval_table(), unsafe=(wall,)), [-2.0]).outcome == "collided"
+
+
+def test_moving_sets_are_judged_at_their_time() -> None:
+    """A wall that arrives after 0.3 s: a run that is in the target by then has reached it, a later one has collided."""
+    wall = sdhj.UnsafeSet((0,), lambda p, t: np.full(len(p), 0.3 - t), rate=1.0, name="late wall")
+    controller = judged_by(interval_table(), unsafe=(wall,))
+    assert simulate(controller, [0.9], adversary="none").outcome == "reached"
+    run = simulate(controller, [-1.3], adversary="none")
+    assert run.outcome == "collided" and run.times[-1] == pytest.approx(0.3)
+
+
+def test_success_needs_the_true_target_not_the_table_s() -> None:
+    """The table says 0 steps to go at 0.8; the true target ends at 0.5. The run goes on until it is truly inside."""
+    smaller = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5)
+    controller = judged_by(interval_table(), target=smaller)
+    assert controller.steps_to_go([0.8], 0) == 0
+    run = simulate(controller, [0.8], adversary="none")
+    assert run.outcome == "reached" and len(run.inputs) >= 1 and run.steps_to_go[0] == 0
+    assert abs(run.states[-1, 0]) <= 0.5
+
+
+def test_running_out_of_steps_is_late() -> None:
+    elsewhere = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3.5) - 0.5)
+    run = simulate(judged_by(interval_table(), target=elsewhere, unsafe=()), [0.0], adversary="random")
+    assert run.outcome == "late" and len(run.inputs) == 5 and len(run.times) == 5 * SUBSTEPS + 1
+
+
+def test_an_adversary_stronger_than_solved_for_drives_the_state_out() -> None:
+    """|v| <= 2 against |u| <= 1: pushed away from the target, out of every tube."""
+    table = interval_table()
+    stronger = replace(table.problem.dynamics, bounds=np.array([2.0]))
+    controller = judged_by(table, dynamics=stronger)
+    run = simulate(controller, [-2.0], adversary=lambda m: np.full((len(m.states), 1), -2.0))
+    assert run.outcome == "left" and len(run.inputs) < 5
+    assert controller.steps_to_go(run.states[-1], len(run.inputs)) is None
+
+
+# ---- adversaries
+
+
+def test_random_is_constant_over_an_interval_and_fills_its_box() -> None:
+    drawn = []
+
+    def watch(m: Moment) -> np.ndarray:
+        drawn.append((m.substep, ADVERSARIES["random"](m)))
+        return drawn[-1][1]
+
+    monte_carlo(Controller(interval_table()), 500, watch, progress=False)
+    starts = [place for place, (substep, _) in enumerate(drawn) if substep == 0]
+    assert len(starts) >= 3
+    for place in starts:
+        v = drawn[place][1]
+        assert all((later == v).all() for _, later in drawn[place : place + SUBSTEPS])
+        assert len(np.unique(v)) == len(v)
+    first = drawn[0][1]
+    assert np.abs(first).max() <= 0.2
+    assert first.min() < -0.18 and first.max() > 0.18  # 500 uniform draws miss a tenth of the box with chance 1e-11
+
+
+def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
+    controller = Controller(torus_table())
+    problem = controller.problem
+    states = np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 2))
+    now = moment(controller, states)
+    v = ADVERSARIES["aggressive"](now)
+    distance = {
+        signs: problem.unsafe_value(states + now.duration * 0.4 * np.array(signs), now.time)
+        for signs in itertools.product((-1, 1), repeat=2)
+    }
+    chosen = problem.unsafe_value(states + now.duration * v, now.time)
+    # trials move one component at a time: off by second order, for steps of 0.004 on circles of radius 0.1 and more
+    near = np.hypot(*toys.wrapped(states - [1.0, 0.0]).T) > 0.1
+    assert (chosen <= np.minimum.reduce(list(distance.values())) + 0.004**2 / 0.1)[near].all()
+    assert near.sum() > 190
+
+
+def test_aggressive_pursuer_closes_in_even_where_an_obstacle_is_nearer() -> None:
+    """The nearest set rules each component it has; the pursuer's own velocity is ruled by the pursuer."""
+    problem = sdhj.arm_case_study(nodes=9, steps=2)
+    controller = Controller(sdhj.solve(problem, method="lax", progress=False))
+    q = np.array([[2.6, 0.0, 0.3, 0.3]])  # the arm points left, at the still disk; the pursuer is up on the right
+    values = [float(part.level_set(q[:, part.axes], 0.0)[0]) for part in problem.unsafe]
+    assert min(values[:-1]) < values[-1]
+    v = ADVERSARIES["aggressive"](moment(controller, q))[0]
+    assert v[2:].tolist() == [-0.2, -0.2]  # towards the arm's base
+    assert np.abs(v[:2]).tolist() == [0.3, 0.3]
+
+
+def test_worst_takes_the_vertex_with_the_worst_score() -> None:
+    """Scores of all four vertices, by the table's interpolation and the distance to the first order in v."""
+    controller = Controller(torus_table())
+    problem = controller.problem
+    states = admissible_states(controller, 100, np.random.default_rng(2))
+    now = moment(controller, states)
+    v = ADVERSARIES["worst"](now)
+    vertices = [0.4 * np.array(signs) for signs in itertools.product((-1.0, 1.0), repeat=2)]
+    middle = states + problem.delta * problem.dynamics.drift[0]
+    end = problem.delta
+    distance = problem.unsafe_value(middle, end)
+    slopes = [problem.unsafe_value(middle + problem.delta * 0.4 * e, end) - distance for e in np.eye(2)]
+    scores = []
+    for vertex in vertices:
+        tube = problem.grid.interpolate(controller.table.value_array(1, 1), middle + problem.delta * vertex)
+        linear = distance + sum(slope * sign for slope, sign in zip(slopes, np.sign(vertex), strict=True))
+        scores.append(np.maximum(tube, -linear))
+    played = [int(np.flatnonzero([(row == vertex).all() for vertex in vertices])[0]) for row in v]
+    np.testing.assert_allclose(np.array(scores)[played, np.arange(100)], np.max(scores, axis=0), rtol=0, atol=1e-12)
+    assert len(set(played)) == 4
+
+
+def test_worst_may_switch_within_an_interval() -> None:
+    controller = Controller(arm_table())
+    starts = admissible_states(controller, 40, np.random.default_rng(5))
+    switches = 0
+    for q in starts:
+        run = simulate(controller, q, "worst")
+        for k in range(len(run.inputs)):
+            held = run.disturbances[k * SUBSTEPS : (k + 1) * SUBSTEPS]
+            assert (np.abs(held) == controller.problem.dynamics.bounds).all()  # always a vertex
+            switches += int((np.diff(held, axis=0) != 0).any())
+    assert switches > 0
+
+
+def test_own_adversary_is_told_everything_and_kept_to_its_box() -> None:
+    controller = Controller(interval_table())
+    seen: list[Moment] = []
+
+    def mine(m: Moment) -> np.ndarray:
+        seen.append(m)
+        return np.full((len(m.states), 1), 0.1)
+
+    run = simulate(controller, [-2.0], mine)
+    assert (run.disturbances == 0.1).all()
+    assert [m.substep for m in seen[:SUBSTEPS]] == list(range(SUBSTEPS))
+    last = seen[SUBSTEPS - 1]
+    assert last.time + last.duration == pytest.approx(0.5) and last.remaining == pytest.approx(last.duration)
+    assert seen[0].inputs.tolist() == [run.inputs[0]] and seen[1].previous.tolist() == [[0.1]]
+    np.testing.assert_allclose(seen[0].predicted(), [[-1.5]])
+    assert seen[0].tube(np.array([[[-1.5]]]))[0, 0] == pytest.approx(0.5 - 2 * 0.4)  # |q| - 1 two steps earlier
+
+    for bad, message in (
+        (lambda m: np.zeros(3), r"shape \(1, 1\), got \(3,\)"),
+        (lambda m: np.full((1, 1), 0.3), r"within \+-\[0.2\]"),
+        (lambda m: np.full((1, 1), np.nan), "finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            simulate(controller, [-2.0], bad)
+
+
+# ---- the rates
+
+
+@pytest.mark.parametrize("rule", ["deepest", "effort", "target", "clearance"])
+@pytest.mark.parametrize("adversary", PLAYERS)
+def test_where_the_table_is_exact_every_run_succeeds(adversary: str, rule: str) -> None:
+    """On the interval all tubes are piecewise linear with kinks at nodes, so interpolation is exact: no run may fail."""
+    report = monte_carlo(Controller(interval_table(), rule), 2000, adversary, progress=False)
+    assert report.counts == {"reached": 2000, "collided": 0, "left": 0, "late": 0}
+
+
+def test_starts_fill_the_tube_evenly() -> None:
+    """The tube of step 0 is [-3, 2.5]: 1 + 5 * 0.4 to the left; 3 - 0.1 - ... to the right, by the wall at 3."""
+    controller = Controller(interval_table())
+    starts = admissible_states(controller, 4000, np.random.default_rng(1))[:, 0]
+    assert controller.table.contains(starts[:, None], start=0, within=5).all()
+    fine = np.linspace(-4, 4, 8001)
+    inside = fine[controller.table.contains(fine[:, None], start=0, within=5)]
+    grid = np.linspace(inside.min(), inside.max(), 9)
+    share = np.histogram(starts, grid)[0] / 4000
+    assert np.abs(share - 1 / 8).max() < 5 * np.sqrt(1 / 8 * 7 / 8 / 4000)  # five standard deviations
+
+
+def test_state_dependent_velocities_in_the_loop() -> None:
+    """A Dubins car on a coarse grid: nearly all runs arrive, against the harshest adversary too."""
+    for adversary, least in (("random", 0.95), ("worst", 0.90)):
+        report = monte_carlo(Controller(unicycle_table()), 1000, adversary, progress=False)
+        assert report.rate("reached") >= least, str(report)
+
+
+@pytest.mark.slow
+def test_arm_succeeds_as_often_as_the_grid_allows() -> None:
+    """25 nodes on each axis, finite differences. Measured over 20,000 runs: 1.9% fail under the random adversary, 2.4%
+    under the aggressive one, 5.8% under the worst one; the limits leave room for chance (4,000 runs), not for a flaw.
+    """
+    controller = Controller(sdhj.solve(sdhj.arm_case_study(), progress=False))
+    failed = {}
+    for adversary, most in (("random", 0.03), ("aggressive", 0.035), ("worst", 0.075)):
+        report = monte_carlo(controller, 4000, adversary, progress=False)
+        failed[adversary] = 1 - report.rate("reached")
+        assert failed[adversary] < most, str(report)
+        assert report.rate("collided") < most / 4, str(report)
+    assert failed["random"] < failed["worst"]
+
+
+# ---- monte_carlo
+
+
+def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = Controller(torus_table())
+    runs = CHUNK + 500
+    one = monte_carlo(controller, runs, "random", seed=7, progress=False)
+    monkeypatch.setattr(simulation, "threads", lambda: 1)
+    two = monte_carlo(controller, runs, "random", seed=7, progress=False)
+    other = monte_carlo(controller, runs, "random", seed=8, progress=False)
+    np.testing.assert_array_equal(one.starts, two.starts)
+    np.testing.assert_array_equal(one.outcomes, two.outcomes)
+    np.testing.assert_array_equal(one.steps, two.steps)
+    assert (one.starts != other.starts).all()
+    q = one.starts[0]
+    first, again, different = (simulate(controller, q, "random", seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.states, again.states)
+    assert first.states.shape != different.states.shape or (first.states[1] != different.states[1]).any()
+
+
+def test_report_adds_up_and_reads_as_a_table() -> None:
+    report = monte_carlo(Controller(torus_table()), 1500, "worst", progress=False)
+    assert tuple(report.counts) == OUTCOMES and sum(report.counts.values()) == report.runs == 1500
+    assert report.starts.shape == (1500, 2) and report.outcomes.shape == report.steps.shape == (1500,)
+    for place, outcome in enumerate(OUTCOMES):
+        assert (report.outcomes == place).sum() == report.counts[outcome]
+        assert report.rate(outcome) == report.counts[outcome] / 1500
+        reference = binomtest(report.counts[outcome], 1500).proportion_ci(method="wilson")
+        np.testing.assert_allclose(report.interval(outcome), (reference.low, reference.high), atol=1e-12)
+    lines = str(report).splitlines()
+    assert lines[0] == "1500 runs, lax table, adversary worst, rule deepest, seed 0"
+    assert [line.split()[0] for line in lines[2:6]] == list(OUTCOMES)
+    assert lines[2].split()[1] == str(report.counts["reached"])
+
+
+def test_own_functions_are_named_in_the_report() -> None:
+    def still(m: Moment) -> np.ndarray:
+        return np.zeros_like(m.previous)
+
+    def first(choice: object) -> int:
+        return int(choice.candidates[0])
+
+    report = monte_carlo(Controller(interval_table(), first), 50, still, progress=False)
+    assert (report.adversary, report.rule) == ("still", "first") and report.rate("reached") == 1.0
+
+
+# ---- guards
+
+
+def test_unknown_adversary() -> None:
+    controller = Controller(interval_table())
+    for run in (lambda: simulate(controller, [0.0], "nasty"), lambda: monte_carlo(controller, 10, "nasty")):
+        with pytest.raises(ValueError, match=r"none, random, aggressive, worst.*'nasty'"):
+            run()
+
+
+@pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None])
+def test_runs_must_be_a_count(bad: object) -> None:
+    with pytest.raises(ValueError, match="runs must be a whole number of at least 1"):
+        monte_carlo(Controller(interval_table()), bad)
+
+
+@pytest.mark.parametrize("bad", [-1, 0.5, "x"])
+def test_seed_must_be_a_count(bad: object) -> None:
+    controller = Controller(interval_table())
+    for run in (lambda: simulate(controller, [0.0], seed=bad), lambda: monte_carlo(controller, 10, seed=bad)):
+        with pytest.raises(ValueError, match="seed must be a whole number of at least 0"):
+            run()
+
+
+def test_a_start_that_is_not_admissible() -> None:
+    controller = Controller(interval_table())
+    with pytest.raises(sdhj.NotAdmissible, match=r"\[3.5\] is not admissible at step 0"):
+        simulate(controller, [3.5])
+    with pytest.raises(ValueError, match="NaN"):
+        simulate(controller, [np.nan])
+    with pytest.raises(ValueError, match=r"shape \(1,\)"):
+        simulate(controller, [0.0, 0.0])
+
+
+def test_an_empty_tube_has_no_starts() -> None:
+    table = interval_table()
+    nothing = Controller(replace(table, tubes=np.ones_like(table.tubes)))
+    with pytest.raises(ValueError, match="tube of step 0 within 5 steps is empty or tiny"):
+        monte_carlo(nothing, 10, progress=False)
+
+
+def test_problem_without_unsafe_sets() -> None:
+    problem: ReachAvoidProblem = toys.interval_problem(unsafe=False)
+    controller = Controller(sdhj.solve(problem, method="lax", scheme=DOUBLE, progress=False))
+    for adversary in PLAYERS:
+        assert monte_carlo(controller, 300, adversary, progress=False).rate("reached") == 1.0
