@@ -318,26 +318,23 @@ def test_own_adversary_is_told_everything_and_kept_to_its_box() -> None:
 @pytest.mark.parametrize("rule", ["deepest", "effort", "target", "clearance"])
 @pytest.mark.parametrize("adversary", PLAYERS)
 def test_where_the_table_is_exact_every_run_succeeds(adversary: str, rule: str) -> None:
-    """On the interval all tubes are piecewise linear with kinks at nodes, so interpolation is exact: no run may fail."""
+    """On the interval tubes are piecewise linear with kinks at nodes, so interpolation is exact: no run may fail."""
     report = monte_carlo(Controller(interval_table(), rule), 2000, adversary, progress=False)
     assert report.counts == {"reached": 2000, "collided": 0, "left": 0, "late": 0}
 
 
 def test_starts_fill_the_tube_evenly() -> None:
-    """The tube of step 0 is [-3, 2.5]: 1 + 5 * 0.4 to the left; 3 - 0.1 - ... to the right, by the wall at 3."""
+    """The tube of step 0 is [-3, 3]: five steps of 0.4 beyond the target, and the wall stands at 3."""
     controller = Controller(interval_table())
     starts = admissible_states(controller, 4000, np.random.default_rng(1))[:, 0]
-    assert controller.table.contains(starts[:, None], start=0, within=5).all()
-    fine = np.linspace(-4, 4, 8001)
-    inside = fine[controller.table.contains(fine[:, None], start=0, within=5)]
-    grid = np.linspace(inside.min(), inside.max(), 9)
-    share = np.histogram(starts, grid)[0] / 4000
+    assert np.abs(starts).max() <= 3.0
+    share = np.histogram(starts, np.linspace(-3, 3, 9))[0] / 4000
     assert np.abs(share - 1 / 8).max() < 5 * np.sqrt(1 / 8 * 7 / 8 / 4000)  # five standard deviations
 
 
 def test_state_dependent_velocities_in_the_loop() -> None:
-    """A Dubins car on a coarse grid: nearly all runs arrive, against the harshest adversary too."""
-    for adversary, least in (("random", 0.95), ("worst", 0.90)):
+    """A Dubins car on a coarse grid: of 4,000 runs 0.5% failed under the random adversary and 0.9% under the worst one."""
+    for adversary, least in (("random", 0.98), ("worst", 0.97)):
         report = monte_carlo(Controller(unicycle_table()), 1000, adversary, progress=False)
         assert report.rate("reached") >= least, str(report)
 
