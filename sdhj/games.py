@@ -10,7 +10,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointSolver`
 (Prop. 1) instead; the two agree up to scheme error.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -20,7 +20,7 @@ from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.schemes import Scheme, Velocities, evolve
 
-SHIFT = "cubic"  # how the moving frame is brought back: no less accurate than the differences it serves
+SHIFT = "limited"  # how functions are moved between frames: no less accurate than the differences it serves
 
 
 class Solver(Protocol):
@@ -86,6 +86,12 @@ def unsafe_values(problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[in
     return problem.sample(axes, level_set, part.name)
 
 
+def shifted(grid: Grid, values: FloatArray, by: FloatArray) -> FloatArray:
+    """The function x -> values(x + by); `by` (ndim,)."""
+    ((_, moved),) = maximum_over_boxes(grid, values, by[None], by[None], SHIFT)
+    return moved
+
+
 class HJISolver:
     """Games 1 to 3 by finite differences (`method="hji"`)."""
 
@@ -123,8 +129,6 @@ class HJISolver:
         axes = avoid_axes(problem, part)
         grid = problem.grid.subgrid(axes)
         t0, t1 = problem.time(step), problem.time(step + 1)
-        fields = [velocities(problem, j, axes) for j in range(len(problem.inputs))]
-        steps = max(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields if field is not None)
         instant = part.moving and problem.view_time == "instantaneous"
         known: dict[float, FloatArray] = {}
 
@@ -133,15 +137,31 @@ class HJISolver:
                 known[tau] = -unsafe_values(problem, part, axes, t1 - tau, t1 - tau)
             return known[tau]
 
-        held = obstacle if instant else -unsafe_values(problem, part, axes, t0, t1)
-        start = obstacle(0.0) if callable(held) else held
-        return np.stack(
-            [
-                evolve(grid, start, field, problem.delta, self.scheme, obstacle=held, steps=steps)
-                for field in fields
-                if field is not None
-            ]
-        )
+        held = obstacle if instant else (-unsafe_values(problem, part, axes, t0, t1)).astype(self.dtype)
+        return self._avoid(grid, axes, held)
+
+    def _avoid(self, grid: Grid, axes: Sequence[int], wall: FloatArray | Callable[[float], FloatArray]) -> FloatArray:
+        """Phi >= wall for every input, from Phi = wall; `wall` as `evolve` takes its obstacle."""
+        problem, delta = self.problem, self.problem.delta
+        fields = [field for j in range(len(problem.inputs)) if (field := velocities(problem, j, axes)) is not None]
+        steps = max(field.steps(grid, delta, self.scheme.cfl) for field in fields)
+        start = wall(0.0) if callable(wall) else wall
+        if not self.moving_frame:
+            return np.stack(
+                [evolve(grid, start, field, delta, self.scheme, obstacle=wall, steps=steps) for field in fields]
+            )
+        still = velocities(problem, 0, axes, drift=False)
+        assert still is not None
+        tubes = np.empty((len(fields), *grid.shape), self.dtype)
+        for tube, drift in zip(tubes, np.asarray(problem.dynamics.drift)[:, axes], strict=True):
+
+            def passing(tau: float, drift: FloatArray = drift) -> FloatArray:
+                """The wall as it is met tau before the end, seen from where the drift alone leads by then."""
+                return shifted(grid, wall(tau) if callable(wall) else wall, -drift * tau)
+
+            end = evolve(grid, start, still, delta, self.scheme, obstacle=passing, steps=steps)
+            tube[:] = shifted(grid, end, drift * delta)
+        return tubes
 
 
 class JointSolver(HJISolver):

@@ -35,7 +35,7 @@ def solve(
     method: str = "hji",
     scheme: Scheme | None = None,
     games: str = "decomposed",
-    interpolation: str = "linear",
+    interpolation: str = "limited",
     subspaces: Sequence[Sequence[int]] | None = None,
     inner: str = "hji",
     progress: bool | None = None,
@@ -52,7 +52,7 @@ def solve(
         How "hji" and "projected" discretise; "lax" takes its precision from it.
     games : {"decomposed", "joint"}
         For "hji": reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
-    interpolation : {"linear", "cubic", "quintic"}
+    interpolation : {"limited", "linear"}
         For "lax".
     subspaces : sequence of sequence of int, optional
         For "projected": the axes that each subspace keeps. By default each axis that no input drives is dropped, one at

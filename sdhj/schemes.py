@@ -510,13 +510,13 @@ def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -
     none = np.empty((0, grid.ndim))
     drift = none if velocities.drift is None else velocities.drift
     gain = none[..., None] if velocities.gain is None else velocities.gain
-    fields = [
+    low, high, drift, gain = (
         _field(layout, part, leading, scheme.dtype)
         for part, leading in ((lower, 1), (upper, 1), (drift, 2), (gain, 3))
-    ]
-    godunov = scheme.flux == "godunov"
+    )
+    inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
     return lambda phi, first, out, wall, dt, keep: stage_general(
-        phi, first, out, wall, *fields, inverse.astype(scheme.dtype), layout, kind(dt), kind(keep), godunov
+        phi, first, out, wall, low, high, drift, gain, inverse, layout, kind(dt), kind(keep), godunov
     )
 
 
@@ -560,14 +560,15 @@ def evolve(
     phi, held = _planes(layout, np.asarray(values), scheme.dtype), wall(0.0)
     if held.size:
         np.maximum(phi, held, out=phi)
-    first, spare = np.empty_like(phi), np.empty_like(phi)
+    first, spare, seen = np.empty_like(phi), np.empty_like(phi), 0.0
     stage = _stage(grid, layout, velocities, scheme)
     for step in range(steps):
         first, phi = phi, first
         source = first
         for keep, reached in STAGES[scheme.integrator]:
-            if callable(obstacle):
-                held = wall((step + reached) * dt)
+            tau = (step + reached) * dt
+            if callable(obstacle) and tau != seen:
+                held, seen = wall(tau), tau
             out = phi if source is not phi else spare
             stage(source, first, out, held, dt, keep)
             source = out
