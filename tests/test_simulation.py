@@ -333,7 +333,7 @@ def test_starts_fill_the_tube_evenly() -> None:
 
 
 def test_state_dependent_velocities_in_the_loop() -> None:
-    """A Dubins car on a coarse grid: of 4,000 runs 0.5% failed under the random adversary and 0.9% under the worst one."""
+    """A Dubins car on a coarse grid: of 4,000 runs 0.5% failed under the random and 0.9% under the worst adversary."""
     for adversary, least in (("random", 0.98), ("worst", 0.97)):
         report = monte_carlo(Controller(unicycle_table()), 1000, adversary, progress=False)
         assert report.rate("reached") >= least, str(report)
