@@ -83,7 +83,7 @@ class Context:
 
     @cached_property
     def run(self) -> runs.Run:
-        """A run of the controller against the paper's random adversary: of `STARTS` many, one that takes the longest."""
+        """A run of the controller against the paper's random adversary: of STARTS many, the one with the most steps."""
         table = self.table("hji")
         controller = sdhj.Controller(table)
         tried = [
@@ -321,7 +321,8 @@ def kept_share(
 def isosurfaces(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.6, layout="none")
     for place, (method, title) in enumerate((("hji", "full"), ("projected", "projected"))):
-        ax = figure.add_axes((0.01 + 0.49 * place, 0.0, 0.5, 0.94), projection="3d")
+        ax = figure.add_axes((0.49 * place, 0.0, 0.49, 0.94), projection="3d")
+        ax.patch.set_visible(False)
         colour = "#6aa6d6" if method == "hji" else "#46ab9f"
         plotting.draw_isosurface(ax, context.table(method), through=PURSUER_AT, colour=colour)
         ax.set_title(

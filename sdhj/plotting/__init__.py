@@ -8,6 +8,7 @@ Draw inside `with style():`, or call `use_style()` once, to get the project's lo
 """
 
 from sdhj.plotting.games import draw_cost, draw_one_step, one_step_legend
+from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style, writable_folder
 from sdhj.plotting.runs import (
     Run,
     draw_cspace_run,
@@ -33,7 +34,6 @@ from sdhj.plotting.slices import (
     unwrapped,
 )
 from sdhj.plotting.studies import draw_bars, draw_entries, draw_input_levels, draw_sweep, draw_timings, fraction_curves
-from sdhj.plotting.style import new_figure, patch, save, step_colours, style, use_style, writable_folder
 from sdhj.plotting.surfaces import draw_isosurface, isosurface
 from sdhj.plotting.workspace import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 

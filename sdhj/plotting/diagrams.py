@@ -11,7 +11,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
 from sdhj.case_studies import ArmScene
-from sdhj.plotting.style import FAINT, INK, step_colours
+from sdhj.plotting.looks import FAINT, INK, step_colours
 from sdhj.plotting.workspace import draw_workspace
 
 ROBOT_SIDE = "#e3edf7"  # what the robot's designer chooses

@@ -9,8 +9,8 @@ from matplotlib.patches import Patch
 
 from sdhj.grid import FloatArray
 from sdhj.illustrations import OneStepGame, Rollouts
+from sdhj.plotting.looks import FULL, INK, OUTCOME_INK, UNSAFE, patch
 from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
-from sdhj.plotting.style import FULL, INK, OUTCOME_INK, UNSAFE, patch
 
 CONSTRUCTS = ("reach", "avoid", "reach-avoid")
 VIEW = (-0.9, 1.05, -0.5, 0.85)

@@ -13,8 +13,8 @@ from matplotlib.patches import ConnectionPatch
 
 from sdhj.case_studies import scene
 from sdhj.grid import FloatArray
+from sdhj.plotting.looks import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, replace_whole, step_colours, style
 from sdhj.plotting.slices import State, draw_constraints, draw_path, draw_set, plane
-from sdhj.plotting.style import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, replace_whole, step_colours, style
 from sdhj.plotting.workspace import draw_arm, draw_workspace
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import LookupTable

@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.plotting.style import FULL, INNER, OUTCOME_INK, PURSUER, UNSAFE, look, step_colours
+from sdhj.plotting.looks import FULL, INNER, OUTCOME_INK, PURSUER, UNSAFE, look, step_colours
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import LookupTable
 

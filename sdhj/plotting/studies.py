@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from sdhj.grid import FloatArray
-from sdhj.plotting.style import INK
+from sdhj.plotting.looks import INK
 
 METHOD_LOOKS: dict[str, dict[str, Any]] = {
     "hji": {"color": "#0b3c5d", "linestyle": "-", "marker": "o"},

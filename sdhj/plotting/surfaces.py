@@ -151,4 +151,4 @@ def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
     ax.grid(False)
     ax.view_init(elev=24, azim=-58)
     ax.set_proj_type("ortho")
-    ax.set_box_aspect((1.0, 1.0, 0.8), zoom=0.9)
+    ax.set_box_aspect((1.0, 1.0, 0.8), zoom=0.86)

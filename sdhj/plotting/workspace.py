@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from sdhj.case_studies import ArmScene
 from sdhj.grid import FloatArray
-from sdhj.plotting.style import FAINT, INK, PURSUER, ROBOT, TARGET, UNSAFE
+from sdhj.plotting.looks import FAINT, INK, PURSUER, ROBOT, TARGET, UNSAFE
 from sdhj.workspace import Disk
 
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
