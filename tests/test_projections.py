@@ -1,0 +1,561 @@
+"""The projected method: projections of sets and dynamics, union of directions, under-approximation, diagnosis."""
+
+import itertools
+import json
+
+import naive_projections as naive
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj import Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj.games import HJISolver
+from sdhj.projections import (
+    DisturbedSolver,
+    ProjectedSolver,
+    ProjectionWarning,
+    _layout,
+    checked_subspaces,
+    default_subspaces,
+    disturbed_velocities,
+    pack,
+    unite_row,
+)
+from sdhj.recursion import avoid_tubes
+
+DOUBLE = Scheme(dtype="float64")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")  # each test says what it expects
+
+
+def chase_problem(*, nodes=15, steps=3, moving=False, view_time="swept"):
+    """x is driven, the adversary moves y and z; unsafe near (y, z) = (x, 0): all axes matter; target |x - 1| <= 0.5."""
+    rate = 0.4 if moving else 0.0
+
+    def ball(p, t):
+        return np.sqrt((p[:, 0] - p[:, 1]) ** 2 + (p[:, 2] - rate * t) ** 2) - 0.6
+
+    inputs = np.array([[-2.0], [0.0], [2.0]])
+    drift = np.hstack([inputs, np.zeros((3, 2))])
+    return ReachAvoidProblem(
+        Grid([-2.0, -1.5, -1.5], [2.0, 1.5, 1.5], [nodes, nodes, nodes], names=["x", "y", "z"]),
+        Dynamics(inputs, drift, np.eye(3), [0.1, 0.3, 0.3]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5),
+        (UnsafeSet((0, 1, 2), ball, rate=rate, name="ball"),),
+        0.25,
+        steps,
+        view_time,
+    )
+
+
+def current_problem(*, nodes=(31, 31, 16), speed=0.5, view_time="swept", rate=0.0):
+    """A boat (x, y) in a current of unknown heading w: dx = u + speed cos w, dy = speed sin w, dw = v."""
+
+    def drift(points, u):
+        w = points[:, 2]
+        return np.stack([u[0] + speed * np.cos(w), speed * np.sin(w), np.zeros(len(points))], axis=1)
+
+    rock = UnsafeSet(
+        (0, 1), lambda p, t: np.hypot(p[:, 0] + rate * t, p[:, 1] - 1.0) - 0.3, rate=abs(rate), name="rock"
+    )
+    return ReachAvoidProblem(
+        Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], nodes, [False, False, True], ["x", "y", "w"]),
+        Dynamics([[-1.0], [0.0], [1.0]], drift, np.array([[0.0], [0.0], [1.0]]), [1.0]),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.8),
+        (rock,),
+        0.2,
+        3,
+        view_time,
+    )
+
+
+def wind_problem(*, nodes=41):
+    """dx = u + v + 0.5 w: the dropped coordinate w in [-1, 1] moves one axis only."""
+
+    def drift(points, u):
+        return np.stack([u[0] + 0.5 * points[:, 1], np.zeros(len(points))], axis=1)
+
+    return ReachAvoidProblem(
+        Grid([-3.0, -1.0], [3.0, 1.0], [nodes, 9], names=["x", "w"]),
+        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.3]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
+        (),
+        0.4,
+        2,
+    )
+
+
+def solve_quietly(problem, **options):
+    return sdhj.solve(problem, progress=False, **options)
+
+
+def entries(steps):
+    return [(k, n) for k in range(steps + 1) for n in range(steps - k + 1)]
+
+
+# ---- which subspaces
+
+
+def test_the_case_studies_drop_the_agents_coordinates():
+    for build in (sdhj.arm_case_study, sdhj.evader_case_study):
+        assert default_subspaces(build(nodes=7, steps=1)) == ((0, 1, 2), (0, 1, 3))
+
+
+def test_where_inputs_drive_every_axis_each_is_dropped():
+    inputs = np.array([[0.0, 0.0], [1.0, 1.0]])
+    problem = ReachAvoidProblem(
+        Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
+        Dynamics(inputs, inputs, np.eye(2), [0.1, 0.1]),
+        TargetSet((0,), lambda p, t: p[:, 0]),
+        (),
+        0.1,
+        1,
+    )
+    assert default_subspaces(problem) == ((0,), (1,))
+
+
+@pytest.mark.parametrize(
+    ("subspaces", "said"),
+    [
+        ([], "one or more"),
+        ([()], "distinct axes"),
+        ([(0, 0)], "distinct axes"),
+        ([(0, 3)], "0 to 2"),
+        ([(0, 1), (1, 0)], "different"),
+    ],
+)
+def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
+    with pytest.raises(ValueError, match=said):
+        checked_subspaces(chase_problem(nodes=5), subspaces)
+
+
+def test_options_of_the_method_are_refused_elsewhere_and_checked():
+    problem = chase_problem(nodes=5)
+    with pytest.raises(ValueError, match='method="projected"'):
+        sdhj.solve(problem, method="lax", subspaces=[(0, 1)])
+    with pytest.raises(ValueError, match="inner must be one of hji, lax"):
+        sdhj.solve(problem, method="projected", inner="certified")
+    one_axis = ReachAvoidProblem(
+        Grid([-1.0], [1.0], [9]),
+        Dynamics([[1.0]], [[1.0]], [[1.0]], [0.1]),
+        TargetSet((0,), lambda p, t: p[:, 0]),
+        (),
+        0.1,
+        1,
+    )
+    with pytest.raises(ValueError, match="at least 2 axes"):
+        sdhj.solve(one_axis, method="projected")
+
+
+# ---- projections of sets, and the kernels
+
+
+@pytest.mark.parametrize("axes", [(0,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
+def test_projections_are_those_of_the_twin(axes, rng):
+    problem = chase_problem(nodes=5)
+    solver = ProjectedSolver(problem, DOUBLE, [axes])
+    values = rng.normal(size=problem.grid.shape)
+    np.testing.assert_array_equal(solver.inner_projection(values, axes), naive.inner_projection(values, axes))
+    g = problem.sample((0, 1, 2), lambda p: problem.unsafe[0].level_set(p, 0.0), "ball")
+    outer = solver._outer_projections(problem.unsafe[0], (0, 1, 2), 0.0, 0.0)[axes]
+    np.testing.assert_array_equal(outer, naive.outer_projection(g, axes))
+
+
+def test_pack_sets_the_bits_of_what_is_inside(rng):
+    values = rng.normal(size=(3, 11, 2500)).astype(np.float32)
+    values[0, 0, :5] = 0.0  # zero is inside
+    expected = np.packbits(values <= 0, axis=1, bitorder="little")
+    np.testing.assert_array_equal(pack(values), expected)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    ("subspaces", "walls"),
+    [
+        ([(0, 1), (0, 2)], [(0, 1, 2), (0,)]),  # the layout of the case study
+        ([(0, 1)], [(1, 2), ()]),
+        ([(0, 2), (1, 2), (2,)], [(2,), (0, 1, 2)]),
+        ([(0,), (1,)], [(), ()]),
+        ([(0, 1, 2)], [(0, 1), (1, 2)]),
+    ],
+)
+def test_the_fused_kernel_is_the_twin(dtype, subspaces, walls, rng):
+    grid, steps, count = Grid([0.0] * 3, [1.0] * 3, [5, 6, 7]), 2, 10
+    reach = [
+        [rng.normal(size=(count, *(grid.shape[a] for a in axes))).astype(dtype) for axes in subspaces]
+        for _ in range(steps)
+    ]
+    held = [rng.normal(size=(count, *(grid.shape[a] for a in axes))).astype(dtype) for axes in walls]
+    first = rng.normal(size=grid.shape).astype(dtype)
+    tubes = np.empty((steps + 1, 30, 7), dtype)
+    tubes[0] = first.reshape(30, 7)
+    masks = np.zeros((steps + 1, 2, 30, 7), np.uint8)
+    flat = np.stack([np.concatenate([piece.reshape(count, -1) for piece in row], axis=1) for row in reach])
+    starts, along = _layout(grid, subspaces)
+    walled = [wall.reshape(count, -1) for wall in held]
+    bits = [pack(wall[None])[0] for wall in walled]
+    unite_row(
+        tubes,
+        masks,
+        (flat, pack(flat)),
+        starts[~along],
+        starts[along],
+        (*walled, *bits),
+        *_layout(grid, walls, apart=True),
+    )
+    expected, member = naive.unite_row(grid.shape, first, reach, subspaces, list(zip(walls, held, strict=True)))
+    np.testing.assert_array_equal(tubes.reshape(steps + 1, *grid.shape), expected)  # min and max round nothing
+    found = np.unpackbits(masks, axis=1, count=count, bitorder="little").reshape(steps + 1, count, *grid.shape)
+    np.testing.assert_array_equal(found[1:].astype(bool), member[1:])
+
+
+@pytest.mark.parametrize("subspaces", [None, [(0, 1)], [(0, 1), (0, 2), (1, 2)]])
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
+    problem = chase_problem(nodes=9, moving=moving)
+    table = solve_quietly(problem, method="projected", subspaces=subspaces)
+    solver = ProjectedSolver(problem, Scheme(), subspaces)
+    avoid = avoid_tubes(problem, solver)
+    for k in range(problem.steps - 1, -1, -1):
+        tube = problem.goal(k).astype(np.float32)
+        for n in range(1, problem.steps - k + 1):
+            marks = []
+            for j, reach in solver.reach(table.values(start=k + 1, within=n - 1)):
+                both = np.maximum(reach, avoid.lifted(problem.grid, k, j))
+                marks.append(both <= 0)
+                tube = np.minimum(tube, both)
+            np.testing.assert_array_equal(table.values(start=k, within=n), tube)
+            np.testing.assert_array_equal(table.inputs(start=k, within=n), np.stack(marks, axis=-1))
+
+
+# ---- under-approximation, and which way round the directions combine
+
+
+@pytest.mark.parametrize("view_time", ["swept", "sampled", "instantaneous"])
+def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(view_time):
+    """The Hopf-Lax operator is monotone and does nothing along an axis without variation: no scheme error is left."""
+    problem = chase_problem(moving=True, view_time=view_time)
+    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
+    inner = solve_quietly(problem, method="projected", inner="lax", scheme=DOUBLE)
+    for k, n in entries(problem.steps):
+        # 1e-12: sums of a few products of numbers below ten, in another order
+        assert (inner.values(start=k, within=n) >= full.values(start=k, within=n) - 1e-12).all(), (k, n)
+    assert 0.5 < inner.fraction(start=0, within=3) / full.fraction(start=0, within=3) < 1.0
+    assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
+
+
+def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
+    """App. A.5: each direction is inside the full solution; so is their union, and it is strictly larger than either.
+
+    The intersection as printed is inside as well, and smaller than either: valid, but looser. And the union of what the
+    directions call unsafe would be that smaller set's complement, the intersection is the union's.
+    """
+    problem = chase_problem()
+    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
+    options = {"method": "projected", "inner": "lax", "scheme": DOUBLE}
+    both = solve_quietly(problem, **options)
+    one, other = (solve_quietly(problem, subspaces=[axes], **options) for axes in default_subspaces(problem))
+    fractions = [table.fraction(start=0, within=3) for table in (one, other, both, full)]
+    assert max(fractions[:2]) < fractions[2] < fractions[3]
+    for k, n in entries(problem.steps):
+        a, b, union, whole = (table.values(start=k, within=n) for table in (one, other, both, full))
+        assert (union <= np.minimum(a, b) + 1e-12).all()  # monotone in the sets it starts from: at least their union
+        assert (union >= whole - 1e-12).all()
+    # one interval alone, where nothing but the combination differs
+    solver = ProjectedSolver(problem, DOUBLE, inner="lax")
+    goal = full.values(start=1, within=1)
+    pieces = [
+        [
+            problem.grid.lift(piece[j], axes)
+            for axes, piece in zip(solver.subspaces, solver.reach_pieces(goal), strict=True)
+        ]
+        for j in range(3)
+    ]
+    exact = dict(full_solver(problem).reach(goal))
+    for j, (a, b) in enumerate(pieces):
+        union, intersection = np.minimum(a, b), np.maximum(a, b)
+        assert (union >= exact[j] - 1e-12).all() and (intersection >= union).all()
+    unions = [(np.minimum(a, b) <= 0).sum() for a, b in pieces]
+    intersections = [(np.maximum(a, b) <= 0).sum() for a, b in pieces]
+    assert all(u >= i for u, i in zip(unions, intersections, strict=True)) and sum(unions) > 1.2 * sum(intersections)
+
+
+def full_solver(problem):
+    return ProjectedSolver(problem, DOUBLE, [tuple(range(problem.grid.ndim))], inner="lax")
+
+
+def test_the_wrong_projections_would_not_be_inside():
+    """Guards the swapped symbols of App. A.4: projecting the set to be reached by its shadow (min) is unsafe."""
+    problem = chase_problem()
+    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
+    solver = ProjectedSolver(problem, DOUBLE, inner="lax")
+    solver.inner_projection = lambda values, axes: naive.outer_projection(values, axes)  # as printed for s
+    swapped = np.minimum.reduce([values for _, values in solver.reach(full.values(start=1, within=1))])
+    exact = np.minimum.reduce([v for _, v in full_solver(problem).reach(full.values(start=1, within=1))])
+    assert ((swapped <= 0) & (exact > 0.1)).mean() > 0.01
+
+
+def test_finite_differences_are_inside_but_for_scheme_error():
+    """The full and the projected PDE take different time steps; what that leaves is a small part of a cell.
+
+    Both solve monotone games of which one majorises the other, so values may be out of order by no more than the
+    two scheme errors: a tenth of a cell each is what their comparison with closed forms allows (tests of the games,
+    0.1 of a spacing on average). The worst states outside the full set are within that in value, and few.
+    """
+    for nodes in (9, 13, 17):
+        problem = sdhj.arm_case_study(nodes=nodes, steps=3)
+        full, inner = solve_quietly(problem), solve_quietly(problem, method="projected")
+        for k, n in entries(3):
+            a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
+            outside = (b <= 0) & (a > 0)
+            assert a[outside].max(initial=0.0) < 0.2 * problem.grid.spacing[2], (nodes, k, n)
+            assert problem.grid.fraction(outside) < 1e-3, (nodes, k, n)
+            assert inner.fraction(start=k, within=n) <= full.fraction(start=k, within=n)
+
+
+def test_first_order_with_equal_steps_is_inside_to_rounding(rng):
+    """That it is the time steps alone: a monotone scheme with the same steps on grid and subgrid keeps the order."""
+    from sdhj.schemes import Velocities, evolve
+
+    grid = Grid([-1.0] * 3, [1.0] * 3, [9, 10, 11], [True, False, False])
+    values = rng.normal(size=grid.shape)
+    low, high = np.array([-0.3, -0.2, 0.1]), np.array([0.4, 0.2, 0.3])
+    scheme = Scheme(order=1, integrator="rk2", dtype="float64")
+    full = evolve(grid, values, Velocities(low, high), 0.3, scheme, steps=6)
+    for axes in ((0, 1), (1, 2), (0,)):
+        keep = list(axes)
+        shadow = naive.inner_projection(values, axes)
+        piece = evolve(grid.subgrid(axes), shadow, Velocities(low[keep], high[keep]), 0.3, scheme, steps=6)
+        assert (grid.lift(piece, axes) >= full - 1e-12).all(), axes
+
+
+@pytest.mark.slow
+def test_case_study_against_an_independent_prototype():
+    """Fractions of the nodes from a separate program (projected Hopf-Lax, 25^4, instantaneous obstacles).
+
+    The two programs cut the interval differently when the obstacle moves; that is worth up to 0.003 between the full
+    solutions of both, and the projection costs 0.029, so 0.005 tells them apart.
+    """
+    problem = sdhj.arm_case_study(view_time="instantaneous")
+    table = solve_quietly(problem, method="projected", inner="lax")
+    found = [(table.values(start=0, within=n) <= 0).mean() for n in range(9)]
+    expected = [0.025, 0.071, 0.147, 0.221, 0.281, 0.315, 0.337, 0.354, 0.369]
+    np.testing.assert_allclose(found, expected, atol=0.005)
+
+
+def test_an_unsafe_set_within_a_subspace_stays_exact():
+    problem = sdhj.arm_case_study(nodes=7, steps=2)
+    obstacles, pursuer = problem.unsafe
+    projected, full = ProjectedSolver(problem, DOUBLE), HJISolver(problem, DOUBLE)
+    np.testing.assert_array_equal(projected.avoid(obstacles, 1), full.avoid(obstacles, 1))
+    assert projected.avoid(pursuer, 0).shape == (25, 7, 7, 7, 7)
+
+
+def test_a_subspace_with_all_axes_is_the_full_method():
+    problem = chase_problem(nodes=9)
+    full = solve_quietly(problem)
+    same = solve_quietly(problem, method="projected", subspaces=[(0, 1, 2)])
+    np.testing.assert_array_equal(same.tubes, full.tubes)
+    np.testing.assert_array_equal(same.masks, full.masks)
+
+
+def test_dropping_what_nothing_depends_on_costs_nothing():
+    """y enters neither the sets nor the velocity of x: the solution on (x) alone is the full one."""
+    drift = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    problem = ReachAvoidProblem(
+        Grid([-3.0, -1.0], [3.0, 1.0], [41, 7]),
+        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.5]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.7),
+        (UnsafeSet((0,), lambda p, t: 2.0 - p[:, 0]),),
+        0.4,
+        3,
+    )
+    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
+    inner = solve_quietly(problem, method="projected", inner="lax", subspaces=[(0,)], scheme=DOUBLE)
+    np.testing.assert_allclose(inner.tubes, full.tubes, atol=1e-12)  # rounding, see above
+
+
+# ---- dropped coordinates that enter the dynamics
+
+
+@pytest.mark.parametrize(
+    ("problem", "axes"),
+    [
+        (current_problem(nodes=(5, 5, 6)), (0, 1)),
+        (wind_problem(nodes=5), (0,)),
+        (current_problem(nodes=(5, 5, 6)), (0,)),
+    ],
+)
+def test_the_hamiltonian_is_the_supremum_over_the_dropped_nodes(problem, axes, rng):
+    grid = problem.grid
+    nodes = [grid.nodes(axis) for axis in range(grid.ndim)]
+    sub = grid.subgrid(axes)
+    for j in range(len(problem.inputs)):
+        field = disturbed_velocities(problem, j, axes)
+        for index in itertools.product(*(range(n) for n in sub.shape)):
+            p = rng.normal(size=len(axes))
+            if field.coupled:
+                f, b = field.drift[(..., *index)], field.gain[(..., *index)]
+                value = max(p @ f[m] + np.abs(p @ b[m]).sum() for m in range(len(f)))
+                assert (
+                    np.abs(f[:, :, None] + b) <= np.maximum(-field.lower, field.upper)[(..., *index)][:, None] + 1e-12
+                ).all()
+            else:
+                value = np.maximum(field.lower[(..., *index)] * p, field.upper[(..., *index)] * p).sum()
+            expected = naive.hamiltonian(
+                nodes,
+                axes,
+                {axis: nodes[axis][i] for axis, i in zip(axes, index, strict=True)},
+                p,
+                lambda q, j=j: problem.dynamics.drift_at(q[None], j)[0],
+                lambda q: problem.dynamics.gain_at(q[None])[0],
+                problem.dynamics.bounds,
+            )
+            assert value == pytest.approx(expected, abs=1e-12)  # rounding
+
+
+def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
+    """dx = u + v + 0.5 w, |w| <= 1, |v| <= 0.2: Phi(x) = |x + 0.4 u| + 0.4 * 0.7 - 1."""
+    problem = wind_problem(nodes=121)
+    solver = ProjectedSolver(problem, DOUBLE, [(0,)])
+    assert isinstance(solver.solver((0,)), DisturbedSolver)
+    assert not solver.solver((0,)).fields[0].coupled
+    x = problem.grid.nodes(0)
+    away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
+    for j, phi in solver.reach(problem.goal(0)):
+        exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * 0.7 - 1.0
+        error = np.abs(phi - exact[:, None])[away]
+        assert error.max() < 1.5 * problem.grid.spacing[0]  # a kink is spread over a few cells
+        assert error.mean() < 0.1 * problem.grid.spacing[0]
+
+
+def test_coupled_modes_have_their_closed_form():
+    """A current of any heading spreads a disk of radius 0.8 evenly: Phi = |(x + 0.2 u, y)| + 0.2 * 0.5 - 0.8.
+
+    The heading takes 16 values, so the spread is between cos(pi / 16) and 1 times 0.1; the rest is scheme error.
+    """
+    errors = []
+    for nodes in (21, 41):
+        problem = current_problem(nodes=(nodes, nodes, 16))
+        solver = ProjectedSolver(problem, DOUBLE, [(0, 1)])
+        assert solver.solver((0, 1)).fields[0].coupled
+        x, y = np.meshgrid(problem.grid.nodes(0), problem.grid.nodes(1), indexing="ij")
+        ring = (np.hypot(x, y) > 0.5) & (np.hypot(x, y) < 1.2)
+        target = np.broadcast_to((np.hypot(x, y) - 0.8)[..., None], problem.grid.shape)
+        worst = 0.0
+        for j, phi in solver.reach(target):
+            exact = np.hypot(x + 0.2 * problem.inputs[j, 0], y) + 0.1 - 0.8
+            worst = max(worst, np.abs(phi[..., 0] - exact)[ring].mean())
+        errors.append(worst)
+    assert errors[0] < 0.1 * 0.2 and errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize("view_time", ["swept", "instantaneous"])
+def test_where_a_dropped_coordinate_enters_the_sets_are_inside_the_full_ones(view_time):
+    """With Lax-Friedrichs on the subspace and Godunov on the whole grid, the order holds up to a fifth of a cell."""
+    problem = current_problem(nodes=(21, 21, 12), view_time=view_time, rate=0.5)
+    full = solve_quietly(problem)
+    inner = solve_quietly(problem, method="projected", subspaces=[(0, 1)])
+    cell = problem.grid.spacing[0]
+    for k, n in entries(problem.steps):
+        a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
+        assert a[b <= 0].max() < 0.2 * cell, (k, n)
+        assert inner.fraction(start=k, within=n) <= full.fraction(start=k, within=n)
+    assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
+    assert inner.details["projection"]["warnings"] == []
+
+
+def test_autonomous_dynamics_that_depend_on_kept_coordinates():
+    """dx = u - x / 2, dy = v: nothing dropped enters, so the subproblem is solved as it is."""
+
+    def drift(points, u):
+        return np.stack([u[0] - points[:, 0] / 2, np.zeros(len(points))], axis=1)
+
+    problem = ReachAvoidProblem(
+        Grid([-2.0, -1.0], [2.0, 1.0], [41, 9]),
+        Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.1, 0.5]),
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5),
+        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1]) - 0.3),),
+        0.3,
+        2,
+    )
+    solver = ProjectedSolver(problem, DOUBLE)
+    assert solver.subspaces == ((0,),)
+    assert type(solver.solver((0,))) is HJISolver
+    full, inner = solve_quietly(problem), solve_quietly(problem, method="projected")
+    for k, n in entries(2):
+        a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
+        assert a[b <= 0].max() < 0.2 * problem.grid.spacing[0]
+
+
+# ---- diagnosis
+
+
+def test_a_good_choice_is_not_warned_about(recwarn):
+    table = solve_quietly(sdhj.arm_case_study(nodes=9, steps=2), method="projected")
+    assert not [w for w in recwarn if issubclass(w.category, ProjectionWarning)]
+    notes = table.details["projection"]
+    assert notes["warnings"] == [] and all(0 < share <= 1 for share in notes["target_kept"])
+    assert 0 < notes["free"]["pursuer"] < 1
+
+
+def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
+    problem = sdhj.evader_case_study(nodes=11, steps=2)
+    with pytest.warns(ProjectionWarning, match="the target depends on p[xy]"):
+        table = solve_quietly(problem, method="projected")
+    assert table.details["projection"]["target_kept"] == [0.0, 0.0]
+    assert len(table.details["projection"]["warnings"]) == 2
+    for k, n in entries(2):  # nothing but the target itself
+        np.testing.assert_array_equal(table.values(start=k, within=n) <= 0, problem.goal(k).astype(np.float32) <= 0)
+        assert not table.inputs(start=k, within=n).any()
+    assert solve_quietly(problem).inputs(start=0, within=2).any()  # while the full method does gain something
+
+
+@pytest.mark.parametrize(
+    ("subspaces", "said"),
+    [
+        ([(0, 1)], "some value of px and py is unsafe"),  # the pursuer may be anywhere
+        ([(0, 1)], "'pursuer' fills every subspace"),
+        ([(0, 2, 3)], "the target depends on q2"),
+        ([(0, 2), (1, 3)], "the target depends on q1"),
+        ([(2, 3)], "'obstacles' fills every subspace"),
+    ],
+)
+def test_poorly_chosen_subspaces_are_reported(subspaces, said):
+    problem = sdhj.arm_case_study(nodes=9, steps=2)
+    with pytest.warns(ProjectionWarning, match=said):
+        table = solve_quietly(problem, method="projected", subspaces=subspaces)
+    assert any(said in sentence for sentence in table.details["projection"]["warnings"])
+    assert table.fraction(start=0, within=2) == table.fraction(start=0, within=0)
+
+
+def test_a_dropped_axis_of_an_unsafe_set_alone_is_reported():
+    """Nothing of the unsafe set's axes is kept: it is everywhere, as far as the subspace can tell."""
+    problem = chase_problem(nodes=9)
+    hidden = UnsafeSet((1,), lambda p, t: np.abs(p[:, 0]) - 0.2, name="hidden")
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5)
+    problem = ReachAvoidProblem(problem.grid, problem.dynamics, target, (hidden,), 0.25, 2)
+    with pytest.warns(ProjectionWarning, match="'hidden' fills every subspace"):
+        table = solve_quietly(problem, method="projected", subspaces=[(0, 2)])
+    assert table.details["projection"]["free"] == {"hidden": 0.0}
+
+
+def test_tubes_that_do_not_grow_are_reported():
+    """The disturbance outruns the target: the projections are sound, and still nothing is won."""
+    problem = sdhj.arm_case_study(nodes=9, steps=1, v_p_max=5.0)
+    with pytest.warns(ProjectionWarning, match="never grow"):
+        solve_quietly(problem, method="projected")
+
+
+def test_the_table_is_an_ordinary_one(tmp_path):
+    problem = sdhj.arm_case_study(nodes=9, steps=2)
+    table = solve_quietly(problem, method="projected")
+    table.save(tmp_path / "projected.h5")
+    again = sdhj.load(tmp_path / "projected.h5")
+    assert again.method == "projected"
+    assert again.details == json.loads(json.dumps(dict(table.details)))
+    assert again.details["subspaces"] == [[0, 1, 2], [0, 1, 3]] and again.details["inner"] == "hji"
+    np.testing.assert_array_equal(again.tubes, table.tubes)
+    np.testing.assert_array_equal(again.masks, table.masks)
+    controller = sdhj.Controller(again)
+    inside = problem.grid.points()[again.inputs(start=0, within=2).any(axis=-1).ravel()]
+    assert len(inside) and all(controller.safe_inputs(q, 0).size for q in inside[:5])
