@@ -1,0 +1,139 @@
+"""Execute the notebooks and keep what they say, or check that what they say is not stale.
+
+Usage: python .ci/notebooks.py execute [NOTEBOOK...]     (default: all of notebooks/)
+       python .ci/notebooks.py check [NOTEBOOK...]
+
+`execute` runs every cell in a fresh kernel, and then the solutions of the exercises, which must run too but leave no
+output. What it writes has no times, no widget state and no versions, and records a hash of the code it ran. `check`,
+the pre-commit hook, runs nothing: it says which notebooks hold other code than they were executed with, an error, or
+more than a reader should have to load. That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
+"""
+
+import ast
+import base64
+import hashlib
+import io
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from nbclient import NotebookClient
+from PIL import Image
+
+FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+LARGEST = 600_000  # bytes
+SOLUTION = re.compile(r"<details>.*?```python\n(.*?)```.*?</details>", re.DOTALL)
+VIEW = "application/vnd.jupyter.widget-view+json"
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+
+
+def solutions(notebook: nbformat.NotebookNode) -> list[str]:
+    """The code of the hidden solutions, in order."""
+    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    return [code for text in texts for code in SOLUTION.findall(text)]
+
+
+def code_hash(notebook: nbformat.NotebookNode) -> str:
+    """SHA-256 of the code cells and the solutions."""
+    parts = [cell.source for cell in notebook.cells if cell.cell_type == "code"] + solutions(notebook)
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def joined(outputs: list[Any]) -> list[Any]:
+    """Outputs with neighbouring pieces of the same stream made one: how they were cut is chance."""
+    kept: list[Any] = []
+    for output in outputs:
+        if kept and output.output_type == "stream" and kept[-1].get("name") == output.name:
+            kept[-1].text += output.text
+        else:
+            kept.append(output)
+    return kept
+
+
+def small(png: str) -> str:
+    """A picture (base64) with a palette of 256 colours: half the size, and no difference to the eye in a drawing."""
+    image = Image.open(io.BytesIO(base64.b64decode(png)))
+    if image.mode == "P":
+        return png
+    buffer = io.BytesIO()
+    image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def clean(notebook: nbformat.NotebookNode) -> None:
+    """Leave what is the same on every run, in place."""
+    for cell in notebook.cells:
+        kept = {"tags": cell.metadata.tags} if "tags" in cell.metadata else {}
+        cell.metadata = nbformat.from_dict(kept)
+        if cell.cell_type == "code":
+            cell.outputs = joined(cell.outputs)
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            data.pop(VIEW, None)
+            if "image/png" in data:
+                data["image/png"] = small(data["image/png"])
+    notebook.metadata = nbformat.from_dict({**METADATA, "sdhj": {"code": code_hash(notebook)}})
+
+
+def execute(path: Path) -> None:
+    """Run a notebook and its solutions, and write it back."""
+    notebook = nbformat.read(path, as_version=4)
+    cells = len(notebook.cells)
+    notebook.cells += [nbformat.v4.new_code_cell(code) for code in solutions(notebook)]
+    options = {"timeout": 900, "store_widget_state": False, "record_timing": False, "kernel_name": "python3"}
+    NotebookClient(notebook, resources={"metadata": {"path": str(path.parent)}}, **options).execute()
+    del notebook.cells[cells:]
+    clean(notebook)
+    nbformat.write(notebook, path)
+
+
+def faults(path: Path) -> list[str]:
+    """What is wrong with a notebook as it stands; empty where nothing is."""
+    notebook = nbformat.read(path, as_version=4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    found = []
+    if notebook.metadata.get("sdhj", {}).get("code") != code_hash(notebook):
+        found.append(f"stale: its code has changed; run python .ci/notebooks.py execute {path.name}")
+    if [cell.execution_count for cell in code] != list(range(1, len(code) + 1)):
+        found.append("was not run from top to bottom")
+    for number, cell in enumerate(code, start=1):
+        for output in cell.outputs:
+            if output.output_type == "error" or output.get("name") == "stderr":
+                found.append(f"cell {number} has an error or a warning in its output")
+            if VIEW in output.get("data", {}):
+                found.append(f"cell {number} holds a widget without its kernel")
+        if any(
+            isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Lambda) for node in ast.walk(ast.parse(cell.source))
+        ):
+            found.append(f"cell {number} defines a function; put it into the package")
+    if path.stat().st_size > LARGEST:
+        found.append(f"is {path.stat().st_size // 1000} kB, more than {LARGEST // 1000}")
+    return found
+
+
+def main(arguments: list[str]) -> int:
+    """Do what the command line says; the exit status."""
+    if not arguments or arguments[0] not in ("execute", "check"):
+        print(__doc__, file=sys.stderr)
+        return 2
+    paths = [path if path.exists() else FOLDER / path.name for path in map(Path, arguments[1:])] or sorted(
+        FOLDER.glob("*.ipynb")
+    )
+    bad = 0
+    for path in paths:
+        if arguments[0] == "execute":
+            print(path.name, flush=True)
+            execute(path)
+        for fault in faults(path):
+            print(f"{path.name}: {fault}", file=sys.stderr)
+            bad += 1
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
