@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from sdhj import certified_kernels as kernels
 from sdhj.case_studies import ArmScene, scene
-from sdhj.certified_cells import CellAxis, exact
+from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import ArmMotion, Cells
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
@@ -110,8 +110,8 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
     """Least and greatest velocity on one axis under input j, exactly, for dynamics that do not depend on the state."""
     dynamics = problem.dynamics
     pushes = zip(np.asarray(dynamics.gain)[axis], dynamics.bounds, strict=True)
-    push = sum((abs(exact(g)) * exact(b) for g, b in pushes), Fraction(0))
-    drift = exact(np.asarray(dynamics.drift)[j, axis])
+    push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
+    drift = measured(np.asarray(dynamics.drift)[j, axis])
     return drift - push, drift + push
 
 
@@ -123,7 +123,7 @@ def arm_motion(
     arm = arm_numbers(stage)
     if max(arm[0] + arm[1], stage.agent_box, *(disk.radius + disk.speed for disk in stage.obstacles), 0.0) > LONGEST:
         raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
-    delta = exact(problem.delta)
+    delta = measured(problem.delta)
     speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(2)]
     velocities = np.array([[[float(end) for end in bounds] for bounds in axis] for axis in speeds])  # (2, L, 2)
     pieces = parts_of(velocities, parts)
@@ -171,7 +171,7 @@ def agent_window(problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> FloatA
     """First and last cell that the image of each cell of the agent's axes needs; (2, 2, n), padded."""
     window = np.zeros((2, 2, max(axes[2].count, axes[3].count)), np.int64)
     for place, axis in enumerate((2, 3)):
-        first, number = axes[axis].image(*velocity_bounds(problem, axis, 0), exact(problem.delta))
+        first, number = axes[axis].image(*velocity_bounds(problem, axis, 0), measured(problem.delta))
         window[place, 0, : first.size] = first
         window[place, 1, : first.size] = first + number - 1
     return window

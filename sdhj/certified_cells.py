@@ -27,6 +27,11 @@ def exact(value: float) -> Fraction:
     return Fraction(repr(float(value)))
 
 
+def measured(value: float) -> Fraction:
+    """`value` to twelve digits: the 0.6000000000000001 of a range of inputs means six tenths."""
+    return Fraction(f"{float(value):.12g}")
+
+
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """An interval that holds the period upper - lower; a point where both ends are short decimals."""
     period = exact(upper) - exact(lower)

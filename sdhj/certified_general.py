@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified_arm import pack, velocity_bounds
-from sdhj.certified_cells import CellAxis, exact
+from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import SLACK, Cells, cells_at, covered, pick, row_and_bit
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
@@ -297,7 +297,7 @@ class GeneralRecursion:
         first, number = np.empty((2, len(self.axes), len(low)), np.int64)
         for axis, cells in enumerate(self.axes):
             if self.problem.dynamics.constant:  # exactly
-                tables = cells.image(*velocity_bounds(self.problem, axis, j), exact(self.problem.delta))
+                tables = cells.image(*velocity_bounds(self.problem, axis, j), measured(self.problem.delta))
                 own = np.indices(tuple(int(n) for n in self.shape))[axis].ravel()
                 first[axis], number[axis] = tables[0][own], tables[1][own]
             else:
