@@ -21,7 +21,8 @@ FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
 
 def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
-    return sdhj.solve(problem, method=method, scheme=DOUBLE, progress=False)
+    """With linear interpolation "lax" is the operator the controller looks ahead with, and exact on the interval."""
+    return sdhj.solve(problem, method=method, scheme=DOUBLE, interpolation="linear", progress=False)
 
 
 @cache
@@ -102,6 +103,36 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
     assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
 
 
+@pytest.mark.parametrize("bounds", [0.4, 2.0, 0.0])
+def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
+    """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
+    problem = toys.torus_problem(nodes=24, steps=2)
+    problem = replace(problem, dynamics=replace(problem.dynamics, bounds=np.full(2, bounds)))
+    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng), {})
+    for step in range(3):
+        for n in range(3 - step):
+            lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
+            table.value_array(step, n)[:] = np.minimum(lower, table.value_array(step, max(n - 1, 0)) if n else np.inf)
+            table.mask_array(step, n)[:] = rng.integers(0, 256, table.mask_array(step, n).shape) | 15
+    controller = Controller(table)
+    seen = set()
+    for step in range(3):
+        states = random_states(problem, 100, rng)
+        batch = controller.batch(states, step)
+        for m, q in enumerate(states):
+            to_go, safe, margins = twin(table, q, step)
+            assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
+            assert np.flatnonzero(batch.safe[m]).tolist() == safe
+            if safe:
+                np.testing.assert_allclose(batch.margins[m], margins, rtol=0, atol=1e-12)
+                seen.add(len(safe) > 1)
+    assert seen
+
+
+def torus_avoid(rng: np.random.Generator) -> AvoidTubes:
+    return AvoidTubes((1,), rng.normal(-1.0, 1.0, (9, 24)), (0, 1), rng.normal(-1.0, 1.0, (2, 9, 24, 24)))
+
+
 def test_all_three_tests_of_an_input_decide_somewhere(tables: dict[str, LookupTable], rng: np.random.Generator) -> None:
     """Marked and ahead, ahead only, and neither: the cases that the twin is compared on all occur on the arm."""
     table = tables["arm"]
@@ -118,11 +149,15 @@ def test_all_three_tests_of_an_input_decide_somewhere(tables: dict[str, LookupTa
     assert agreed.any() and (~agreed & (least <= 0)).any() and (least > 0).any()
 
 
-def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks() -> None:
-    """With the Hopf-Lax table the look-ahead is the very operator that marked the nodes: nothing may differ there."""
+@pytest.mark.parametrize("shift", [0.0, 1e-12, -1e-12])
+def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks(shift: float) -> None:
+    """With the Hopf-Lax table the look-ahead is the very operator that marked the nodes: nothing may differ there.
+
+    A state that rounding has put beside a node is still on it.
+    """
     table = solved(toys.torus_problem())
     controller = Controller(table)
-    nodes = table.grid.points()
+    nodes = table.grid.points() + shift
     for step in range(table.steps):
         batch = controller.batch(nodes, step)
         for n in range(1, table.steps - step + 1):

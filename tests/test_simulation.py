@@ -24,7 +24,7 @@ PLAYERS = ("none", "random", "aggressive", "worst")
 
 @cache
 def interval_table() -> LookupTable:
-    return sdhj.solve(toys.interval_problem(), method="lax", scheme=DOUBLE, progress=False)
+    return sdhj.solve(toys.interval_problem(), method="lax", interpolation="linear", scheme=DOUBLE, progress=False)
 
 
 @cache
@@ -81,22 +81,36 @@ def test_constant_velocities_move_on_lines_and_stop_at_walls() -> None:
     np.testing.assert_array_equal(clip_to_walls(problem.grid, after), after)
 
 
+def growth_problem() -> ReachAvoidProblem:
+    """dq = u q + v q: drift and gain depend on the state; q(t) = q(0) exp((u + v) t)."""
+    dynamics = sdhj.Dynamics([[-1.0], [1.0]], lambda p, u: u[0] * p, lambda p: p[:, :, None], [0.5])
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
+    return ReachAvoidProblem(sdhj.Grid([0.1], [9.0], [33]), dynamics, target, (), 0.1, 2)
+
+
 def test_curved_paths_are_integrated_to_fourth_order() -> None:
-    """A car that turns at rate 2 with drift v: x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v t, closed form."""
-    problem = toys.unicycle_problem()
-    start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.8
-    turned = 0.4 + 2 * t
-    east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
-    exact = start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]])
-    errors = []
-    counts = np.array([4, 8, 16, 32])
+    problem, t = growth_problem(), 1.2
+    exact = 1.5 * np.exp((1.0 + 0.4) * t)
+    counts, errors = np.array([4, 8, 16, 32]), []
     for count in counts:
-        state = start
+        state = np.array([[1.5]])
         for _ in range(count):
-            state = advance(problem, state, np.array([2]), v, t / count)
-        errors.append(np.abs(state - exact).max())
+            state = advance(problem, state, np.array([1]), np.array([[0.4]]), t / count)
+        errors.append(abs(state[0, 0] - exact))
     order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert 3.8 < order < 4.2
+
+
+def test_a_car_turns_on_a_circle() -> None:
+    """x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v1 t, and so on; 20 steps of 0.01 s are good to 1e-9."""
+    problem = toys.unicycle_problem()
+    start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.2
+    turned = 0.4 + 2 * t
+    east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
+    state = start
+    for _ in range(20):
+        state = advance(problem, state, np.array([2]), v, t / 20)
+    np.testing.assert_allclose(state, start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]]), rtol=0, atol=1e-9)
 
 
 def test_each_run_moves_under_its_own_input() -> None:
@@ -239,16 +253,28 @@ def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
     assert near.sum() > 190
 
 
-def test_aggressive_pursuer_closes_in_even_where_an_obstacle_is_nearer() -> None:
-    """The nearest set rules each component it has; the pursuer's own velocity is ruled by the pursuer."""
-    problem = sdhj.arm_case_study(nodes=9, steps=2)
+def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) -> None:
+    """The disturbance of the joints pushes towards what is nearer; the pursuer always closes in."""
+    problem = sdhj.arm_case_study(nodes=9, steps=1)
     controller = Controller(sdhj.solve(problem, method="lax", progress=False))
-    q = np.array([[2.6, 0.0, 0.3, 0.3]])  # the arm points left, at the still disk; the pursuer is up on the right
-    values = [float(part.level_set(q[:, part.axes], 0.0)[0]) for part in problem.unsafe]
-    assert min(values[:-1]) < values[-1]
-    v = ADVERSARIES["aggressive"](moment(controller, q))[0]
-    assert v[2:].tolist() == [-0.2, -0.2]  # towards the arm's base
-    assert np.abs(v[:2]).tolist() == [0.3, 0.3]
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (300, 4))
+    now = moment(controller, states)
+    values, changes = [], []
+    for part in problem.unsafe:
+        value = part.level_set(states[:, part.axes], 0.0)
+        trials = [
+            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds, np.eye(4), strict=True)
+        ]
+        values.append(value)
+        changes.append([part.level_set(trial[:, part.axes], 0.0) - value for trial in trials])
+    nearest, pursuer = np.argmin(values, axis=0), len(problem.unsafe) - 1
+    signs = -np.sign(np.array(changes))  # (parts, D, M)
+    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds
+    everyone = np.arange(300)
+    felt = signs[nearest, 0, everyone] != 0
+    np.testing.assert_array_equal(v[felt, 0], signs[nearest, 0, everyone][felt])
+    assert (felt & (signs[pursuer, 0] != signs[nearest, 0, everyone])).sum() > 20  # where the two pull apart
+    np.testing.assert_array_equal(v[:, 2:], signs[pursuer, 2:].T)
 
 
 def test_worst_takes_the_vertex_with_the_worst_score() -> None:
