@@ -24,10 +24,11 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import get_num_threads, njit, prange, set_num_threads
 
 from sdhj.games import HJISolver, LaxSolver, Solver, avoid_axes, unsafe_values, velocities
 from sdhj.grid import FloatArray, Grid
@@ -36,6 +37,7 @@ from sdhj.schemes import Scheme, Velocities, evolve
 from sdhj.table import AvoidTubes, LookupTable
 
 INNER = ("hji", "lax")
+SMALL = 2**16  # nodes of a subspace
 Axes = tuple[int, ...]
 
 
@@ -57,12 +59,12 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
     ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
     if ndim == 1:
         raise ValueError('method="projected" needs a grid of at least 2 axes, one to drop; use method="hji"')
-    driven = _driven(problem)
+    driven = driven_axes(problem)
     dropped = [axis for axis in reversed(everything) if not driven[axis]] or list(reversed(everything))
     return tuple(tuple(axis for axis in everything if axis != drop) for drop in dropped)
 
 
-def _driven(problem: ReachAvoidProblem) -> FloatArray:
+def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
     """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
     dynamics, count = problem.dynamics, len(problem.inputs)
     points = np.zeros((1, problem.grid.ndim)) if dynamics.constant else problem.grid.points()
@@ -262,15 +264,18 @@ class ProjectedSolver:
         dropped = tuple(axis for axis in range(self.problem.grid.ndim) if axis not in axes)
         return values.max(axis=dropped)
 
-    def reach_pieces(self, values: FloatArray) -> list[FloatArray]:
-        """Phi_j(t_k) on each subspace for every input, each (L, *subgrid)."""
-        pieces = []
-        for axes in self.subspaces:
-            piece = np.empty((len(self.problem.inputs), *self.problem.grid.subgrid(axes).shape), self.dtype)
-            for j, phi in self.solver(axes).reach(self.inner_projection(values, axes)):
-                piece[j] = phi
-            pieces.append(piece)
-        return pieces
+    def reach_pieces(self, values: FloatArray, out: FloatArray | None = None) -> list[FloatArray]:
+        """Phi_j(t_k) on each subspace for each input, each (L, *subgrid): views of `out` (L, sum of sizes) if given."""
+        grids = [self.problem.grid.subgrid(axes) for axes in self.subspaces]
+        ends = np.cumsum([grid.size for grid in grids])
+        if out is None:
+            out = np.empty((len(self.problem.inputs), ends[-1]), self.dtype)
+        parts = np.split(out, ends[:-1], axis=1)
+        for axes, grid, part in zip(self.subspaces, grids, parts, strict=True):
+            with _threads_for(grid.size):
+                for j, phi in self.solver(axes).reach(self.inner_projection(values, axes)):
+                    part[j] = phi.ravel()
+        return [part.reshape(-1, *grid.shape) for part, grid in zip(parts, grids, strict=True)]
 
     def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         """As `HJISolver.reach`: on the whole grid, inside the true reach sets."""
@@ -285,14 +290,18 @@ class ProjectedSolver:
         problem, count = self.problem, len(self.problem.inputs)
         axes = avoid_axes(problem, part)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            return self.solver(tuple(range(problem.grid.ndim))).avoid(part, step)
+            with _threads_for(problem.grid.subgrid(axes).size):
+                return self.solver(tuple(range(problem.grid.ndim))).avoid(part, step)
         kept, grid = self._kept(axes), problem.grid.subgrid(axes)
         self._sampled.clear()  # of an earlier step
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
             g = unsafe_values(problem, part, axes, problem.time(step), problem.time(step + 1))
             self._free[part.name] = max(float(g.min() > 0), self._free.get(part.name, 0.0))
             return np.full((count, *grid.shape), -g.min(), self.dtype)
-        tubes = [self.solver(keep).avoid(self._outer_projection(part, axes, keep), step) for keep in kept]
+        tubes = []
+        for keep in kept:
+            with _threads_for(problem.grid.subgrid(keep).size):
+                tubes.append(self.solver(keep).avoid(self._outer_projection(part, axes, keep), step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
         return np.stack([_unite(grid, [tube[j] for tube in tubes], local) for j in range(count)])
 
@@ -343,8 +352,10 @@ class ProjectedSolver:
         What `reach` and the recursion do together, without ever holding a reach set on the whole grid.
         """
         grid, most = self.problem.grid, self.problem.steps - step
-        pieces = [self.reach_pieces(table.value_array(step + 1, n)) for n in range(most)]
-        reach = np.stack([np.concatenate([p.reshape(len(p), -1) for p in piece], axis=1) for piece in pieces])
+        size = sum(grid.subgrid(axes).size for axes in self.subspaces)
+        reach = np.empty((most, len(self.problem.inputs), size), self.dtype)
+        for n in range(most):
+            self.reach_pieces(table.value_array(step + 1, n), reach[n])
         static, moving = (tubes.reshape(len(tubes), -1) for tubes in (avoid.static, avoid.moving[step]))
         if step == self.problem.steps - 1:  # the first row to be filled
             self._static_bits = pack(static[None])[0]
@@ -416,6 +427,18 @@ class ProjectedSolver:
         if not found and within[0] == within[table.steps]:
             found.append("the projected tubes never grow beyond the target: these subspaces are too conservative here")
         return found
+
+
+@contextmanager
+def _threads_for(size: int) -> Iterator[None]:
+    """One thread for kernels on few nodes: sharing them out costs more than it saves, most of all on a busy machine."""
+    before = get_num_threads()
+    if size < SMALL:
+        set_num_threads(1)
+    try:
+        yield
+    finally:
+        set_num_threads(before)
 
 
 def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
