@@ -110,10 +110,16 @@ class Controller:
         For an unknown rule.
     """
 
+    def __new__(cls, table: LookupTable, rule: str | Rule = "deepest") -> "Controller":
+        """A certified table is played by a controller of its own kind."""
+        if cls is Controller and table.method == "certified":
+            from sdhj.certified_table import CertifiedController
+
+            return super().__new__(CertifiedController)
+        return super().__new__(cls)
+
     def __init__(self, table: LookupTable, rule: str | Rule = "deepest") -> None:
-        if not callable(rule) and rule not in RULES:
-            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of a Choice, got {rule!r}")
-        self.table, self.problem, self.rule = table, table.problem, rule
+        self._set_up(table, rule)
         problem, avoid = table.problem, table.avoid
         inputs, steps = len(problem.inputs), table.steps
         self._table = (
@@ -130,8 +136,13 @@ class Controller:
             _shared_intervals(*reachable_boxes(problem, np.zeros((1, problem.grid.ndim)))) if constant else None
         )
         self._room = _room(problem.grid, self._reach) if self._reach else 0
-        self._effort = np.linalg.norm(problem.inputs, axis=1)
         self._local = threading.local()
+
+    def _set_up(self, table: LookupTable, rule: str | Rule) -> None:
+        if not callable(rule) and rule not in RULES:
+            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of a Choice, got {rule!r}")
+        self.table, self.problem, self.rule = table, table.problem, rule
+        self._effort = np.linalg.norm(self.problem.inputs, axis=1)
 
     # ---- one state
 
@@ -273,10 +284,14 @@ class Controller:
             raise ValueError(f"step must be a whole number from 0 to {self.table.steps}, got {step!r}")
         return int(step)
 
-    def _decide(self, states: FloatArray, step: int) -> Batch:
+    @staticmethod
+    def _refuse_nan(states: FloatArray) -> None:
         if not np.isfinite(states).all():
             bad = states[~np.isfinite(states).all(axis=1)][0]
             raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
+
+    def _decide(self, states: FloatArray, step: int) -> Batch:
+        self._refuse_nan(states)
         count = len(states)
         safe = np.empty((count, len(self.problem.inputs)), dtype=np.bool_)
         batch = Batch(states, step, np.empty(count, dtype=np.int64), safe, np.empty(safe.shape))

@@ -9,7 +9,7 @@ from numba import njit, prange
 from tqdm import tqdm
 
 from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes
-from sdhj.grid import FloatArray
+from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.projections import ProjectedSolver
 from sdhj.schemes import Scheme
@@ -19,14 +19,42 @@ METHODS = ("hji", "projected", "lax", "certified")
 GAMES = ("decomposed", "joint")
 
 
+@njit(cache=True)
+def _raise_to(row, wall):
+    """row = max(row, wall); a wall of one value holds for the whole row."""
+    if wall.size == 1:
+        level = wall[0]
+        for i in range(row.size):
+            row[i] = row[i] if row[i] > level else level
+    else:
+        for i in range(row.size):
+            row[i] = row[i] if row[i] > wall[i] else wall[i]
+
+
+@njit(cache=True)
+def _take_row(tube, mask, row, bit):
+    for i in range(row.size):
+        mask[i] |= bit if row[i] <= 0 else np.uint8(0)
+    for i in range(row.size):
+        tube[i] = row[i] if row[i] < tube[i] else tube[i]
+
+
 @njit(cache=True, parallel=True)
-def add_input(tube, mask, reach, avoid, bit):
-    """tube = min(tube, max(reach, avoid)); set `bit` of `mask` where that maximum is <= 0. All flat, in place."""
-    for i in prange(tube.size):
-        value = max(reach[i], avoid[i])
-        if value <= 0.0:
-            mask[i] |= bit
-        tube[i] = min(tube[i], value)
+def add_input(tube, mask, reach, static, static_at, moving, moving_at, bit):
+    """tube = min(tube, max(reach, static, moving)); set `bit` of `mask` where that maximum is <= 0. In place.
+
+    tube, mask, reach : (R, B), the grid in rows.
+    static, moving : (r, B), or (r, 1) where they do not depend on the axes within a row; row `static_at[i]` or
+        `moving_at[i]` belongs to row i of the grid.
+    """
+    blocks = min(tube.shape[0], 64)
+    for block in prange(blocks):
+        row = np.empty(tube.shape[1], tube.dtype)
+        for r in range(np.int64(block) * tube.shape[0] // blocks, (np.int64(block) + 1) * tube.shape[0] // blocks):
+            row[:] = reach[r]
+            _raise_to(row, static[static_at[r]])
+            _raise_to(row, moving[moving_at[r]])
+            _take_row(tube[r], mask[r], row, bit)
 
 
 def solve(
@@ -47,7 +75,7 @@ def solve(
     problem : ReachAvoidProblem
     method : {"hji", "projected", "lax", "certified"}
         Finite differences on the whole grid; on lower-dimensional subspaces (Sec. 5.1); the Hopf-Lax formula; or cells
-        with a proof.
+        with a proof (`sdhj.certified.certify` has its options).
     scheme : Scheme, optional
         How "hji" and "projected" discretise; "lax" takes its precision from it.
     games : {"decomposed", "joint"}
@@ -77,6 +105,11 @@ def solve(
         raise ValueError(f"games must be one of {', '.join(GAMES)}, got {games!r}")
     if games == "joint" and method != "hji":
         raise ValueError(f'games="joint" goes with method="hji", got method={method!r}')
+    if method == "certified":
+        from sdhj.certified import certify
+        from sdhj.certified_table import CertifiedTable
+
+        return CertifiedTable(certify(problem, progress=progress))  # type: ignore[return-value]  # the same interface
     scheme = Scheme() if scheme is None else scheme
     if method != "projected" and (subspaces is not None or inner != "hji"):
         raise ValueError(f'subspaces and inner go with method="projected", got method={method!r}')
@@ -127,28 +160,84 @@ def avoid_tubes(problem: ReachAvoidProblem, solver: Solver) -> AvoidTubes:
     )
 
 
+class _Rows:
+    """Avoid tubes as `add_input` reads them: rows of the last axes, looked up by the rows of the whole grid."""
+
+    def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
+        whole = set(range(grid.ndim))
+        used = [set(tubes.static_axes), set(tubes.moving_axes)]
+        self.last = 1  # axes in a row: each tube depends on all of them or on none
+        for last in range(2, max(1, grid.ndim // 2) + 1):
+            trailing = set(range(grid.ndim - last, grid.ndim))
+            if all(trailing <= axes or not trailing & axes for axes in used):
+                self.last = last
+        self.size = int(np.prod(grid.shape[-self.last :]))
+        trailing = set(range(grid.ndim - self.last, grid.ndim))
+        self.inside = [trailing <= axes for axes in used]
+        self.at = [self._lookup(grid, sorted(axes & (whole - trailing))) for axes in used]
+        self.tubes = tubes
+
+    def _lookup(self, grid: Grid, axes: list[int]) -> FloatArray:
+        """For each row of the grid the row of a tube on `axes` and those within the row."""
+        leading = grid.shape[: grid.ndim - self.last]
+        own = np.arange(int(np.prod([grid.shape[axis] for axis in axes])))
+        shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
+        return np.ascontiguousarray(np.broadcast_to(own.reshape(shape), leading)).ravel()
+
+    def of(self, values: FloatArray) -> FloatArray:
+        return values.reshape(-1, self.size)
+
+    def walls(self, step: int, j: int) -> tuple[FloatArray, ...]:
+        """static, static_at, moving, moving_at of `add_input`."""
+        parts = (self.tubes.static[j], self.tubes.moving[step, j])
+        rows = [part.reshape(-1, self.size if inside else 1) for part, inside in zip(parts, self.inside, strict=True)]
+        return rows[0], self.at[0], rows[1], self.at[1]
+
+
+def _known_already(table: LookupTable, k: int, n: int) -> tuple[int, int] | None:
+    """The entry (k', n') that S_k with n to go must equal, because all that it is made of is equal; or None."""
+
+    def same(one: tuple[int, int], other: tuple[int, int]) -> bool:
+        return np.array_equal(table.value_array(*one), table.value_array(*other))
+
+    if n >= 2 and same((k + 1, n - 1), (k + 1, n - 2)):  # the next tube has stopped growing, so has this one
+        return k, n - 1
+    timeless = not any(part.moving for part in table.problem.unsafe)
+    if timeless and k + 1 + n <= table.steps and same((k, n - 1), (k + 1, n - 1)) and same((k + 1, n - 1), (k + 2, n - 1)):
+        return k + 1, n
+    return None
+
+
 def _recursion(problem: ReachAvoidProblem, solver: Solver, method: str, details: dict[str, Any], bar: Any) -> LookupTable:
     """Rows k from the last to the first; within a row, one more step to go at a time."""
-    steps, count = problem.steps, len(problem.inputs)
+    steps = problem.steps
     tubes = avoid_tubes(problem, solver)
     table = LookupTable.empty(problem, method, solver.dtype, tubes, details)
-    joint = isinstance(solver, JointSolver)
-    nothing = np.broadcast_to(np.array(-np.inf, solver.dtype), problem.grid.size)
+    rows = _Rows(problem.grid, tubes)
+    details["tubes_copied"] = 0
     for k in range(steps, -1, -1):
         table.value_array(k, 0)[:] = problem.goal(k)
         if isinstance(solver, ProjectedSolver) and k < steps:
             solver.add_row(table, tubes, k)
             bar.update(steps - k)
             continue
-        avoid = [] if k == steps or joint else [tubes.lifted(problem.grid, k, j).ravel() for j in range(count)]
         for n in range(1, steps - k + 1):
-            tube, mask = table.value_array(k, n), table.mask_array(k, n)
-            tube[:] = table.value_array(k, n - 1)
-            following = table.value_array(k + 1, n - 1)
-            inputs = solver.reach_avoid(following, k) if isinstance(solver, JointSolver) else solver.reach(following)
-            for j, reach in inputs:
-                add_input(
-                    tube.reshape(-1), mask[j // 8], reach.reshape(-1), nothing if joint else avoid[j], np.uint8(1 << j % 8)
-                )
+            if known := _known_already(table, k, n):
+                table.value_array(k, n)[:] = table.value_array(*known)
+                table.mask_array(k, n)[:] = table.mask_array(*known)
+                details["tubes_copied"] += 1
+            else:
+                _fill(table, solver, rows, k, n)
             bar.update()
     return table
+
+
+def _fill(table: LookupTable, solver: Solver, rows: _Rows, k: int, n: int) -> None:
+    """S_k with n to go, from S_k with n - 1 and S_{k+1} with n - 1 to go (Theorem 2)."""
+    tube, mask, following = table.value_array(k, n), table.mask_array(k, n), table.value_array(k + 1, n - 1)
+    tube[:] = table.value_array(k, n - 1)
+    joint = isinstance(solver, JointSolver)
+    nothing = (np.full((1, 1), -np.inf, solver.dtype), np.zeros(len(rows.at[0]), np.int64)) * 2
+    for j, reach in solver.reach_avoid(following, k) if isinstance(solver, JointSolver) else solver.reach(following):
+        walls = nothing if joint else rows.walls(k, j)
+        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))

@@ -55,7 +55,7 @@ def summary(table: LookupTable, runs: int, seed: int) -> dict[str, str]:
         "share of C within 0 steps": f"{table.fraction(start=0, within=0):.4f}",
         f"share of C within {table.steps} steps": f"{table.fraction(start=0, within=table.steps):.4f}",
         "solved in, s": f"{table.details['seconds']:.2f}",
-        "table, MB": f"{(table.tubes.nbytes + table.masks.nbytes) / 1e6:.0f}",
+        "table, MB": f"{table.nbytes / 1e6:.0f}",
     }
     controller = sdhj.Controller(table)
     for adversary in ADVERSARIES:

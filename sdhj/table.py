@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,11 @@ class LookupTable:
         """Share of the grid's volume inside the tube."""
         return self.grid.fraction(self.value_array(start, within) <= 0)
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the tubes and masks take in memory."""
+        return int(self.tubes.nbytes + self.masks.nbytes)
+
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
         told = json.dumps(
@@ -146,44 +152,13 @@ class LookupTable:
         OSError
             Where the folder does not exist or cannot be written.
         """
-        path = Path(path)
-        try:
-            handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        except OSError as error:
-            raise OSError(
-                f"cannot write {path}: {error.strerror}; choose a folder that exists and can be written"
-            ) from error
-        os.close(handle)
-        try:
-            with h5py.File(temporary, "w") as file:
-                self._write(file)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        with replaced_whole(path) as file:
+            self._write(file)
 
     def _write(self, file: h5py.File) -> None:
-        problem, grid = self.problem, self.grid
-        file.attrs.update(
-            format=FORMAT,
-            format_version=FORMAT_VERSION,
-            sdhj_version=sdhj.__version__,
-            convention=CONVENTION,
-            problem=problem.name,
-            digest=problem.digest,
-            recipe=json.dumps(dict(problem.recipe), sort_keys=True),
-            method=self.method,
-            details=json.dumps(dict(self.details), sort_keys=True),
-            delta=problem.delta,
-            steps=problem.steps,
-            view_time=problem.view_time,
-        )
-        layout = file.create_group("grid")
-        layout.attrs.update(
-            lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names
-        )
+        grid = self.grid
+        file_header(file, self.problem, self.method, self.details)
         packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-        file["inputs"] = problem.inputs
         file["entries"] = np.array([(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)])
         file["entries"].attrs["columns"] = ["start", "within"]
         file.attrs["checksum"] = self._checksum()
@@ -193,6 +168,46 @@ class LookupTable:
             array = getattr(self.avoid, name)
             data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
             data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
+
+
+@contextmanager
+def replaced_whole(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """An HDF5 file to write; it takes its name only when it is whole, and nothing is left of it otherwise."""
+    path = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise OSError(f"cannot write {path}: {error.strerror}; choose a folder that can be written") from error
+    os.close(handle)
+    try:
+        with h5py.File(temporary, "w") as file:
+            yield file
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, details: Mapping[str, Any]) -> None:
+    """What every file says of itself: format, versions, conventions, and the problem in full."""
+    file.attrs.update(
+        format=FORMAT,
+        format_version=FORMAT_VERSION,
+        sdhj_version=sdhj.__version__,
+        convention=CONVENTION,
+        problem=problem.name,
+        digest=problem.digest,
+        recipe=json.dumps(dict(problem.recipe), sort_keys=True),
+        method=method,
+        details=json.dumps(dict(details), sort_keys=True),
+        delta=problem.delta,
+        steps=problem.steps,
+        view_time=problem.view_time,
+    )
+    grid = problem.grid
+    layout = file.create_group("grid")
+    layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
+    file["inputs"] = problem.inputs
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> LookupTable:
@@ -247,6 +262,10 @@ def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> Loo
             f"{path} was solved for another problem: its digest is {attrs['digest'][:12]}..., that of "
             f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
         )
+    if attrs["method"] == "certified":
+        from sdhj.certified_table import CertifiedTable
+
+        return CertifiedTable.read(file, path, problem)  # type: ignore[return-value]  # the same interface
     axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
     avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
     tubes, masks = file["tubes"][()], file["masks"][()]

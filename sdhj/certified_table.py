@@ -1,0 +1,132 @@
+"""Certified sets behind the interface of a look-up table, and a controller that plays certified inputs only."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.certified import CertifiedSets
+from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
+from sdhj.grid import FloatArray, Grid
+from sdhj.motion import clip_to_walls, displacements
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import TableFileError, file_header, replaced_whole
+
+GROUP = "certified"
+
+
+@dataclass(frozen=True)
+class CertifiedTable:
+    """A look-up table whose every answer is proved (`method="certified"`); used like a `LookupTable`.
+
+    The level-set function of S_k^n that it reports is the number of steps in which the target is certified to be
+    reached, N - k + 1 where it is not, minus n: whole numbers, <= 0 inside.
+    """
+
+    sets: CertifiedSets
+    method = GROUP
+
+    @property
+    def problem(self) -> ReachAvoidProblem:
+        return self.sets.problem
+
+    @property
+    def details(self) -> Any:
+        return self.sets.details
+
+    @property
+    def grid(self) -> Grid:
+        return self.problem.grid
+
+    @property
+    def steps(self) -> int:
+        return self.problem.steps
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the sets take in memory."""
+        return int(self.sets.index.nbytes + self.sets.pool.nbytes)
+
+    def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
+        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
+        longest = self.steps - step
+        found = np.full(len(states), longest + 1)
+        for within in range(longest, -1, -1):  # the tubes are nested, so the last to hold a state is the smallest
+            rows = np.flatnonzero(found == within + 1)
+            found[rows[self.sets.contains(states[rows], start=step, within=within)]] = within
+        return found
+
+    def values(self, *, start: int, within: int) -> FloatArray:
+        """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
+        within = min(within, self.steps - start)
+        return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
+
+    def inputs(self, *, start: int, within: int) -> FloatArray:
+        """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
+        marked = self.sets.certified_inputs_many(self.grid.points(), start, within)
+        return marked.reshape(*self.grid.shape, len(self.problem.inputs))
+
+    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
+        return self.sets.contains(points, start=start, within=within)
+
+    def fraction(self, *, start: int, within: int) -> float:
+        """Share of the volume of the state space that is certified (of cells, not of nodes)."""
+        return self.sets.fraction(start=start, within=within)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """As `LookupTable.save`."""
+        with replaced_whole(path) as file:
+            file_header(file, self.problem, self.method, self.details)
+            self.sets.save(file.create_group(GROUP))
+
+    @classmethod
+    def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "CertifiedTable":
+        """The table in an open file; TableFileError where it is of another problem."""
+        try:
+            return cls(CertifiedSets.load(file[GROUP], problem))
+        except json.JSONDecodeError as error:
+            raise TableFileError(f"{path} is damaged: {error}; solve it anew") from error
+
+
+class CertifiedController(Controller):
+    """`sdhj.Controller` of a certified table: it plays certified inputs and says so where there is none.
+
+    The margin that rule "deepest" goes by is the steps to go that the undisturbed successor has, minus those it may
+    have; at most 0 for a certified input, and the lower, the sooner the target.
+    """
+
+    table: CertifiedTable  # type: ignore[assignment]
+
+    def __init__(self, table: CertifiedTable, rule: str | Rule = "deepest") -> None:
+        self._set_up(table, rule)
+
+    def tube_values(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
+        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, self.problem.grid.ndim)
+        to_go = self.table.steps_to_go(flat, step).reshape(points.shape[:2])
+        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
+
+    def _decide(self, states: FloatArray, step: int) -> Batch:
+        self._refuse_nan(states)
+        to_go = self.table.steps_to_go(states, step)
+        to_go[to_go > self.table.steps - step] = NOT_ADMISSIBLE
+        safe = np.zeros((len(states), len(self.problem.inputs)), dtype=np.bool_)
+        for within in np.unique(to_go[to_go > 0]):
+            rows = to_go == within
+            safe[rows] = self.table.sets.certified_inputs_many(states[rows], step, int(within))
+        return Batch(states, step, to_go, safe, self._margins(states, step, to_go, safe))
+
+    def _margins(self, states: FloatArray, step: int, to_go: FloatArray, safe: FloatArray) -> FloatArray:
+        margins = np.full(safe.shape, np.inf)
+        rows, inputs = np.nonzero(safe)
+        if rows.size:
+            moves = displacements(self.problem, states)
+            moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
+            successors = clip_to_walls(self.problem.grid, moved)
+            margins[rows, inputs] = self.table.steps_to_go(successors, step + 1) - (to_go[rows] - 1)
+        return margins

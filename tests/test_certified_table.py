@@ -1,0 +1,65 @@
+"""Certified sets behind the table's interface, and the controller that plays them."""
+
+import h5py
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj.certified import certify
+from sdhj.certified_table import CertifiedController, CertifiedTable
+
+
+@pytest.fixture(scope="module")
+def table():
+    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+
+
+def test_values_and_contains_agree_and_tubes_grow(table):
+    points = table.grid.points()
+    inside = [table.values(start=0, within=n).ravel() <= 0 for n in range(4)]
+    for n in range(4):
+        assert np.array_equal(inside[n], table.contains(points, start=0, within=n))
+        assert n == 0 or (inside[n] >= inside[n - 1]).all()
+    shares = [table.fraction(start=0, within=n) for n in range(4)]
+    assert shares == sorted(shares) and 0 < shares[0] < shares[3] < 1
+    assert np.array_equal(table.values(start=0, within=9), table.values(start=0, within=3))
+
+
+def test_inputs_lead_from_every_certified_node(table):
+    newly = (table.values(start=0, within=2) <= 0) & (table.values(start=0, within=1) > 0)
+    assert newly.any()
+    assert table.inputs(start=0, within=2)[newly].any(axis=-1).all()
+
+
+def test_round_trip(table, tmp_path):
+    table.save(tmp_path / "certified.h5")
+    loaded = sdhj.load(tmp_path / "certified.h5")
+    assert isinstance(loaded, CertifiedTable)
+    for k in range(4):
+        for n in range(4 - k):
+            assert loaded.fraction(start=k, within=n) == table.fraction(start=k, within=n)
+    assert np.array_equal(loaded.inputs(start=0, within=2), table.inputs(start=0, within=2))
+    with h5py.File(tmp_path / "certified.h5") as file:
+        assert file.attrs["method"] == "certified" and "obstacles" in file.attrs["recipe"]
+
+
+@pytest.mark.parametrize("adversary", ["random", "aggressive", "worst"])
+def test_no_run_from_a_certified_state_fails(table, adversary):
+    controller = sdhj.Controller(table)
+    assert isinstance(controller, CertifiedController)
+    report = sdhj.monte_carlo(controller, runs=2000, adversary=adversary, seed=3)
+    assert report.counts["reached"] == report.runs
+
+
+def test_outside_the_certified_set_it_says_so(table):
+    controller = sdhj.Controller(table)
+    with pytest.raises(sdhj.NotAdmissible, match="not admissible"):
+        controller.select([3.0, 3.0, 0.0, 0.0], 0)
+    assert controller.steps_to_go([3.0, 3.0, 0.0, 0.0], 0) is None
+    with pytest.raises(ValueError, match="NaN"):
+        controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)
+
+
+def test_solve_makes_certified_tables():
+    problem = sdhj.arm_case_study(nodes=9, steps=1)
+    assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
