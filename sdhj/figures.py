@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import illustrations, plotting
 from sdhj.case_studies import ArmScene, scene
+from sdhj.comparison import compare
 from sdhj.grid import FloatArray
 from sdhj.plotting import diagrams, games, runs, studies
 from sdhj.problem import ReachAvoidProblem
@@ -145,7 +146,8 @@ def measure(
     seconds: dict[str, dict[int, float]] = {method: {} for method in methods}
     for method in methods:
         sdhj.solve(sdhj.arm_case_study(nodes=9), method=method, progress=False)
-        for count in nodes:
+    for count in nodes:
+        for method in methods:  # one after the other, so that what else the machine does weighs on both
             say(f"timing: {method}, {count} nodes on each axis")
             began = time.perf_counter()
             sdhj.solve(sdhj.arm_case_study(nodes=count), method=method)
@@ -171,8 +173,10 @@ def _set_legend(figure: Figure, *, target: bool = True) -> None:
 
 
 def problem_diagram(context: Context) -> Figure:
-    figure = plotting.new_figure(6.2, 3.6)
-    diagrams.draw_problem(figure.subplots(), context.scene, state=SHOWN_STATE, trail=(0.0, 0.2, 0.4, 0.6, 0.8))
+    figure = plotting.new_figure(7.0, 3.6, layout="none")
+    diagrams.draw_problem(
+        figure.add_axes((0.0, 0.0, 1.0, 1.0)), context.scene, state=SHOWN_STATE, trail=(0.0, 0.2, 0.4, 0.6, 0.8)
+    )
     return figure
 
 
@@ -352,6 +356,17 @@ def fractions(context: Context) -> Figure:
     return figure
 
 
+def conservativeness(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 3.7)
+    cut = {"px": PURSUER_AT[2], "py": PURSUER_AT[3]}
+    numbers = compare(context.table("hji"), context.table("projected"), slices=[cut])
+    left, right = figure.subplots(1, 2)
+    studies.draw_entries(left, numbers.entries("ratio"), label="volume of the projected tube / full")
+    title = f"Hausdorff distance (rad), pursuer at ({cut['px']:.2f}, {cut['py']:.2f}) m"
+    studies.draw_entries(right, numbers.entries(numbers.header[-1]), label=title, cmap="cividis_r")
+    return figure
+
+
 @dataclass(frozen=True)
 class FigureSpec:
     """One picture: the paper's figure number (None: not in the paper), what it shows, how it is drawn.
@@ -385,6 +400,9 @@ FIGURES: dict[str, FigureSpec] = {
     "fig13_comparison": FigureSpec(13, "Full and projected tubes laid over each other", comparison),
     "fig13_isosurface": FigureSpec(13, "Full and projected tubes over (q1, q2, p_x)", isosurfaces),
     "fig14_timing": FigureSpec(14, "Computation times, full against projected", timings),
+    "extra_conservativeness": FigureSpec(
+        None, "What projecting costs: volume ratio and Hausdorff distance of every tube", conservativeness
+    ),
     "extra_fractions": FigureSpec(None, "Share of C inside against the steps to go, by method", fractions),
 }
 
@@ -442,10 +460,10 @@ class Refusal(click.ClickException):
     exit_code = 2
 
 
-def script(*numbers: int) -> click.Command:
-    """The command line of a script in figures/: it writes every picture with those numbers, or all there are."""
-    names = [name for name, spec in FIGURES.items() if not numbers or spec.number in numbers]
-    text = "; ".join(FIGURES[name].title for name in names) if numbers else "Every figure"
+def script(which: int | str | None = None) -> click.Command:
+    """The command line of a script in figures/: it writes the pictures with that number or name, or all there are."""
+    names = [name for name, spec in FIGURES.items() if which in (None, name, spec.number)]
+    text = "Every figure" if which is None else "; ".join(FIGURES[name].title for name in names)
 
     @click.command(help=f"{text}.", context_settings={"show_default": True})
     @click.option("--nodes", default=25, help="Nodes on each axis of the case study.")

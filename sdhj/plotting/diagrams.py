@@ -128,7 +128,7 @@ class Board:
 def draw_problem(ax: Axes, scene: ArmScene, *, state: Sequence[float], trail: Sequence[float]) -> None:
     """The arm among known moving disks and an unpredictable agent, named (Fig. 1)."""
     draw_workspace(ax, scene, state=state, trail=np.asarray(trail))
-    ax.set_ylim(-0.34, 0.34)
+    ax.set(xlim=(-0.66, 0.66), ylim=(-0.34, 0.34))
     ax.axis("off")
     pursuer, radius = scene.agent_disk(state)
     for angle in np.deg2rad((20, 65, 110, 155, 200, 245, 290, 335)):  # it may go anywhere

@@ -96,7 +96,7 @@ def draw_cost(ax: Axes, game: OneStepGame, *, view: Sequence[float] = VIEW) -> N
         lines = ax.contour(
             where.x, where.y, cost, levels=chosen, colors=["#666666"], linewidths=0.7, linestyles=style, zorder=1.2
         )
-        ax.clabel(lines, list(chosen[::2]), fontsize=6.5, fmt="%.1f")
+        ax.clabel(lines, [level for level in chosen[::2] if level < 0.4], fontsize=6.5, fmt="%.1f")
     draw_set(ax, where, cost, FULL | {"linewidth": 2.0}, "reach-avoid", zorder=1.0)
 
 

@@ -172,18 +172,26 @@ def draw_entries(
 ) -> None:
     """One number for each (start, within) as the triangle of Fig. 8, for example the ratio of two tables' volumes.
 
-    `values` (N + 1, N + 1) with NaN where there is no entry.
+    `values` (N + 1, N + 1) with NaN where there is no entry; an infinite one is written without a colour.
     """
     import matplotlib as mpl
 
-    top = float(np.nanmax(values))
+    top = float(np.max(values, where=np.isfinite(values), initial=vmin))
     mesh = ax.imshow(np.ma.masked_invalid(values), cmap=cmap, vmin=vmin, vmax=max(top, vmin + 1e-12), gid="entries")
     colours = mpl.colormaps[cmap]
     for (k, n), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            red, green, blue, _ = colours(mesh.norm(value))
+        if not np.isnan(value):
+            red, green, blue, _ = colours(mesh.norm(value)) if np.isfinite(value) else (1.0, 1.0, 1.0, 1.0)
             dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.5
-            ax.text(n, k, fmt.format(value), ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
+            ax.text(
+                n,
+                k,
+                fmt.format(value) if np.isfinite(value) else r"$\infty$",
+                ha="center",
+                va="center",
+                fontsize=6.5,
+                color="white" if dark else "black",
+            )
     count = len(values)
     ax.set(xticks=range(count), yticks=range(count), xlabel="steps to go, $n$", ylabel="from step $k$", title=label)
     ax.tick_params(length=0)
