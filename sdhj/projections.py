@@ -189,7 +189,10 @@ class DisturbedSolver(HJISolver):
         steps = max(field.steps(grid, sub.delta, self.scheme.cfl) for field in self.fields)
 
         def wall(tau: float) -> FloatArray:
-            return -unsafe_values(sub, part, part.axes, t1 - tau, t1 - tau)
+            """The set as it is at any time of the step that ends tau before t1: what moves fast must not slip past."""
+            now = t1 - tau
+            later = min(now + sub.delta / steps, t1)
+            return -sub.sample(part.axes, lambda points: part.over(points, now, later, "swept"), part.name)
 
         held: Any = wall
         if not (part.moving and sub.view_time == "instantaneous"):
