@@ -60,6 +60,7 @@ def test_outside_the_certified_set_it_says_so(table):
         controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)
 
 
-def test_solve_makes_certified_tables():
+def test_solve_makes_certified_tables(monkeypatch):
+    monkeypatch.setattr("sdhj.certified.ARM_CELLS", (105, 105, 36, 36))
     problem = sdhj.arm_case_study(nodes=9, steps=1)
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
