@@ -139,6 +139,56 @@ def info(table: Path) -> None:
 
 
 @main.command()
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--samples", default=2000, help="Claims of each kind to check; 0 checks all of them.")
+@click.option("--seed", default=0, help="Seed of the draw.")
+@click.option(
+    "--certified", type=click.Path(path_type=Path), help="Certified table to hold an interpolated one against."
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
+@click.pass_context
+@plainly
+def verify(
+    context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
+) -> None:
+    """Re-derive the claims of a certified table, or say what of another one is certified."""
+    read = sdhj.load(table)
+    if read.method == "certified":
+        from sdhj.verify import verify as check
+
+        report = check(table, samples=samples or None, seed=seed)
+        click.echo(str(report))
+        context.exit(0 if report.ok else 1)
+    if certified is None:
+        raise ValueError(
+            f"{table} holds interpolated tubes, which prove nothing; make a certified table with `sdhj solve --method "
+            "certified -o certified.h5` and hold it against that one: `sdhj verify --certified certified.h5 ...`"
+        )
+    proof = sdhj.load(certified)
+    if proof.method != "certified":
+        raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
+    _compare(read, proof, seed, None if output is None else writable(output))
+
+
+def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
+    from sdhj.labels import same_game, shares
+
+    same_game(table, proof)
+    for name, share in shares(table, proof, within=table.steps, seed=seed).items():
+        click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
+    if output is not None:
+        from sdhj import plotting
+        from sdhj.plotting.labels import draw_labels, label_legend
+
+        with plotting.style():
+            figure = plotting.new_figure(5.0, 4.6)
+            draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
+            figure.legend(handles=label_legend(), loc="outside upper center", ncols=3)
+            figure.savefig(output)
+        click.echo(output)
+
+
+@main.command()
 @plainly
 def warmup() -> None:
     """Compile every kernel once; later runs read them from the disk cache."""

@@ -64,3 +64,38 @@ def test_solve_makes_certified_tables(monkeypatch):
     monkeypatch.setattr("sdhj.certified.ARM_CELLS", (105, 105, 36, 36))
     problem = sdhj.arm_case_study(nodes=9, steps=1)
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
+
+
+def test_labels_part_the_states_of_a_tube(table):
+    from sdhj.labels import LABELS, labels, shares
+
+    grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
+    points = grid_table.grid.points()
+    found = labels(grid_table, table, points, within=3)
+    proved, claimed = (t.contains(points, start=0, within=3) for t in (table, grid_table))
+    assert np.array_equal(found == LABELS.index("certified"), proved)
+    assert np.array_equal(found == LABELS.index("not certified"), claimed & ~proved)
+    assert np.array_equal(found == LABELS.index("outside"), ~claimed & ~proved)
+    parts = shares(grid_table, table, within=3, draws=20_000)
+    # three standard deviations of a share of 20,000 draws
+    assert parts["certified"] == pytest.approx(table.fraction(start=0, within=3), abs=3 * 0.5 / 20_000**0.5)
+    with pytest.raises(ValueError, match="different games"):
+        shares(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, within=2)
+
+
+def test_verify_from_the_command_line(table, tmp_path):
+    from click.testing import CliRunner
+
+    from sdhj.cli import main
+
+    table.save(tmp_path / "certified.h5")
+    sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False).save(tmp_path / "hji.h5")
+    paths = {name: str(tmp_path / name) for name in ("certified.h5", "hji.h5", "labels.png")}
+    checked = CliRunner().invoke(main, ["verify", paths["certified.h5"], "--samples", "20"])
+    assert checked.exit_code == 0 and "proved" in checked.output and "NOT" not in checked.output
+    alone = CliRunner().invoke(main, ["verify", paths["hji.h5"]])
+    assert alone.exit_code == 2 and "--certified" in alone.output
+    arguments = ["verify", paths["hji.h5"], "--certified", paths["certified.h5"], "-o", paths["labels.png"]]
+    against = CliRunner().invoke(main, arguments)
+    assert against.exit_code == 0, against.output
+    assert "not certified" in against.output and (tmp_path / "labels.png").stat().st_size > 5000
