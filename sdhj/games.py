@@ -227,7 +227,8 @@ class LaxSolver:
         result = np.full((len(problem.inputs), *grid.shape), -np.inf, self.dtype)
         for piece in range(pieces):
             if whole is None:  # what moves within a piece is covered by its swept volume
-                g = problem.sample(axes, lambda p, piece=piece: part.over(p, times[piece], times[piece + 1], "swept"), part.name)  # type: ignore[misc]
+                t0, t1 = float(times[piece]), float(times[piece + 1])
+                g = problem.sample(axes, lambda p, t0=t0, t1=t1: part.over(p, t0, t1, "swept"), part.name)  # type: ignore[misc]
             wall = (-g if whole is None else whole).astype(self.dtype)
             ends = problem.delta * np.array([piece, piece + 1]) / pieces
             low = np.minimum(*(end * self.lower[:, axes] for end in ends))

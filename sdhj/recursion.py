@@ -125,7 +125,8 @@ def solve(
     details |= {"interpolation": interpolation, "dtype": scheme.dtype} if method == "lax" else vars(scheme)
     if isinstance(solver, ProjectedSolver):
         details |= solver.options
-    bar = tqdm(total=problem.steps * (problem.steps + 1) // 2, desc=method, unit="tube", disable=None if progress is None else not progress)
+    total, hidden = problem.steps * (problem.steps + 1) // 2, None if progress is None else not progress
+    bar = tqdm(total=total, desc=method, unit="tube", disable=hidden)
     with bar:
         table = _recursion(problem, solver, method, details, bar)
     details["seconds"] = time.perf_counter() - started
@@ -203,12 +204,15 @@ def _known_already(table: LookupTable, k: int, n: int) -> tuple[int, int] | None
     if n >= 2 and same((k + 1, n - 1), (k + 1, n - 2)):  # the next tube has stopped growing, so has this one
         return k, n - 1
     timeless = not any(part.moving for part in table.problem.unsafe)
-    if timeless and k + 1 + n <= table.steps and same((k, n - 1), (k + 1, n - 1)) and same((k + 1, n - 1), (k + 2, n - 1)):
+    alike = timeless and k + 1 + n <= table.steps
+    if alike and same((k, n - 1), (k + 1, n - 1)) and same((k + 1, n - 1), (k + 2, n - 1)):
         return k + 1, n
     return None
 
 
-def _recursion(problem: ReachAvoidProblem, solver: Solver, method: str, details: dict[str, Any], bar: Any) -> LookupTable:
+def _recursion(
+    problem: ReachAvoidProblem, solver: Solver, method: str, details: dict[str, Any], bar: Any
+) -> LookupTable:
     """Rows k from the last to the first; within a row, one more step to go at a time."""
     steps = problem.steps
     tubes = avoid_tubes(problem, solver)
@@ -239,5 +243,6 @@ def _fill(table: LookupTable, solver: Solver, rows: _Rows, k: int, n: int) -> No
     joint = isinstance(solver, JointSolver)
     nothing = (np.full((1, 1), -np.inf, solver.dtype), np.zeros(len(rows.at[0]), np.int64)) * 2
     for j, reach in solver.reach_avoid(following, k) if isinstance(solver, JointSolver) else solver.reach(following):
-        walls = nothing if joint else rows.walls(k, j)
-        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
+        static, static_at, moving, moving_at = nothing if joint else rows.walls(k, j)
+        bit, marked = np.uint8(1 << j % 8), rows.of(mask[j // 8])
+        add_input(rows.of(tube), marked, rows.of(reach), static, static_at, moving, moving_at, bit)
