@@ -33,8 +33,9 @@ def labels(
     """For each row of `states` (M, ndim) its place in LABELS: (M,) int.
 
     "certified" has a proof, whatever the interpolated table says; "not certified" is in the table's tube without one;
-    "outside" is in neither.
+    "outside" is in neither. ValueError where the tables are of different games.
     """
+    same_game(table, certified)
     proved = certified.contains(states, start=start, within=within)
     claimed = table.contains(states, start=start, within=within)
     return np.where(proved, 0, np.where(claimed, 1, 2))
