@@ -176,7 +176,10 @@ def test_a_collision_that_the_table_does_not_know_is_seen() -> None:
 
 def test_a_start_in_an_unsafe_set_has_collided() -> None:
     wall = sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] + 1.9, name="wall")
-    assert simulate(judged_by(interval_table(), unsafe=(wall,)), [-2.0]).outcome == "collided"
+    run = simulate(judged_by(interval_table(), unsafe=(wall,)), [-2.0])
+    assert run.outcome == "collided" and run.times.tolist() == [0.0] and run.inputs.size == 0
+    inside = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.9) - 0.1, name="in the target")
+    assert simulate(judged_by(interval_table(), unsafe=(inside,)), [0.9]).outcome == "collided"
 
 
 def test_moving_sets_are_judged_at_their_time() -> None:
@@ -394,6 +397,7 @@ def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(one.outcomes, two.outcomes)
     np.testing.assert_array_equal(one.steps, two.steps)
     assert (one.starts != other.starts).all()
+    assert len(np.unique(one.starts, axis=0)) == runs  # chunks do not repeat each other
     q = one.starts[0]
     first, again, different = (simulate(controller, q, "random", seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.states, again.states)
