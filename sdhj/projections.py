@@ -214,7 +214,7 @@ class ProjectedSolver:
         The axes that each subspace keeps; see `default_subspaces`.
     inner : {"hji", "lax"}
         How the games are solved on them: finite differences or the Hopf-Lax formula.
-    interpolation : {"linear", "cubic", "quintic"}
+    interpolation : {"limited", "linear"}
         For "lax".
 
     Raises
@@ -230,7 +230,7 @@ class ProjectedSolver:
         subspaces: Sequence[Sequence[int]] | None = None,
         *,
         inner: str = "hji",
-        interpolation: str = "linear",
+        interpolation: str = "limited",
     ) -> None:
         if inner not in INNER:
             raise ValueError(f"inner must be one of {', '.join(INNER)}, got {inner!r}")

@@ -12,7 +12,8 @@ from sdhj.workspace import Disk, Still
 
 @pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])
 def test_a_stronger_adversary_leaves_less_until_nothing(bound):
-    """Larger boxes for the adversary hold the smaller ones, and the Hopf-Lax maximum over them grows with them."""
+    """Larger boxes for the adversary hold the smaller ones, so the maximum over them grows; steps this wide hide what
+    interpolation adds."""
     values = (0.0, 0.2, 0.8, 2.0, 5.0)
     sweep = sweep_adversary(bound, values, method="lax", nodes=9, steps=2)
     assert sweep.values == values
