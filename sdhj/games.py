@@ -11,6 +11,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointSolver`
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -20,7 +21,7 @@ from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.schemes import Scheme, Velocities, evolve
 
-SHIFT = "limited"  # how functions are moved between frames: no less accurate than the differences it serves
+SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 
 
 class Solver(Protocol):
@@ -74,22 +75,33 @@ def avoid_axes(problem: ReachAvoidProblem, part: UnsafeSet) -> tuple[int, ...]:
     return part.axes if alone else tuple(range(problem.grid.ndim))
 
 
-def unsafe_values(problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[int], t0: float, t1: float) -> FloatArray:
-    """g of one unsafe set on the subgrid of `axes`: at time t0 where t0 = t1, else over [t0, t1] by the problem's view-time."""
+def unsafe_values(
+    problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[int], t0: float, t1: float, view_time: str
+) -> FloatArray:
+    """g of one unsafe set over [t0, t1], by a view-time that is not instantaneous, on the subgrid of `axes`."""
     local = [list(axes).index(axis) for axis in part.axes]
-
-    def level_set(points: FloatArray) -> FloatArray:
-        if t0 == t1:
-            return part.level_set(points[:, local], t0)
-        return part.over(points[:, local], t0, t1, problem.view_time)
-
-    return problem.sample(axes, level_set, part.name)
+    return problem.sample(axes, lambda points: part.over(points[:, local], t0, t1, view_time), part.name)
 
 
-def shifted(grid: Grid, values: FloatArray, by: FloatArray) -> FloatArray:
-    """The function x -> values(x + by); `by` (ndim,)."""
-    ((_, moved),) = maximum_over_boxes(grid, values, by[None], by[None], SHIFT)
-    return moved
+def walls(
+    problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[int], step: int, steps: int
+) -> Callable[[float], FloatArray]:
+    """-g of one unsafe set as a function of tau, the time left of the interval from `step`, solved in `steps` steps.
+
+    An instantaneous set is taken at all times of the time step that ends at tau, or what is fast slips past between two
+    of them; at other view-times the answer is the same for all tau.
+    """
+    t0, t1 = problem.time(step), problem.time(step + 1)
+    instant = part.moving and problem.view_time == "instantaneous"
+
+    @cache
+    def wall(tau: float) -> FloatArray:
+        if not instant:
+            return -unsafe_values(problem, part, axes, t0, t1, problem.view_time)
+        now = t1 - tau
+        return -unsafe_values(problem, part, axes, now, min(now + problem.delta / steps, t1), "swept")
+
+    return wall if instant else lambda tau: wall(0.0)
 
 
 class HJISolver:
@@ -124,44 +136,23 @@ class HJISolver:
         return evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
-        """Level-set functions of the avoid tubes over the interval from `step`, shape (L, *subgrid of avoid_axes)."""
+        """Level-set functions of the avoid tubes over the interval from `step`, shape (L, *subgrid of avoid_axes).
+
+        Differences wear the crests of -g down, and so find unsafe states safe: where velocities are constant, in the
+        moving frame, the tubes come from the Hopf-Lax formula, which does not.
+        """
         problem = self.problem
+        if self.moving_frame:
+            return LaxSolver(problem, SHIFT, self.dtype).avoid(part, step)
         axes = avoid_axes(problem, part)
         grid = problem.grid.subgrid(axes)
-        t0, t1 = problem.time(step), problem.time(step + 1)
-        instant = part.moving and problem.view_time == "instantaneous"
-        known: dict[float, FloatArray] = {}
-
-        def obstacle(tau: float) -> FloatArray:
-            if tau not in known:
-                known[tau] = -unsafe_values(problem, part, axes, t1 - tau, t1 - tau)
-            return known[tau]
-
-        held = obstacle if instant else (-unsafe_values(problem, part, axes, t0, t1)).astype(self.dtype)
-        return self._avoid(grid, axes, held)
-
-    def _avoid(self, grid: Grid, axes: Sequence[int], wall: FloatArray | Callable[[float], FloatArray]) -> FloatArray:
-        """Phi >= wall for every input, from Phi = wall; `wall` as `evolve` takes its obstacle."""
-        problem, delta = self.problem, self.problem.delta
         fields = [field for j in range(len(problem.inputs)) if (field := velocities(problem, j, axes)) is not None]
-        steps = max(field.steps(grid, delta, self.scheme.cfl) for field in fields)
-        start = wall(0.0) if callable(wall) else wall
-        if not self.moving_frame:
-            return np.stack(
-                [evolve(grid, start, field, delta, self.scheme, obstacle=wall, steps=steps) for field in fields]
-            )
-        still = velocities(problem, 0, axes, drift=False)
-        assert still is not None
-        tubes = np.empty((len(fields), *grid.shape), self.dtype)
-        for tube, drift in zip(tubes, np.asarray(problem.dynamics.drift)[:, axes], strict=True):
-
-            def passing(tau: float, drift: FloatArray = drift) -> FloatArray:
-                """The wall as it is met tau before the end, seen from where the drift alone leads by then."""
-                return shifted(grid, wall(tau) if callable(wall) else wall, -drift * tau)
-
-            end = evolve(grid, start, still, delta, self.scheme, obstacle=passing, steps=steps)
-            tube[:] = shifted(grid, end, drift * delta)
-        return tubes
+        steps = max(1, *(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields))
+        wall = walls(problem, part, axes, step, steps)
+        held = wall if part.moving and problem.view_time == "instantaneous" else wall(0.0)
+        return np.stack(
+            [evolve(grid, wall(0.0), field, problem.delta, self.scheme, obstacle=held, steps=steps) for field in fields]
+        )
 
 
 class JointSolver(HJISolver):
@@ -170,23 +161,18 @@ class JointSolver(HJISolver):
     def reach_avoid(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)), the level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.problem.grid
-        t0, t1 = problem.time(step), problem.time(step + 1)
-        instant = problem.view_time == "instantaneous"
-        known: dict[float, FloatArray] = {}
-
-        def union(tau: float) -> FloatArray:
-            if tau not in known:
-                wall = np.full((1,) * grid.ndim, -np.inf)
-                for part in problem.unsafe:
-                    now = t1 - tau
-                    span = (now, now) if instant and part.moving else (t0, t1)
-                    wall = np.maximum(wall, -grid.lift(unsafe_values(problem, part, part.axes, *span), part.axes))
-                known[tau] = np.ascontiguousarray(np.broadcast_to(wall, grid.shape), dtype=self.dtype)
-            return known[tau]
-
-        obstacle = None if not problem.unsafe else union if instant else union(0.0)
         fields = [velocities(problem, j, self.everything) for j in range(len(problem.inputs))]
-        steps = max(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields if field is not None)
+        steps = max(1, *(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields if field is not None))
+        parts = [(walls(problem, part, part.axes, step, steps), part.axes) for part in problem.unsafe]
+
+        @cache
+        def union(tau: float) -> FloatArray:
+            wall = np.full((1,) * grid.ndim, -np.inf)
+            for of_part, axes in parts:
+                wall = np.maximum(wall, grid.lift(of_part(tau), axes))
+            return np.ascontiguousarray(np.broadcast_to(wall, grid.shape), dtype=self.dtype)
+
+        obstacle = None if not parts else union if problem.view_time == "instantaneous" else union(0.0)
         for j, field in enumerate(fields):
             assert field is not None
             yield j, evolve(grid, values, field, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
@@ -213,7 +199,11 @@ class LaxSolver:
         """As `HJISolver.reach`."""
         delta = self.problem.delta
         yield from maximum_over_boxes(
-            self.problem.grid, np.asarray(values, self.dtype), self.lower * delta, self.upper * delta, self.interpolation
+            self.problem.grid,
+            np.asarray(values, self.dtype),
+            self.lower * delta,
+            self.upper * delta,
+            self.interpolation,
         )
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
@@ -223,12 +213,12 @@ class LaxSolver:
         pieces = self._pieces(grid, axes)
         times = problem.time(step) + problem.delta * np.arange(pieces + 1) / pieces
         instant = part.moving and problem.view_time == "instantaneous"
-        whole = None if instant else -unsafe_values(problem, part, axes, times[0], times[-1])
+        whole = None if instant else -unsafe_values(problem, part, axes, times[0], times[-1], problem.view_time)
         result = np.full((len(problem.inputs), *grid.shape), -np.inf, self.dtype)
         for piece in range(pieces):
             if whole is None:  # what moves within a piece is covered by its swept volume
                 t0, t1 = float(times[piece]), float(times[piece + 1])
-                g = problem.sample(axes, lambda p, t0=t0, t1=t1: part.over(p, t0, t1, "swept"), part.name)  # type: ignore[misc]
+                g = unsafe_values(problem, part, axes, t0, t1, "swept")
             wall = (-g if whole is None else whole).astype(self.dtype)
             ends = problem.delta * np.array([piece, piece + 1]) / pieces
             low = np.minimum(*(end * self.lower[:, axes] for end in ends))

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads, njit, prange, set_num_threads
 
-from sdhj.games import HJISolver, LaxSolver, Solver, avoid_axes, unsafe_values, velocities
+from sdhj.games import HJISolver, LaxSolver, Solver, avoid_axes, unsafe_values, velocities, walls
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme, Velocities, evolve
@@ -185,21 +185,14 @@ class DisturbedSolver(HJISolver):
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """As `HJISolver.avoid`, for a part on all axes of the subspace."""
         sub, grid = self.problem, self.problem.grid
-        t0, t1 = sub.time(step), sub.time(step + 1)
-        steps = max(field.steps(grid, sub.delta, self.scheme.cfl) for field in self.fields)
-
-        def wall(tau: float) -> FloatArray:
-            """The set as it is at any time of the step that ends tau before t1: what moves fast must not slip past."""
-            now = t1 - tau
-            later = min(now + sub.delta / steps, t1)
-            return -sub.sample(part.axes, lambda points: part.over(points, now, later, "swept"), part.name)
-
-        held: Any = wall
-        if not (part.moving and sub.view_time == "instantaneous"):
-            held = -unsafe_values(sub, part, part.axes, t0, t1)
-        start = wall(0.0) if callable(held) else held
+        steps = max(1, *(field.steps(grid, sub.delta, self.scheme.cfl) for field in self.fields))
+        wall = walls(sub, part, part.axes, step, steps)
+        held = wall if part.moving and sub.view_time == "instantaneous" else wall(0.0)
         return np.stack(
-            [evolve(grid, start, field, sub.delta, self.scheme, obstacle=held, steps=steps) for field in self.fields]
+            [
+                evolve(grid, wall(0.0), field, sub.delta, self.scheme, obstacle=held, steps=steps)
+                for field in self.fields
+            ]
         )
 
 
@@ -298,7 +291,7 @@ class ProjectedSolver:
         kept, grid = self._kept(axes), problem.grid.subgrid(axes)
         self._sampled.clear()  # of an earlier step
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
-            g = unsafe_values(problem, part, axes, problem.time(step), problem.time(step + 1))
+            g = unsafe_values(problem, part, axes, problem.time(step), problem.time(step + 1), problem.view_time)
             self._free[part.name] = max(float(g.min() > 0), self._free.get(part.name, 0.0))
             return np.full((count, *grid.shape), -g.min(), self.dtype)
         tubes = []

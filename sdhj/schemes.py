@@ -60,8 +60,9 @@ class Scheme:
         Fraction of the largest stable step, in (0, 1].
     frame : {"moving", "fixed"}
         "moving" solves the drift of a state-independent velocity exactly: in coordinates that drift along, the PDE is
-        the same for every input, so it is solved once and shifted back by interpolation. It applies where all drift is
-        constant and along periodic axes; elsewhere, and with "fixed", the drift is differenced like the rest.
+        the same for every input, so it is solved once and shifted back by interpolation; the avoid games are solved in
+        closed form (`sdhj.hopf_lax`). It applies where all drift is constant and along periodic axes; elsewhere, and
+        with "fixed", everything is differenced.
     dtype : {"float32", "float64"}
     """
 

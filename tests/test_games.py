@@ -50,8 +50,10 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     # swept without a formula of its own: 20 samples, lowered by half a gap's motion
     sweep = 0.5 * 0.5 / 19 / 2 if view_time == "swept" else 0.0
     for name, solver in solvers(problem).items():
-        pieces = solver._pieces(problem.grid, [0]) if name == "lax" and view_time == "instantaneous" else None
-        slack = 0.5 * 0.5 / pieces * 1.1 if pieces else 0.0  # lax: the wall's motion over one piece, swept
+        steps = max(velocities(problem, j, (0,)).steps(problem.grid, 0.5, DOUBLE.cfl) for j in range(3))
+        pieces = solver._pieces(problem.grid, [0]) if name == "lax" else steps
+        # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
+        slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
         for j, tube in enumerate(solver.avoid(part, 2)):
             exact = (q[:, None] + (problem.inputs[j, 0] + 0.2) * tau - (3.0 - 0.5 * t)).max(axis=1) + sweep
             assert (tube >= exact - 1e-9)[inner].all(), (name, j)
@@ -134,7 +136,7 @@ def test_avoid_games_of_a_car_take_all_axes():
     assert avoid_axes(car, car.unsafe[0]) == (0, 1, 2)
     tube = HJISolver(car, DOUBLE).avoid(car.unsafe[0], 0)
     assert tube.shape == (3, 7, 7, 8)
-    pillar = unsafe_values(car, car.unsafe[0], (0, 1, 2), 0.0, 0.2)
+    pillar = unsafe_values(car, car.unsafe[0], (0, 1, 2), 0.0, 0.2, "swept")
     assert (tube >= -pillar - 1e-12).all()  # whoever starts in the pillar has lost
 
 
@@ -155,3 +157,22 @@ def test_view_time_settings_are_ordered():
 def test_unknown_interpolation_is_named():
     with pytest.raises(ValueError, match="nearest"):
         sdhj.solve(torus_problem(nodes=8), method="lax", interpolation="nearest")
+
+
+@pytest.mark.parametrize("method", ["hji", "lax", "joint"])
+def test_nothing_fast_slips_between_the_time_steps(method):
+    """A thin wall crosses the whole axis within one interval, much more than a cell in each time step: none is safe."""
+    problem = interval_problem(nodes=81, view_time="instantaneous")
+
+    def bullet(points, t):
+        return np.abs(points[:, 0] - (-4.5 + 18.0 * (t - 0.5))) - 0.02  # over the axis from t = 0.53 to 0.97
+
+    problem = dataclasses.replace(problem, unsafe=(sdhj.UnsafeSet((0,), bullet, rate=18.0, name="bullet"),))
+    if method == "joint":
+        tubes = dict(JointSolver(problem, DOUBLE).reach_avoid(np.full(81, -1.0), 1)).values()
+    else:
+        solver = HJISolver(problem, DOUBLE) if method == "hji" else LaxSolver(problem, "linear", "float64")
+        tubes = solver.avoid(problem.unsafe[0], 1)
+    inner = np.abs(problem.grid.nodes(0)) < 3.5
+    for tube in tubes:
+        assert (tube[inner] > 0).all()
