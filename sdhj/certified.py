@@ -267,7 +267,7 @@ def cell_axes(problem: ReachAvoidProblem, cells: Sequence[int] | None) -> tuple[
             ]
             moves = [measured(f) * measured(problem.delta) for f in set(np.asarray(dynamics.drift)[:, axis])]
             moves.append(sum(push, Fraction(0)) * measured(problem.delta))
-        width = aligned_width(extent[0], not periodic, moves, int(wish))
+        width = aligned_width(extent[1], not periodic, moves, int(wish))
         axes.append(CellAxis(exact(lower), extent, width, periodic))
     return tuple(axes)
 
