@@ -30,6 +30,7 @@ from sdhj.workspace import Disk, Line, Still
 
 DPI = 115
 WIDE = (8.2, 3.5)
+POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
 VIEW = "application/vnd.jupyter.widget-view+json"
 INTEGRATOR = {1: "euler", 2: "rk2", 3: "rk3"}  # as accurate in time as the differences are in space
 Numbers = Mapping[str, float | str]
@@ -56,7 +57,7 @@ def render(
         png = _png(figure)
         if places is not None:
             places[:] = [ax.get_position(original=True) for ax in figure.axes]
-        return png, dict(numbers or {})
+        return png, dict(numbers) if isinstance(numbers, Mapping) else {}
 
 
 def _png(figure: Figure, **options: Any) -> bytes:
@@ -213,7 +214,7 @@ def _labelled(control: Any) -> Any:
 # Controls
 # ----------------------------------------------------------------------------------------------------------------------
 
-LOOK = {"style": {"description_width": "13em"}, "layout": ipywidgets.Layout(width="29em")}
+LOOK = {"style": {"description_width": "11em"}, "layout": ipywidgets.Layout(width="28em")}
 
 
 def _slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
@@ -238,7 +239,7 @@ def _steps(table: LookupTable) -> dict[str, Any]:
     }
 
 
-def _agent(problem: ReachAvoidProblem, x: float = 0.15, y: float = 0.24) -> dict[str, Any]:
+def _agent(problem: ReachAvoidProblem, x: float = 0.24, y: float = 0.24) -> dict[str, Any]:
     box = float(problem.grid.upper[2])
     name = sdhj.case_studies.scene(problem).agent
     return {"px": _slider(f"{name} x (m)", -box, box, 0.01, x), "py": _slider(f"{name} y (m)", -box, box, 0.01, y)}
@@ -395,7 +396,7 @@ def explore_holding(nodes: int = 41) -> Explorer:
     controls = {
         "intervals": _slider("intervals in 0.8 s", 1, 8, 1, 4, live=False),
         "v_max": _slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
-        "input_levels": _slider("input levels on each axis", 2, 7, 1, 3, live=False),
+        "input_levels": _slider("input levels on each axis", 2, 5, 1, 3, live=False),
     }
     return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot")
 
@@ -426,7 +427,7 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
     controls = {
         "v_max": _slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
         "delta": _slider("sampling interval (s)", 0.05, 0.4, 0.05, 0.2, live=False),
-        "input_levels": _slider("input levels on each axis", 2, 7, 1, 3, live=False),
+        "input_levels": _slider("input levels on each axis", 2, 5, 1, 3, live=False),
         "obstacle_x": _slider("obstacle's x (m)", -0.8, 0.1, 0.05, -0.15, live=False),
         "obstacle_speed": _slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": _slider("start, step k", 0, 4, 1, 0),
@@ -460,8 +461,8 @@ def explore_spaces(problem: ReachAvoidProblem) -> Explorer:
         return teaching.draw_both_spaces(figure, problem, state=(q1, q2, px, py), step=step)
 
     controls = {
-        "q1": _angle("joint angle q1 (rad)", 0.6),
-        "q2": _angle("joint angle q2 (rad)", 1.2),
+        "q1": _angle("joint angle q1 (rad)", POSTURE[0]),
+        "q2": _angle("joint angle q2 (rad)", POSTURE[1]),
         **_agent(problem),
         "step": _slider("time (steps of delta)", 0.0, float(problem.steps), 0.1, 0.0),
     }
@@ -490,8 +491,8 @@ def explore_tube(table: LookupTable) -> Explorer:
     controls = {
         **_agent(table.problem),
         **_steps(table),
-        "q1": _angle("joint angle q1 (rad)", 0.6),
-        "q2": _angle("joint angle q2 (rad)", 1.2),
+        "q1": _angle("joint angle q1 (rad)", POSTURE[0]),
+        "q2": _angle("joint angle q2 (rad)", POSTURE[1]),
     }
     return Explorer(draw, controls, alt="A slice of the tube beside the arm")
 
@@ -504,7 +505,11 @@ def explore_pursuer(table: LookupTable) -> Explorer:
             figure.subplots(), table, state=(q1, q2, 0.36, 0.36), start=start, within=within
         )
 
-    controls = {"q1": _angle("joint angle q1 (rad)", 0.6), "q2": _angle("joint angle q2 (rad)", 1.2), **_steps(table)}
+    controls = {
+        "q1": _angle("joint angle q1 (rad)", POSTURE[0]),
+        "q2": _angle("joint angle q2 (rad)", POSTURE[1]),
+        **_steps(table),
+    }
     return Explorer(draw, controls, size=(4.8, 3.9), alt="Where the pursuer may start")
 
 
@@ -525,7 +530,7 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
         figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool
     ) -> Numbers:
         return teaching.draw_tube_and_arm(
-            figure, solved(v_p, v_d, delta, levels, x, y, progress), state=(0.6, 1.2, 0.15, 0.24)
+            figure, solved(v_p, v_d, delta, levels, x, y, progress), state=(*POSTURE, 0.24, 0.24)
         )
 
     controls = {
@@ -543,9 +548,18 @@ def explore_gap(full: LookupTable, inner: LookupTable) -> Explorer:
     """A tube by two methods over each other."""
 
     def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:
-        return teaching.draw_gap(figure, full, inner, state=(0.6, 1.2, px, py), start=start, within=within)
+        return teaching.draw_gap(figure, full, inner, state=(*POSTURE, px, py), start=start, within=within)
 
     return Explorer(draw, {**_agent(full.problem), **_steps(full)}, alt="Two tubes over each other")
+
+
+def explore_certified(table: LookupTable, certified: Any) -> Explorer:
+    """What of an interpolated table is certified, slice by slice."""
+
+    def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:
+        return teaching.draw_certified(figure, table, certified, state=(*POSTURE, px, py), start=start, within=within)
+
+    return Explorer(draw, {**_agent(table.problem), **_steps(table)}, alt="Certified and interpolated tube")
 
 
 def explore_run(
@@ -608,7 +622,7 @@ def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
         )
 
     def draw(figure: Figure, v_e: float, v_d: float, radius: float, px: float, py: float, progress: bool) -> Numbers:
-        return teaching.draw_tube_and_arm(figure, solved(v_e, v_d, radius, progress), state=(0.6, 1.2, px, py))
+        return teaching.draw_tube_and_arm(figure, solved(v_e, v_d, radius, progress), state=(*POSTURE, px, py))
 
     problem = sdhj.evader_case_study(nodes)
     controls = {

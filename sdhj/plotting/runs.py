@@ -246,11 +246,14 @@ def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> 
     problem = table.problem
     left, right = figure.subplots(1, 2)
     draw_frame(left, problem, run, index=index)
-    step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
-    n = int(run.steps_to_go[step])
+    step, n, goal = 0, 0, (0, 0)
+    if len(run.inputs):  # a run that starts in the target holds none
+        step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
+        n = int(run.steps_to_go[step])
+        goal = (step + 1, max(n - 1, 0))  # where the interval has to end
     state = run.states[index]
     where = plane(problem.grid, state, resolution=CELL * 2 - 1)
-    values = where.of(problem.grid, table.values(start=step + 1, within=n - 1))  # where the interval has to end
+    values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
     draw_set(right, where, values, FULL, "tube", zorder=1.0)
     draw_constraints(
         right, problem, through=state, step=float(run.times[index]) / problem.delta, resolution=CELL * 2 - 1

@@ -20,11 +20,13 @@ from sdhj.lessons import Profile, Shrunk, union_of_samples
 from sdhj.plotting.looks import FULL, INK, INNER, OUTCOME_INK, TARGET, UNSAFE, look, step_colours
 from sdhj.plotting.slices import (
     draw_constraints,
+    draw_path,
     draw_set,
     draw_tubes,
     frame_slice,
     plane,
 )
+from sdhj.plotting.surfaces import draw_isosurface
 from sdhj.plotting.workspace import draw_arm, draw_workspace
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import LookupTable
@@ -552,6 +554,55 @@ def draw_gap(
         f"slice inside, {inner.method}": float((b <= 0).mean()),
         f"in {inner.method} and not in {full.method}": float(((b <= 0) & (a > 0)).mean()),
     }
+
+
+def draw_certified(
+    figure: Figure,
+    table: LookupTable,
+    certified: Any,
+    *,
+    state: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+) -> Numbers:
+    """What is proved (dark) of what interpolation says (light), on a slice through the pursuer in `state`."""
+    within = table.steps - start if within is None else min(within, table.steps - start)
+    left, right = figure.subplots(1, 2)
+    problem = table.problem
+    draw_arm_live(left, problem, state, start * problem.delta)
+    left.set_title("workspace")
+    where = plane(table.grid, state, resolution=LIVE)
+    said, proved = (where.shaped(t.contains(where.points, start=start, within=within)) > 0 for t in (table, certified))
+    image = np.zeros((*said.shape, 4))
+    image[said], image[proved] = to_rgba(FULL["facecolor"]), to_rgba(INNER["facecolor"])
+    draw_pixels(right, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "certified")
+    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    right.set_title(f"dark: proved; light: interpolated only; within {within}")
+    return {
+        "slice inside by interpolation": float(said.mean()),
+        "slice proved": float(proved.mean()),
+        "proved and not inside by interpolation": float((proved & ~said).mean()),
+    }
+
+
+def draw_surface(figure: Figure, table: LookupTable, *, through: Sequence[float]) -> None:
+    """The boundary of the whole tube from step 0 over the first three axes."""
+    draw_isosurface(figure.add_subplot(projection="3d"), table, through=through)
+
+
+def draw_plane_run(ax: Axes, table: LookupTable, run: Any) -> None:
+    """A run in the plane over the tubes it starts in."""
+    draw_plane_game(ax, table, through=run.states[0])
+    draw_path(ax, table.grid, run.states, marks=run.samples)
+
+
+def draw_failures(ax: Axes, depth: FloatArray, failed: FloatArray, *, bins: int = 8) -> None:
+    """Share of runs that fail against how deep in the tube they start (the level-set value, m), in equal groups."""
+    order = np.array_split(np.argsort(depth), bins)
+    middles = [float(np.median(depth[group])) for group in order]
+    ax.plot(middles, [100 * float(failed[group].mean()) for group in order], marker="o", gid="failures")
+    ax.set(xlabel="level-set value at the start (m); 0 is the boundary", ylabel="runs that fail (%)", ylim=(0, None))
+    ax.grid(axis="y")
 
 
 def draw_car(ax: Axes, table: LookupTable, *, heading: float, within: int | None = None) -> Numbers:
