@@ -20,23 +20,12 @@ GAMES = ("decomposed", "joint")
 
 
 @njit(cache=True)
-def _raise_to(row, wall):
-    """row = max(row, wall); a wall of one value holds for the whole row."""
-    if wall.size == 1:
-        level = wall[0]
-        for i in range(row.size):
-            row[i] = row[i] if row[i] > level else level
-    else:
-        for i in range(row.size):
-            row[i] = row[i] if row[i] > wall[i] else wall[i]
-
-
-@njit(cache=True)
-def _take_row(tube, mask, row, bit):
-    for i in range(row.size):
-        mask[i] |= bit if row[i] <= 0 else np.uint8(0)
-    for i in range(row.size):
-        tube[i] = row[i] if row[i] < tube[i] else tube[i]
+def _take_row(tube, mask, reach, wall, level, bit):
+    for i in range(reach.size):
+        value = reach[i] if reach[i] > wall[i] else wall[i]
+        value = value if value > level else level
+        mask[i] |= bit if value <= 0 else np.uint8(0)
+        tube[i] = value if value < tube[i] else tube[i]
 
 
 @njit(cache=True, parallel=True)
@@ -47,14 +36,17 @@ def add_input(tube, mask, reach, static, static_at, moving, moving_at, bit):
     static, moving : (r, B), or (r, 1) where they do not depend on the axes within a row; row `static_at[i]` or
         `moving_at[i]` belongs to row i of the grid.
     """
-    blocks = min(tube.shape[0], 64)
-    for block in prange(blocks):
-        row = np.empty(tube.shape[1], tube.dtype)
-        for r in range(np.int64(block) * tube.shape[0] // blocks, (np.int64(block) + 1) * tube.shape[0] // blocks):
-            row[:] = reach[r]
-            _raise_to(row, static[static_at[r]])
-            _raise_to(row, moving[moving_at[r]])
-            _take_row(tube[r], mask[r], row, bit)
+    rows, size = tube.shape
+    for r in prange(rows):
+        wide, narrow = static[static_at[r]], moving[moving_at[r]]
+        if wide.size < narrow.size:
+            wide, narrow = narrow, wide
+        if wide.size == narrow.size:
+            both = np.empty(size, tube.dtype)
+            both[:] = np.maximum(wide, narrow)
+            wide = both
+        level = narrow[0] if narrow.size < size else tube.dtype.type(-np.inf)
+        _take_row(tube[r], mask[r], reach[r], wide, level, bit)
 
 
 def solve(
