@@ -18,12 +18,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import sdhj
-from sdhj import illustrations, plotting
+from sdhj import experiments, illustrations, plotting
 from sdhj.case_studies import ArmScene, scene
 from sdhj.comparison import compare
 from sdhj.grid import FloatArray
 from sdhj.plotting import diagrams, games, runs, studies
 from sdhj.problem import ReachAvoidProblem
+from sdhj.simulation import OUTCOMES
 from sdhj.table import LookupTable
 
 FORMATS = ("pdf", "png")
@@ -36,6 +37,9 @@ CANDIDATES = 20_000  # states among which a run's start is chosen
 STARTS = 20  # runs, of which the longest is shown
 TIMED_NODES = studies.PAPER_NODES
 TIMED_METHODS = ("hji", "projected")
+STUDY_NODES = 13  # at most, on each axis: the sweeps solve dozens of problems
+STUDY_RUNS = 200
+EVADER_AT = (0.0, 0.0, 0.12, 0.12)
 
 
 class Context:
@@ -70,6 +74,11 @@ class Context:
         self.seed, self.say = seed, say or (lambda line: None)
         nodes = self.problem.grid.shape[0]
         self.timed_nodes = tuple(timed_nodes or (TIMED_NODES if nodes >= min(TIMED_NODES) else (nodes,)))
+
+    @property
+    def study_nodes(self) -> int:
+        """Nodes on each axis for the sweeps of Sec. 6.1."""
+        return min(self.problem.grid.shape[0], STUDY_NODES)
 
     @property
     def scene(self) -> ArmScene:
@@ -367,17 +376,83 @@ def conservativeness(context: Context) -> Figure:
     return figure
 
 
+def adversary_bounds(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 3.2)
+    labels = {
+        "v_p_max": "pursuer's speed bound $v_p^{\\max}$ (m/s)",
+        "v_d_max": "disturbance bound $v_d^{\\max}$ (rad/s)",
+    }
+    for ax, (bound, label) in zip(figure.subplots(1, 2, sharey=True), labels.items(), strict=True):
+        context.say(f"sweeping {bound}")
+        sweeps = {m: experiments.sweep_adversary(bound, method=m, nodes=context.study_nodes) for m in TIMED_METHODS}
+        nominal = context.problem.recipe["arguments"][bound]
+        won = {method: sweep.won for method, sweep in sweeps.items()}
+        studies.draw_sweep(ax, sweeps["hji"].values, won, xlabel=label, nominal=nominal)
+        extinct = sweeps["hji"].extinct
+        ax.set_title("nothing is left at " + (f"{extinct:g}" if extinct is not None else "none of these"))
+        ax.set_ylabel(r"share of $\mathcal{C}$ won" if bound == "v_p_max" else "")
+    return figure
+
+
+def input_levels(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 3.0)
+    sweep = experiments.sweep_input_levels(nodes=context.problem.grid.shape[0])
+    studies.draw_input_levels(figure.subplots(1, 2), sweep.levels, sweep.fractions, sweep.seconds)
+    return figure
+
+
+def selection_rules(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 2.9)
+    outcomes = experiments.compare_rules(context.table("hji"), runs=STUDY_RUNS, seed=context.seed)
+    rules = [outcome.rule for outcome in outcomes]
+    panels = (
+        ("effort", "mean effort (rad$^2$/s)", [o.effort for o in outcomes]),
+        ("clearance", "mean least clearance (mm)", [1000 * o.clearance for o in outcomes]),
+        ("time", "mean time to the target (s)", [o.time for o in outcomes]),
+    )
+    for ax, (name, label, values) in zip(figure.subplots(1, 3), panels, strict=True):
+        studies.draw_bars(ax, rules, {name: values}, ylabel=label)
+        ax.tick_params(axis="x", rotation=30)
+    return figure
+
+
+def view_times(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 2.9)
+    outcomes = experiments.compare_view_times(nodes=context.problem.grid.shape[0], runs=STUDY_RUNS, seed=context.seed)
+    names = [outcome.view_time for outcome in outcomes]
+    left, right = figure.subplots(1, 2)
+    studies.draw_bars(left, names, {"share": [o.fraction for o in outcomes]}, ylabel=r"share of $\mathcal{C}$ inside")
+    rates = [100 * outcome.rate for outcome in outcomes]
+    studies.draw_bars(right, names, {"collisions": rates}, ylabel="promised safe, yet collided (%)")
+    return figure
+
+
+def evader(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 3.5)
+    problem = sdhj.evader_case_study(nodes=context.problem.grid.shape[0])
+    chased = experiments.evading_target(nodes=context.problem.grid.shape[0], runs=10 * STUDY_RUNS, seed=context.seed)
+    left, right = figure.subplots(1, 2)
+    plotting.draw_tubes(left, sdhj.solve(problem), through=EVADER_AT)
+    left.set_title(f"evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m; dark is near")
+    rates = {name: [100 * report.rate(outcome) for outcome in OUTCOMES] for name, report in chased.reports.items()}
+    studies.draw_bars(right, OUTCOMES, rates, ylabel="runs (%)")
+    right.set_title(f"won: full {chased.won:.1%}, projected {chased.projected_won:.1%} of $\\mathcal{{C}}$", pad=20)
+    return figure
+
+
 @dataclass(frozen=True)
 class FigureSpec:
     """One picture: the paper's figure number (None: not in the paper), what it shows, how it is drawn.
 
-    `also` writes further files into a folder, for example an animation.
+    `also` writes further files into a folder, for example an animation. A `study` solves many problems of its own and
+    is no part of the main job.
     """
 
     number: int | None
     title: str
     draw: Callable[[Context], Figure]
     also: Callable[[Context, Path], list[Path]] | None = None
+    study: bool = False
 
 
 FIGURES: dict[str, FigureSpec] = {
@@ -404,6 +479,13 @@ FIGURES: dict[str, FigureSpec] = {
         None, "What projecting costs: volume ratio and Hausdorff distance of every tube", conservativeness
     ),
     "extra_fractions": FigureSpec(None, "Share of C inside against the steps to go, by method", fractions),
+    "extra_adversary": FigureSpec(
+        None, "The victory domain against the adversary's bounds, to extinction", adversary_bounds, study=True
+    ),
+    "extra_input_levels": FigureSpec(None, "What more input levels bring and cost", input_levels, study=True),
+    "extra_rules": FigureSpec(None, "Selection rules: effort, clearance, time", selection_rules, study=True),
+    "extra_view_time": FigureSpec(None, "View-times, and the collisions they let through", view_times, study=True),
+    "extra_evader": FigureSpec(None, "The evading target", evader, study=True),
 }
 
 
@@ -445,10 +527,10 @@ def draw_all(
     timed_nodes: Sequence[int] | None = None,
     say: Callable[[str], Any] | None = None,
 ) -> list[Path]:
-    """Write every figure of one case study; tables that are missing from `tables` are solved."""
+    """Write every figure but the studies; tables that are missing from `tables` are solved."""
     context = Context(tables=tables, seed=seed, timed_nodes=timed_nodes, say=say)
     files = []
-    for name in FIGURES:
+    for name in (name for name, spec in FIGURES.items() if not spec.study):
         context.say(f"drawing {name}")
         files += write(name, context, out)
     return files

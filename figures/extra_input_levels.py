@@ -1,0 +1,6 @@
+"""What more input levels bring and cost (Sec. 6.1)."""
+
+from sdhj.figures import script
+
+if __name__ == "__main__":
+    script("extra_input_levels")()

@@ -1,0 +1,6 @@
+"""Selection rules trade effort, clearance and time (Sec. 6.1)."""
+
+from sdhj.figures import script
+
+if __name__ == "__main__":
+    script("extra_rules")()
