@@ -272,11 +272,11 @@ def save_animation(
     def write(temporary: Path) -> None:
         with style():
             figure = new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
-            figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
             writer = PillowWriter(fps=rate)
             with writer.saving(figure, str(temporary), dpi=dpi):
                 for index in [*shown, *[shown[-1]] * (rate // 2)]:
                     draw_moment(figure, table, run, index=int(index))
+                    figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
                     writer.grab_frame()
 
     return replace_whole(path, write)
