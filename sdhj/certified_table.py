@@ -103,7 +103,7 @@ class CertifiedController(Controller):
     table: CertifiedTable  # type: ignore[assignment]
 
     def __init__(self, table: CertifiedTable, rule: str | Rule = "deepest") -> None:
-        self._set_up(table, rule)
+        self._set_up(table, rule)  # type: ignore[arg-type]  # the same interface
 
     def tube_values(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import sdhj
 
@@ -110,7 +111,7 @@ def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary:
     if start is None:
         click.echo(str(sdhj.monte_carlo(controller, runs=runs, adversary=adversary, seed=seed)))
         return
-    trajectory = sdhj.simulate(controller, start, adversary=adversary, seed=seed)
+    trajectory = sdhj.simulate(controller, np.array(start), adversary=adversary, seed=seed)
     for t, state in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in state))
     click.echo(f"outcome: {trajectory.outcome}")
