@@ -139,7 +139,10 @@ def count_bits(cells):
             v = v - ((v >> np.uint64(1)) & np.uint64(0x5555555555555555))
             v = (v & np.uint64(0x3333333333333333)) + ((v >> np.uint64(2)) & np.uint64(0x3333333333333333))
             v = (v + (v >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-            total += np.int64((v * np.uint64(0x0101010101010101)) >> np.uint64(56))
+            v += v >> np.uint64(8)
+            v += v >> np.uint64(16)
+            v += v >> np.uint64(32)
+            total += np.int64(v & np.uint64(127))
         out[row] = total
     return out
 

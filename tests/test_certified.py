@@ -631,6 +631,21 @@ def test_general_reach_box_holds_every_trajectory(rng):
     assert ((last - first)[0] <= 2 * np.array([0.04, 0.04, 1e-6])).all()
 
 
+def test_general_bounds_hold_over_boxes_and_times(rng):
+    """The lower bound of a level set is below its value at every state and time of the boxes."""
+    problem = torus_problem()
+    disk = problem.unsafe[0]
+    reach = Reach(problem, np.zeros((2, 2)), 2)
+    low = rng.uniform(-3, 3, (500, 2))
+    tube, _, _ = reach.run(low, low + rng.uniform(0, 0.3, (500, 2)), 0)
+    for boxes in tube:
+        bound = reach.least(disk, boxes, np.array([1.0, 1.0]), 0.4, disk.rate)
+        for _ in range(30):
+            states = boxes.centre + boxes.half * rng.uniform(-1, 1, (500, 2))
+            for tau in (boxes.begin, boxes.end):
+                assert (bound <= disk.level_set(states, 0.4 + tau)).all()
+
+
 def test_unicycle_runs_succeed(rng):
     problem = unicycle_problem()
     sets = certify(problem, cells=(60, 60, 60), bounds=UNICYCLE, progress=False)
