@@ -2,11 +2,15 @@
 
 Usage: python .ci/notebooks.py execute [NOTEBOOK...]     (default: all of notebooks/)
        python .ci/notebooks.py check [NOTEBOOK...]
+       python .ci/notebooks.py gallery
 
 `execute` runs every cell in a fresh kernel, and then the solutions of the exercises, which must run too but leave no
 output. What it writes has no times, no widget state and no versions, and records a hash of the code it ran. `check`,
 the pre-commit hook, runs nothing: it says which notebooks hold other code than they were executed with, an error, or
-more than a reader should have to load. That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
+more than a reader should have to load. `gallery` writes the picture of each notebook's cell tagged "gallery" to
+notebooks/gallery/, for the README; `execute` does so too.
+
+That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 """
 
 import ast
@@ -92,6 +96,25 @@ def execute(path: Path) -> None:
     nbformat.write(notebook, path)
 
 
+def picture(notebook: nbformat.NotebookNode) -> bytes | None:
+    """The last picture of the cell tagged "gallery"."""
+    outputs = [o for cell in notebook.cells if "gallery" in cell.metadata.get("tags", []) for o in cell.outputs]
+    pictures = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    return base64.b64decode(pictures[-1]) if pictures else None
+
+
+def gallery_file(path: Path) -> Path:
+    """Where a notebook's picture for the README lies."""
+    return path.parent / "gallery" / f"{path.stem}.png"
+
+
+def write_gallery(path: Path) -> None:
+    """Write a notebook's picture for the README, where it has one."""
+    if (png := picture(nbformat.read(path, as_version=4))) is not None:
+        gallery_file(path).parent.mkdir(exist_ok=True)
+        gallery_file(path).write_bytes(png)
+
+
 def faults(path: Path) -> list[str]:
     """What is wrong with a notebook as it stands; empty where nothing is."""
     notebook = nbformat.read(path, as_version=4)
@@ -111,6 +134,9 @@ def faults(path: Path) -> list[str]:
             isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Lambda) for node in ast.walk(ast.parse(cell.source))
         ):
             found.append(f"cell {number} defines a function; put it into the package")
+    shown = gallery_file(path).read_bytes() if gallery_file(path).is_file() else None
+    if shown != picture(notebook):
+        found.append("has another picture than its gallery file; run python .ci/notebooks.py gallery")
     if path.stat().st_size > LARGEST:
         found.append(f"is {path.stat().st_size // 1000} kB, more than {LARGEST // 1000}")
     return found
@@ -118,7 +144,7 @@ def faults(path: Path) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Do what the command line says; the exit status."""
-    if not arguments or arguments[0] not in ("execute", "check"):
+    if not arguments or arguments[0] not in ("execute", "check", "gallery"):
         print(__doc__, file=sys.stderr)
         return 2
     paths = [path if path.exists() else FOLDER / path.name for path in map(Path, arguments[1:])] or sorted(
@@ -129,6 +155,8 @@ def main(arguments: list[str]) -> int:
         if arguments[0] == "execute":
             print(path.name, flush=True)
             execute(path)
+        if arguments[0] != "check":
+            write_gallery(path)
         for fault in faults(path):
             print(f"{path.name}: {fault}", file=sys.stderr)
             bad += 1

@@ -243,8 +243,7 @@ def car(
 ) -> ReachAvoidProblem:
     """A car that cannot drive sideways: state (x, y, heading), dx/dt = speed * (cos, sin) + wind, dheading/dt = u.
 
-    It has to stop a disk's distance from the origin's right, past a post; the edge of the map is unsafe, because the
-    grid ends there and the car would not.
+    It has to reach a disk past a post. The edge of the map is unsafe, because the grid ends there and the car would not.
 
     Parameters
     ----------

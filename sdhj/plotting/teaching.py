@@ -588,7 +588,14 @@ def draw_certified(
 
 def draw_surface(figure: Figure, table: LookupTable, *, through: Sequence[float]) -> None:
     """The boundary of the whole tube from step 0 over the first three axes."""
-    draw_isosurface(figure.add_subplot(projection="3d"), table, through=through)
+    ax, grid = figure.add_subplot(projection="3d"), table.grid
+    draw_isosurface(ax, table, through=through)
+    for axis, name in enumerate("xyz"):
+        if not grid.periodic[axis]:
+            getattr(ax, f"set_{name}ticks")((grid.lower[axis], 0.0, grid.upper[axis]))
+        elif grid.names[axis] == "heading":
+            getattr(ax, f"set_{name}label")("heading (rad)", labelpad=-4)
+    ax.set_box_aspect(None, zoom=1.1)
 
 
 def draw_plane_run(ax: Axes, table: LookupTable, run: Any) -> None:
