@@ -243,7 +243,7 @@ def car(
 ) -> ReachAvoidProblem:
     """A car that cannot drive sideways: state (x, y, heading), dx/dt = speed * (cos, sin) + wind, dheading/dt = u.
 
-    It has to reach a disk past a post. The edge of the map is unsafe, because the grid ends there and the car would not.
+    It has to reach a disk past a post. The edge of the map is unsafe: the grid ends there, the car would not.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ def _labelled(control: Any) -> Any:
 # Controls
 # ----------------------------------------------------------------------------------------------------------------------
 
-LOOK = {"style": {"description_width": "11em"}, "layout": ipywidgets.Layout(width="28em")}
+LOOK = {"style": {"description_width": "13em"}, "layout": ipywidgets.Layout(width="30em")}
 
 
 def _slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:

@@ -190,7 +190,7 @@ def draw_short_bar(ax: Axes, steps: int) -> None:
 def draw_functions(figure: Figure, grid: Grid, functions: Mapping[str, FloatArray]) -> None:
     """Level-set functions side by side: thin lines are levels, the bold one is level zero, the set is blue."""
     axes = np.atleast_1d(figure.subplots(1, len(functions), sharey=True))
-    levels = np.round(np.arange(-0.8, 1.65, 0.1), 1)
+    levels = [tenth / 10 for tenth in range(-8, 17) if tenth]
     for ax, (title, values) in zip(axes, functions.items(), strict=True):
         where = plane(grid, (0.0, 0.0), resolution=201)
         fine = where.of(grid, values)
