@@ -512,8 +512,7 @@ def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -
     drift = none if velocities.drift is None else velocities.drift
     gain = none[..., None] if velocities.gain is None else velocities.gain
     low, high, drift, gain = (
-        _field(layout, part, leading, scheme.dtype)
-        for part, leading in ((lower, 1), (upper, 1), (drift, 2), (gain, 3))
+        _field(layout, part, leading, scheme.dtype) for part, leading in ((lower, 1), (upper, 1), (drift, 2), (gain, 3))
     )
     inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
     return lambda phi, first, out, wall, dt, keep: stage_general(

@@ -3,8 +3,8 @@
 It shares no solver code with sdhj, only the geometry of the case study. The velocities do not depend on the state, so
 every game of a sampling interval is a maximum over boxes (Hopf-Lax): for game 3, over the states the interval can end
 in; for games 1 and 2, also over the time within the interval, sampled densely, with the clearance of the arm from a box
-of pursuer positions in closed form. What is left is interpolation between nodes, which `interpolate` does in two ways that
-converge from different sides.
+of pursuer positions in closed form. What is left is interpolation between nodes, which `interpolate` does in two ways
+that converge from different sides.
 
     python tests/make_reference.py 4 2 --view-time instantaneous
 
@@ -39,7 +39,7 @@ def node(i, n, periodic):
 
 @njit
 def interpolate(values, out, position, periodic, limited):
-    """out (B,) = values (n, B) at a position counted in nodes: linearly, or with the lesser of two second differences."""
+    """out (B,) = values (n, B) at a position in nodes: linearly, or with the lesser of two second differences."""
     n = values.shape[0]
     if not periodic:
         position = min(max(position, 0.0), n - 1.0)
@@ -131,7 +131,7 @@ def segment_rectangle(x0, y0, x1, y1, cx, cy, half):
 
 @njit(parallel=True)
 def pursuer_clearance(elbow, tip, nodes, half, gap, out):
-    """out (M, P, P): how far the arm at M joint angles is from any pursuer in the square about each node, less `gap`."""
+    """out (M, P, P): how far the arm at M joint angles is from a pursuer in the square about each node, less `gap`."""
     for m in prange(elbow.shape[0]):
         for i in range(nodes.size):
             for k in range(nodes.size):
@@ -150,7 +150,9 @@ class Reference:
     """The recursion for one refinement."""
 
     def __init__(self, joints, pursuer, steps, view_time, limited):
-        self.problem = sdhj.arm_case_study((25 * joints, 25 * joints, 24 * pursuer + 1, 24 * pursuer + 1), steps, view_time)
+        self.problem = sdhj.arm_case_study(
+            (25 * joints, 25 * joints, 24 * pursuer + 1, 24 * pursuer + 1), steps, view_time
+        )
         self.scene = scene(self.problem)
         self.n, self.width = 25 * joints, (24 * pursuer + 1) ** 2
         self.joints, self.pursuer, self.limited = joints, pursuer, limited
