@@ -4,6 +4,11 @@ Conventions, everywhere: a set is where its level-set function is <= 0 (inside i
 is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
 """
 
+import os
+
+# Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 __version__ = "0.1.0"
 
 from sdhj.case_studies import arm_case_study, evader_case_study

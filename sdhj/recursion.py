@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from sdhj.table import AvoidTubes, LookupTable
 
 METHODS = ("hji", "projected", "lax", "certified")
 GAMES = ("decomposed", "joint")
+PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
 
 
 @njit(cache=True)
@@ -26,6 +28,16 @@ def _take_row(tube, mask, reach, wall, level, bit):
         value = value if value > level else level
         mask[i] |= bit if value <= 0 else np.uint8(0)
         tube[i] = value if value < tube[i] else tube[i]
+
+
+@njit(cache=True)
+def _higher(a, b, size):
+    """A row of the maximum of two rows of one length: `size`, or 1 for one value that holds for the whole row."""
+    row = np.empty(size, a.dtype)
+    for i in range(size):
+        at = min(i, a.size - 1)
+        row[i] = a[at] if a[at] > b[at] else b[at]
+    return row
 
 
 @njit(cache=True, parallel=True)
@@ -42,9 +54,7 @@ def add_input(tube, mask, reach, static, static_at, moving, moving_at, bit):
         if wide.size < narrow.size:
             wide, narrow = narrow, wide
         if wide.size == narrow.size:
-            both = np.empty(size, tube.dtype)
-            both[:] = np.maximum(wide, narrow)
-            wide = both
+            wide = _higher(wide, narrow, size)
         level = narrow[0] if narrow.size < size else tube.dtype.type(-np.inf)
         _take_row(tube[r], mask[r], reach[r], wide, level, bit)
 
@@ -90,6 +100,8 @@ def solve(
     ------
     ValueError
         For an unknown option, or a method that does not fit the dynamics.
+    MemoryError
+        Where less memory is free than `memory_needed` says.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
@@ -112,6 +124,7 @@ def solve(
         solver = LaxSolver(problem, interpolation, scheme.dtype)
     else:
         solver = JointSolver(problem, scheme) if games == "joint" else HJISolver(problem, scheme)
+    _check_memory(problem, solver.dtype)
     started = time.perf_counter()
     details: dict[str, Any] = {"games": games}
     details |= {"interpolation": interpolation, "dtype": scheme.dtype} if method == "lax" else vars(scheme)
@@ -127,11 +140,45 @@ def solve(
     return table
 
 
+def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
+    """Bytes that `solve` takes at its peak, estimated, for every method but "certified".
+
+    The table, the avoid tubes, and what is sampled and solved at a time.
+    """
+    grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
+    entries = (problem.steps + 1) * (problem.steps + 2) // 2
+    table = entries * grid.size * (item + -(-count // 8))
+
+    def avoid(moving: bool) -> int:
+        axes = {axis for part in problem.unsafe if part.moving == moving for axis in avoid_axes(problem, part)}
+        return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
+
+    sampled = 8 * (2 * grid.ndim + 5) * grid.size  # coordinates and level-set functions in double precision
+    solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
+    return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
+
+
+def _check_memory(problem: ReachAvoidProblem, dtype: str) -> None:
+    """Raise MemoryError where less is available than a solve needs; not every system says what is."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        free = next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        return
+    if (needed := memory_needed(problem, dtype)) > free:
+        raise MemoryError(
+            f"this solve needs about {needed / 1e9:.1f} GB, and {free / 1e9:.1f} GB are available; use fewer nodes, "
+            'fewer steps, or Scheme(dtype="float32")'
+        )
+
+
 def avoid_tubes(problem: ReachAvoidProblem, solver: Solver) -> AvoidTubes:
     """Games 1 and 2 for every step and input: static sets once, moving ones for each step."""
     steps, count = problem.steps, len(problem.inputs)
 
     def merge(parts: list[UnsafeSet], step: int, axes: tuple[int, ...]) -> FloatArray:
+        if len(parts) == 1:
+            return solver.avoid(parts[0], step)
         subgrid = problem.grid.subgrid(axes) if axes else None
         merged = np.full((count, *(subgrid.shape if subgrid else ())), -np.inf, solver.dtype)
         for part in parts:

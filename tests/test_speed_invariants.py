@@ -1,0 +1,127 @@
+"""What makes the solver fast must not change its answer: threads, copied tubes, the fused path, blocks of rows."""
+
+import dataclasses
+
+import numba
+import numpy as np
+import pytest
+from toys import interval_problem, torus_problem, unicycle_problem
+
+import sdhj
+from sdhj import Grid, Scheme, recursion, schemes
+from sdhj.schemes import Velocities, evolve
+
+# The two paths compute the same differences in the same order; a fused multiply-add more or less is a rounding.
+ROUNDING = 1e-13
+
+
+def arm():
+    return sdhj.arm_case_study(nodes=(9, 8, 7, 10), steps=2, view_time="instantaneous")
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+@pytest.mark.parametrize(
+    ("problem", "options"),
+    [
+        (arm, {}),
+        (arm, {"scheme": Scheme(frame="fixed", order=3)}),
+        (arm, {"method": "lax"}),
+        (arm, {"method": "projected"}),
+        (arm, {"games": "joint"}),
+        (unicycle_problem, {}),
+    ],
+    ids=["default", "fixed, third order", "lax", "projected", "joint", "state-dependent"],
+)
+def test_one_and_two_threads_give_the_same_bits(problem, options):
+    tables = []
+    before = numba.get_num_threads()
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            tables.append(sdhj.solve(problem(), **options))
+    finally:
+        numba.set_num_threads(before)
+    one, two = tables
+    assert np.array_equal(one.tubes, two.tubes) and np.array_equal(one.masks, two.masks)
+    assert np.array_equal(one.avoid.static, two.avoid.static) and np.array_equal(one.avoid.moving, two.avoid.moving)
+
+
+@pytest.mark.parametrize("method", ["hji", "lax"])
+@pytest.mark.parametrize("problem", [lambda: interval_problem(steps=6), lambda: torus_problem(nodes=9, steps=3)])
+def test_copied_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem, method):
+    table = sdhj.solve(problem(), method=method)
+    monkeypatch.setattr(recursion, "_known_already", lambda table, k, n: None)
+    computed = sdhj.solve(problem(), method=method)
+    assert computed.details["tubes_copied"] == 0
+    assert np.array_equal(table.tubes, computed.tubes) and np.array_equal(table.masks, computed.masks)
+
+
+def test_tubes_are_copied_where_nothing_moves():
+    """With nothing moving, a tube depends on the steps to go alone: one of each length is computed."""
+    table = sdhj.solve(interval_problem(steps=6))
+    print("tubes copied", table.details["tubes_copied"])
+    assert table.details["tubes_copied"] >= 6 * 7 // 2 - 6
+
+
+@pytest.mark.parametrize("shape", [(9,), (8, 11), (6, 7, 9), (6, 5, 7, 8), (5, 5, 6, 5, 7)])
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("flux", schemes.FLUXES)
+def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flux):
+    ndim = len(shape)
+    grid = Grid([0.0] * ndim, [1.0] * ndim, shape, [bool(axis % 2) for axis in range(ndim)])
+    values, lower = rng.normal(size=shape), rng.normal(size=ndim)
+    upper = lower + rng.random(ndim)
+    fields = [np.broadcast_to(v.reshape(-1, *[1] * ndim), (ndim, *shape)) for v in (lower, upper)]
+    scheme = Scheme(flux=flux, order=order, dtype="float64")
+    wall = values - 0.5
+    for obstacle in (None, wall):
+        fused = evolve(grid, values, Velocities(lower, upper), 0.01, scheme, obstacle=obstacle, steps=2)
+        general = evolve(grid, values, Velocities(*fields), 0.01, scheme, obstacle=obstacle, steps=2)
+        np.testing.assert_allclose(fused, general, rtol=0, atol=ROUNDING * 100)  # velocity / spacing is up to about 50
+
+
+@pytest.mark.parametrize("run", [8, 40, 10_000])
+def test_the_length_of_the_loops_does_not_matter(monkeypatch, rng, run):
+    """However the planes are cut into runs of rows, ghost nodes included."""
+    grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 9, 7), (True, False, True, False))
+    values, velocities = rng.normal(size=grid.shape), Velocities(np.array([-1.0, 0.3, -0.2, -2.0]), np.ones(4))
+    scheme = Scheme(order=3, dtype="float64")
+    expected = evolve(grid, values, velocities, 0.05, scheme)
+    schemes.layout_of.cache_clear()
+    monkeypatch.setattr(schemes, "RUN", run)
+    try:
+        got = evolve(grid, values, velocities, 0.05, scheme)
+    finally:
+        schemes.layout_of.cache_clear()
+    np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
+
+
+def test_mirror_images_stay_mirror_images(rng):
+    """Ties between differences are broken towards the node on both sides: to the last bit."""
+    grid = Grid([0.0, 0.0], [1.0, 1.0], (12, 9), (True, False))
+    values = rng.integers(-3, 4, size=grid.shape).astype(float)  # many ties
+    for order in (1, 2, 3):
+        scheme = Scheme(order=order, dtype="float64")
+        straight = evolve(grid, values, Velocities(np.array([-0.7, -0.1]), np.array([0.2, 0.4])), 0.1, scheme)
+        mirrored = Velocities(np.array([-0.2, -0.4]), np.array([0.7, 0.1]))
+        assert np.array_equal(straight, evolve(grid, values[::-1, ::-1], mirrored, 0.1, scheme)[::-1, ::-1])
+
+
+def test_what_is_given_is_left_alone(rng):
+    grid = Grid([0.0, 0.0], [1.0, 1.0], (8, 9))
+    values, wall = rng.normal(size=grid.shape).astype(np.float32), rng.normal(size=grid.shape).astype(np.float32)
+    copies = values.copy(), wall.copy()
+    evolve(grid, values, Velocities(-np.ones(2), np.ones(2)), 0.1, Scheme(), obstacle=wall)
+    assert np.array_equal(values, copies[0]) and np.array_equal(wall, copies[1])
+
+
+def test_memory_is_stated_in_advance_and_checked(monkeypatch):
+    problem = arm()
+    table = sdhj.solve(problem)
+    held = table.tubes.nbytes + table.masks.nbytes + table.avoid.static.nbytes + table.avoid.moving.nbytes
+    assert held < recursion.memory_needed(problem) - recursion.PROCESS < 3 * held
+    double = dataclasses.replace(problem, steps=2)
+    assert recursion.memory_needed(double, "float64") > recursion.memory_needed(double)
+    monkeypatch.setattr(recursion, "memory_needed", lambda problem, dtype: 10**18)
+    with pytest.raises(MemoryError, match="fewer nodes"):
+        sdhj.solve(problem)
