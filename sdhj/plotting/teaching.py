@@ -595,7 +595,7 @@ def draw_surface(figure: Figure, table: LookupTable, *, through: Sequence[float]
             getattr(ax, f"set_{name}ticks")((grid.lower[axis], 0.0, grid.upper[axis]))
         elif grid.names[axis] == "heading":
             getattr(ax, f"set_{name}label")("heading (rad)", labelpad=-4)
-    ax.set_box_aspect(None, zoom=1.1)
+    ax.set_box_aspect(None, zoom=0.92)
 
 
 def draw_plane_run(ax: Axes, table: LookupTable, run: Any) -> None:
