@@ -1,0 +1,155 @@
+"""The notebooks as they are committed: whole, fresh, small; and the tool that says so.
+
+That their numbers still come out is checked by running them: pytest --nbval-lax notebooks/
+"""
+
+import base64
+import io
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+TOOL = runpy.run_path(str(ROOT / ".ci" / "notebooks.py"))
+CITED = re.compile(r"Eqs?\. \(\d|Definition \d|Theorem \d|Proposition \d|App\. A|Sec\. \d|Figs?\. \d|Algorithm \d")
+
+
+def read(path: Path) -> Any:
+    return nbformat.read(path, as_version=4)
+
+
+def prose(path: Path) -> str:
+    return "\n".join(cell.source for cell in read(path).cells if cell.cell_type == "markdown")
+
+
+def code(path: Path) -> str:
+    return "\n".join(cell.source for cell in read(path).cells if cell.cell_type == "code")
+
+
+def test_the_series_is_complete() -> None:
+    assert [path.name[:2] for path in CHAPTERS] == [f"{number:02d}" for number in range(1, len(CHAPTERS) + 1)]
+    assert len(CHAPTERS) >= 12
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_fresh_and_clean(path: Path) -> None:
+    assert TOOL["faults"](path) == []
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_every_chapter_has_its_parts(path: Path) -> None:
+    text = prose(path)
+    assert text.startswith(f"# {int(path.name[:2])}. ")
+    for part in ("**Question.**", "**What to notice", "## Exercise", "<summary>Solution</summary>", "$$"):
+        assert part in text, f"{path.name} lacks {part}"
+    assert CITED.search(text), f"{path.name} cites nothing of the paper"
+    assert "widgets.explore_" in code(path), f"{path.name} has no widget"
+    cells = [cell for cell in read(path).cells if cell.cell_type == "code"]
+    pinned = [cell for cell in cells if "nbval-check-output" in cell.metadata.get("tags", [])]
+    assert pinned, f"{path.name} pins no number"
+    for cell in pinned:
+        assert cell.outputs and all(output.output_type == "stream" for output in cell.outputs)
+        assert "print(" in cell.source
+    pictures = [output for cell in cells for output in cell.outputs if "image/png" in output.get("data", {})]
+    assert len(pictures) >= 2
+    assert all(output.metadata["image/png"]["alt"] for output in pictures), f"{path.name} has a picture without words"
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", prose(path)):
+        assert target.startswith("http") or (path.parent / target).is_file(), f"{path.name} links to {target}"
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_solutions_compile(path: Path) -> None:
+    found = TOOL["solutions"](read(path))
+    assert len(found) == prose(path).count("<details>") >= 1
+    for solution in found:
+        compile(solution, path.name, "exec")
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_every_chapter_has_a_picture_for_the_readme(path: Path) -> None:
+    assert (path.parent / "gallery" / f"{path.stem}.png").is_file()
+
+
+def notebook(source: str = "print(1)", prose_text: str = "# 1. Title") -> Any:
+    new = nbformat.v4
+    return new.new_notebook(cells=[new.new_markdown_cell(prose_text), new.new_code_cell(source)])
+
+
+@pytest.mark.slow
+def test_executed_notebooks_are_fresh_until_their_code_changes(tmp_path: Path) -> None:
+    path = tmp_path / "01_new.ipynb"
+    nbformat.write(notebook(prose_text="<details>\n```python\nassert x == 1\n```\n</details>", source="x = 1"), path)
+    assert "stale" in TOOL["faults"](path)[0]
+    TOOL["execute"](path)
+    assert TOOL["faults"](path) == []
+    assert len(read(path).cells) == 2  # the solution ran and left nothing
+    before = path.read_bytes()
+    TOOL["execute"](path)
+    assert path.read_bytes() == before
+    path.write_text(path.read_text().replace("x = 1", "x = 2"))
+    assert "stale" in TOOL["faults"](path)[0]
+
+
+@pytest.mark.slow
+def test_a_wrong_solution_is_not_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "01_new.ipynb"
+    nbformat.write(notebook(prose_text="<details>\n```python\nassert x == 2\n```\n</details>", source="x = 1"), path)
+    with pytest.raises(Exception, match="AssertionError"):
+        TOOL["execute"](path)
+
+
+def test_faults_are_found(tmp_path: Path) -> None:
+    bad = notebook("def f():\n    pass")
+    view = {TOOL["VIEW"]: {"model_id": "x"}}
+    bad.cells[1].outputs = [
+        nbformat.v4.new_output("error", ename="E", evalue="e", traceback=[]),
+        nbformat.v4.new_output("stream", name="stderr", text="warning"),
+        nbformat.v4.new_output("display_data", data=view),
+        nbformat.v4.new_output("stream", name="stdout", text="x" * TOOL["LARGEST"]),
+    ]
+    path = tmp_path / "bad.ipynb"
+    nbformat.write(bad, path)
+    found = "\n".join(TOOL["faults"](path))
+    for said in (
+        "stale",
+        "top to bottom",
+        "error or a warning",
+        "widget without",
+        "defines a function",
+        "kB, more than",
+    ):
+        assert said in found
+    assert TOOL["main"](["check", str(path)]) == 1
+    assert TOOL["main"](["paint"]) == 2
+
+
+def test_cleaning_leaves_what_is_the_same_on_every_run() -> None:
+    dirty = notebook()
+    dirty.metadata["widgets"] = {"state": {}}
+    dirty.cells[1].metadata = nbformat.from_dict({"execution": {"time": 1}, "tags": ["nbval-check-output"]})
+    buffer = io.BytesIO()
+    Image.effect_noise((50, 50), 80).convert("RGBA").save(buffer, "png")
+    picture = {"image/png": base64.b64encode(buffer.getvalue()).decode()}
+    dirty.cells[1].outputs = [
+        nbformat.v4.new_output("stream", name="stdout", text="a"),
+        nbformat.v4.new_output("stream", name="stdout", text="b"),
+        nbformat.v4.new_output("display_data", data={TOOL["VIEW"]: {}, "text/plain": "Controls"}),
+        nbformat.v4.new_output("display_data", data=picture),
+    ]
+    TOOL["clean"](dirty)
+    first, panel, drawing = dirty.cells[1].outputs
+    assert first.text == "ab"
+    assert panel.data == {"text/plain": "Controls"}
+    assert Image.open(io.BytesIO(base64.b64decode(drawing.data["image/png"]))).mode == "P"
+    assert dirty.cells[1].metadata == {"tags": ["nbval-check-output"]}
+    assert set(dirty.metadata) == {"kernelspec", "language_info", "sdhj"}
