@@ -1,6 +1,6 @@
 """The victory domain shrinks to nothing as the adversary's bounds grow (Sec. 6.1)."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_adversary")()
+    figure_command("extra_adversary")()

@@ -1,6 +1,6 @@
 """What projecting costs: volume ratio and Hausdorff distance of every tube."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_conservativeness")()
+    figure_command("extra_conservativeness")()

@@ -1,6 +1,6 @@
 """The evading target (Sec. 6.1)."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_evader")()
+    figure_command("extra_evader")()

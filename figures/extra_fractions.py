@@ -1,6 +1,6 @@
 """Share of the joint configuration space inside the tubes, by method."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_fractions")()
+    figure_command("extra_fractions")()

@@ -1,6 +1,6 @@
 """What more input levels bring and cost (Sec. 6.1)."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_input_levels")()
+    figure_command("extra_input_levels")()

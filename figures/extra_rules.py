@@ -1,6 +1,6 @@
 """Selection rules trade effort, clearance and time (Sec. 6.1)."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_rules")()
+    figure_command("extra_rules")()

@@ -1,6 +1,6 @@
 """View-times, and the collisions that samples let through (Sec. 5.4 and 6.2.1)."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script("extra_view_time")()
+    figure_command("extra_view_time")()

@@ -1,6 +1,6 @@
 """Fig. 1: the problem: a robot arm, known moving disks, an unpredictable agent."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(1)()
+    figure_command(1)()

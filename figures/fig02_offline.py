@@ -1,6 +1,6 @@
 """Fig. 2: the offline stage as a diagram."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(2)()
+    figure_command(2)()

@@ -1,6 +1,6 @@
 """Fig. 3: the online stage as a diagram."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(3)()
+    figure_command(3)()

@@ -1,6 +1,6 @@
 """Fig. 4: a run's state, its samples, and the input held between them."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(4)()
+    figure_command(4)()

@@ -1,6 +1,6 @@
 """Fig. 5: the two teams as a diagram."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(5)()
+    figure_command(5)()

@@ -1,6 +1,6 @@
 """Fig. 6: the reach set of one input, solved, and runs from inside and outside it."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(6)()
+    figure_command(6)()

@@ -1,6 +1,6 @@
 """Fig. 7: the reach-avoid set and the cost whose zero level bounds it, solved, and defeating adversaries."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(7)()
+    figure_command(7)()

@@ -1,6 +1,6 @@
 """Fig. 8: the look-up table as small slices, and a run's way through it."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(8)()
+    figure_command(8)()

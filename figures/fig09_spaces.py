@@ -1,6 +1,6 @@
 """Fig. 9: workspace and configuration space."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(9)()
+    figure_command(9)()

@@ -1,6 +1,6 @@
 """Fig. 10: the reach-avoid tubes from step 0."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(10)()
+    figure_command(10)()

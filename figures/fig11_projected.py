@@ -1,6 +1,6 @@
 """Fig. 11: the same tubes by projections."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(11)()
+    figure_command(11)()

@@ -1,6 +1,6 @@
 """Fig. 12: a run in workspace and configuration space, with an animation."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(12)()
+    figure_command(12)()

@@ -1,6 +1,6 @@
 """Fig. 13: full and projected tubes laid over each other, and as surfaces in three axes."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(13)()
+    figure_command(13)()

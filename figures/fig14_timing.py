@@ -1,6 +1,6 @@
 """Fig. 14: computation times beside the paper's, measured now."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script(14)()
+    figure_command(14)()

@@ -1,6 +1,6 @@
 """Every figure, one after the other; what they share is solved once."""
 
-from sdhj.figures import script
+from sdhj.cli import figure_command
 
 if __name__ == "__main__":
-    script()()
+    figure_command()()

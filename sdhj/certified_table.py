@@ -11,10 +11,11 @@ import numpy as np
 
 from sdhj.certified import CertifiedSets
 from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
+from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import TableFileError, file_header, replaced_whole
+from sdhj.table import TableFileError, file_header
 
 GROUP = "certified"
 
@@ -80,7 +81,7 @@ class CertifiedTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
-        with replaced_whole(path) as file:
+        with replaced_whole(path) as temporary, h5py.File(temporary, "w") as file:
             file_header(file, self.problem, self.method, self.details)
             self.sets.save(file.create_group(GROUP))
 

@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 import sdhj
+from sdhj.files import writable_file, writable_folder
 
 METHOD = click.Choice(["hji", "projected", "lax", "certified"])
 VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
@@ -42,24 +43,6 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
-def writable(path: Path, *, folder: bool = False) -> Path:
-    """Check before long work that its result can be written; make the folder if asked for."""
-    place = path if folder else path.parent
-    try:
-        if folder:
-            place.mkdir(parents=True, exist_ok=True)
-        probe = place / f".sdhj-{time.time_ns()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OSError(
-            f"cannot write in {place}: {error.strerror}; choose a folder that exists and can be written"
-        ) from error
-    if not folder and path.is_dir():
-        raise OSError(f"{path} is a folder; name a file")
-    return path
-
-
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(sdhj.__version__, prog_name="sdhj")
 def main() -> None:
@@ -76,7 +59,7 @@ def reproduce(nodes: int, out: Path, runs: int, seed: int) -> None:
     """Solve the case study, exercise its controller, write every figure and a table of results."""
     from sdhj.reproduce import reproduce as run
 
-    run(nodes=nodes, out=writable(out, folder=True), runs=runs, seed=seed, say=click.echo)
+    run(nodes=nodes, out=writable_folder(out), runs=runs, seed=seed, say=click.echo)
 
 
 @main.command()
@@ -89,7 +72,7 @@ def reproduce(nodes: int, out: Path, runs: int, seed: int) -> None:
 @plainly
 def solve(nodes: int, steps: int, method: str, view_time: str, kinematics: str, output: Path) -> None:
     """Solve the arm case study and write its look-up table."""
-    writable(output)
+    writable_file(output)
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
     table = sdhj.solve(problem, method=method)
     table.save(output)
@@ -168,7 +151,7 @@ def verify(
     proof = sdhj.load(certified)
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
-    _compare(read, proof, seed, None if output is None else writable(output))
+    _compare(read, proof, seed, None if output is None else writable_file(output))
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
@@ -198,6 +181,28 @@ def warmup() -> None:
         table = sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2), method=method, progress=False)
         sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0)
         click.echo(f" {time.perf_counter() - began:.1f} s")
+
+
+def figure_command(which: int | str | None = None) -> click.Command:
+    """The command line of a script in figures/: it writes the pictures with that number or name, or all there are."""
+    from sdhj.figures import FIGURES, Context, write
+
+    names = [name for name, spec in FIGURES.items() if which in (None, name, spec.number)]
+    text = "Every figure" if which is None else "; ".join(FIGURES[name].title for name in names)
+
+    @click.command(help=f"{text}.", context_settings={"show_default": True})
+    @click.option("--nodes", default=25, help="Nodes on each axis of the case study.")
+    @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for the files.")
+    @click.option("--seed", default=0, help="Of the run that is shown.")
+    @plainly
+    def command(nodes: int, out: Path, seed: int) -> None:
+        writable_folder(out)  # before long work
+        context = Context(nodes=nodes, seed=seed, say=click.echo)
+        for name in names:
+            for path in write(name, context, out):
+                click.echo(path)
+
+    return command
 
 
 if __name__ == "__main__":

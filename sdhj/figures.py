@@ -13,7 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -21,6 +20,7 @@ import sdhj
 from sdhj import experiments, illustrations, plotting
 from sdhj.case_studies import ArmScene, scene
 from sdhj.comparison import compare
+from sdhj.files import writable_folder
 from sdhj.grid import FloatArray
 from sdhj.plotting import diagrams, games, runs, studies
 from sdhj.problem import ReachAvoidProblem
@@ -513,7 +513,7 @@ def write(name: str, context: Context, folder: str | os.PathLike[str], formats: 
     OSError
         Where the folder cannot be written.
     """
-    folder = plotting.writable_folder(folder)
+    folder = writable_folder(folder)
     files = plotting.save(draw(name, context), folder, name, formats)
     also = FIGURES[name].also
     return files + (also(context, folder) if also else [])
@@ -534,31 +534,3 @@ def draw_all(
         context.say(f"drawing {name}")
         files += write(name, context, out)
     return files
-
-
-class Refusal(click.ClickException):
-    """One clear line on standard error, exit status 2."""
-
-    exit_code = 2
-
-
-def script(which: int | str | None = None) -> click.Command:
-    """The command line of a script in figures/: it writes the pictures with that number or name, or all there are."""
-    names = [name for name, spec in FIGURES.items() if which in (None, name, spec.number)]
-    text = "Every figure" if which is None else "; ".join(FIGURES[name].title for name in names)
-
-    @click.command(help=f"{text}.", context_settings={"show_default": True})
-    @click.option("--nodes", default=25, help="Nodes on each axis of the case study.")
-    @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for the files.")
-    @click.option("--seed", default=0, help="Of the run that is shown.")
-    def command(nodes: int, out: Path, seed: int) -> None:
-        try:
-            plotting.writable_folder(out)  # before long work
-            context = Context(nodes=nodes, seed=seed, say=click.echo)
-            for name in names:
-                for path in write(name, context, out):
-                    click.echo(path)
-        except (ValueError, OSError) as error:
-            raise Refusal(" ".join(str(error).split())) from error
-
-    return command

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 import sdhj
+from sdhj.files import replaced_whole
 from sdhj.table import LookupTable
 
 METHODS = ("hji", "projected", "lax")
@@ -68,7 +69,7 @@ def summary(table: LookupTable, runs: int, seed: int) -> dict[str, str]:
 def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
     """results.csv and results.md with the same rows; the Markdown names the machine and the versions."""
     columns = list(rows[0])
-    with open(out / "results.csv", "w", newline="") as file:
+    with replaced_whole(out / "results.csv") as temporary, open(temporary, "w", newline="") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
@@ -82,4 +83,5 @@ def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
         f"peak memory of the whole job {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB.",
         "",
     ]
-    (out / "results.md").write_text("\n".join(lines))
+    with replaced_whole(out / "results.md") as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")

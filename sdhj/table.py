@@ -3,9 +3,7 @@
 import hashlib
 import json
 import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import h5py
 import numpy as np
 
 import sdhj
+from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
 
@@ -152,7 +151,7 @@ class LookupTable:
         OSError
             Where the folder does not exist or cannot be written.
         """
-        with replaced_whole(path) as file:
+        with replaced_whole(path) as temporary, h5py.File(temporary, "w") as file:
             self._write(file)
 
     def _write(self, file: h5py.File) -> None:
@@ -168,24 +167,6 @@ class LookupTable:
             array = getattr(self.avoid, name)
             data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
             data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
-
-
-@contextmanager
-def replaced_whole(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """An HDF5 file to write; it takes its name only when it is whole, and nothing is left of it otherwise."""
-    path = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror}; choose a folder that can be written") from error
-    os.close(handle)
-    try:
-        with h5py.File(temporary, "w") as file:
-            yield file
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
 
 
 def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, details: Mapping[str, Any]) -> None:

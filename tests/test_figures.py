@@ -11,6 +11,7 @@ from matplotlib.text import Text
 
 import sdhj
 from sdhj import figures, plotting
+from sdhj.cli import figure_command
 from sdhj.plotting import studies
 
 SCRIPTS = Path(__file__).parent.parent / "figures"
@@ -167,7 +168,7 @@ def test_write_and_refusals(context, tmp_path):
     with pytest.raises(ValueError, match=r"figure must be one of fig01_problem.*got 'fig99'"):
         figures.draw("fig99", context)
     (tmp_path / "file").touch()
-    with pytest.raises(OSError, match="choose another folder"):
+    with pytest.raises(OSError, match="choose a folder"):
         figures.write("fig09_spaces", context, tmp_path / "file")
 
 
@@ -195,35 +196,35 @@ def test_each_figure_has_its_script():
     assert set(extra) == {name for name, spec in figures.FIGURES.items() if spec.number is None}
     assert set(scripts) == {*numbered, *extra, "make_all"}
     for name in extra:
-        assert f'script("{name}")()' in (SCRIPTS / f"{name}.py").read_text()
+        assert f'figure_command("{name}")()' in (SCRIPTS / f"{name}.py").read_text()
     for name in numbered:
         assert name in figures.FIGURES
         text = (SCRIPTS / f"{name}.py").read_text()
-        assert f"script({int(name[3:5])})()" in text and text.startswith(f'"""Fig. {int(name[3:5])}: ')
+        assert f"figure_command({int(name[3:5])})()" in text and text.startswith(f'"""Fig. {int(name[3:5])}: ')
         spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
         spec.loader.exec_module(importlib.util.module_from_spec(spec))  # importing draws nothing
 
 
 def test_a_script_writes_its_figure(tmp_path):
-    result = CliRunner().invoke(figures.script(9), ["--nodes", "9", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(figure_command(9), ["--nodes", "9", "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fig09_spaces.pdf", "fig09_spaces.png"]
     assert "fig09_spaces.pdf" in result.output
 
 
 @pytest.mark.parametrize(
-    ("options", "said"), [(["--nodes", "3"], "at least 5"), (["--out", "blocked/inside"], "choose another folder")]
+    ("options", "said"), [(["--nodes", "3"], "at least 5"), (["--out", "blocked/inside"], "choose a folder")]
 )
 def test_a_script_refuses_in_one_line(tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
     Path("blocked").touch()
-    result = CliRunner().invoke(figures.script(9), options)
+    result = CliRunner().invoke(figure_command(9), options)
     assert result.exit_code == 2
     assert said in result.output and "Traceback" not in result.output
     assert len(result.output.strip().splitlines()) == 1
 
 
 def test_help_says_what_is_drawn():
-    result = CliRunner().invoke(figures.script(10), ["--help"])
+    result = CliRunner().invoke(figure_command(10), ["--help"])
     assert "Reach-avoid tubes" in result.output and "--nodes" in result.output
-    assert "Every figure" in CliRunner().invoke(figures.script(), ["--help"]).output
+    assert "Every figure" in CliRunner().invoke(figure_command(), ["--help"]).output

@@ -4,7 +4,6 @@ import itertools
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from toys import torus_problem
 import sdhj
 from sdhj import illustrations, plotting
 from sdhj.case_studies import scene
+from sdhj.files import replaced_whole
 from sdhj.plotting import games, looks, runs, slices, studies, surfaces
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
@@ -541,7 +541,7 @@ def test_bad_formats_and_folders_are_refused(tmp_path):
         plotting.save(picture(), tmp_path, "p", ("tiff",))
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    with pytest.raises(OSError, match=r"cannot write figures to .*file.*choose another folder"):
+    with pytest.raises(OSError, match=r"cannot write in .*file.*choose a folder"):
         plotting.save(picture(), blocked / "inside", "p")
 
 
@@ -549,12 +549,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     path = tmp_path / "p.png"
     path.write_text("old")
 
-    def fail(temporary: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), replaced_whole(path) as temporary:
         temporary.write_text("half")
         raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        looks.replace_whole(path, fail)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["p.png"]
 

@@ -8,7 +8,7 @@ Draw inside `with style():`, or call `use_style()` once, to get the project's lo
 """
 
 from sdhj.plotting.games import draw_cost, draw_one_step, one_step_legend
-from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style, writable_folder
+from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style
 from sdhj.plotting.runs import (
     Run,
     draw_cspace_run,
@@ -80,5 +80,4 @@ __all__ = [
     "style",
     "unwrapped",
     "use_style",
-    "writable_folder",
 ]

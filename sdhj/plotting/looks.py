@@ -6,7 +6,7 @@ widget alike. What a colour says in grey is said again by lightness, a hatch or 
 
 import logging
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+
+from sdhj.files import replaced_whole, writable_folder
 
 STYLE_FILE = Path(__file__).resolve().parent.parent / "style.mplstyle"
 FORMATS = ("pdf", "svg", "png")
@@ -79,41 +81,6 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
     return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
 
 
-def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made where it does not exist.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be made or written to, with what to do about it.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".sdhj-{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OSError(f"cannot write figures to {folder}: {reason}; choose another folder with --out") from error
-    return folder
-
-
-def replace_whole(path: Path, write: Callable[[Path], None]) -> Path:
-    """Call write(temporary path beside `path`), then rename: nobody ever sees half a file.
-
-    The temporary name keeps the suffix, from which writers tell the format.
-    """
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    return path
-
-
 def save(
     figure: Figure,
     folder: str | os.PathLike[str],
@@ -136,13 +103,13 @@ def save(
     folder = writable_folder(folder)
     resolution: dict[str, Any] = {} if dpi is None else {"dpi": dpi}
 
-    def write(path: Path) -> None:
-        form = path.suffix[1:]
-        figure.savefig(path, format=form, metadata=UNDATED[form], **resolution)
-
+    files = [folder / f"{name}.{form}" for form in formats]
     logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
     with style():
-        return [replace_whole(folder / f"{name}.{form}", write) for form in formats]
+        for form, file in zip(formats, files, strict=True):
+            with replaced_whole(file) as path:
+                figure.savefig(path, format=form, metadata=UNDATED[form], **resolution)
+    return files
 
 
 def grey(rgb: Iterable[Any]) -> Any:

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 
 from sdhj.case_studies import scene
+from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
-from sdhj.plotting.looks import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, replace_whole, step_colours, style
+from sdhj.plotting.looks import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, step_colours, style
 from sdhj.plotting.slices import State, draw_constraints, draw_path, draw_set, plane
 from sdhj.plotting.workspace import draw_arm, draw_workspace
 from sdhj.problem import ReachAvoidProblem
@@ -269,14 +270,12 @@ def save_animation(
     """Write a run as an animated GIF: slower than life, and still for a moment at its end."""
     shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
 
-    def write(temporary: Path) -> None:
-        with style():
-            figure = new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
-            writer = PillowWriter(fps=rate)
-            with writer.saving(figure, str(temporary), dpi=dpi):
-                for index in [*shown, *[shown[-1]] * (rate // 2)]:
-                    draw_moment(figure, table, run, index=int(index))
-                    figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
-                    writer.grab_frame()
-
-    return replace_whole(path, write)
+    with replaced_whole(path) as temporary, style():
+        figure = new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
+        writer = PillowWriter(fps=rate)
+        with writer.saving(figure, str(temporary), dpi=dpi):
+            for index in [*shown, *[shown[-1]] * (rate // 2)]:
+                draw_moment(figure, table, run, index=int(index))
+                figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
+                writer.grab_frame()
+    return path
