@@ -6,8 +6,10 @@ is max, complement is the negative. The control minimises, the adversary maximis
 
 import os
 
-# Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too.
+# Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
+# some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 __version__ = "0.1.0"
 

@@ -7,7 +7,8 @@ PyPI, on the same grid, with the same scheme (Lax-Friedrichs, second-order ENO, 
 treats walls in its own way, so errors are counted at the nodes that no wall can have reached.
 
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
-strikes all of them alike.
+strikes all of them alike. `measure_case_study` and `measure_controller` time what users wait for: whole tables, and the
+controller's answers.
 """
 
 import importlib.metadata
@@ -23,8 +24,13 @@ import numba
 import numpy as np
 
 from sdhj.case_studies import arm_case_study
+from sdhj.controller import RULES, Controller
+from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
+from sdhj.recursion import memory_needed, solve
 from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.simulation import admissible_states
+from sdhj.warmup import METHODS, compile_kernels
 
 NODES = (15, 20, 25, 30, 35, 40)
 BALL = ((0.4, -0.3, 0.05, -0.02), 1.6)  # centre in the units of the axes, radius in scaled ones
@@ -32,7 +38,9 @@ HOLE = ((0.9, -0.6, 0.02, 0.03), 0.7)
 NEAR = 0.3  # errors are averaged where the solution is this small: elsewhere they move no set
 PEER = "hj_reachability"
 PLAIN = Scheme(flux="lax-friedrichs", order=2, integrator="rk2", cfl=0.75)  # the scheme that the peer has too
-Solve = Callable[[], FloatArray]
+QUERIES = 1000
+BATCH = 100_000
+Run = Callable[[], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -138,10 +146,10 @@ def errors(problem: Case, solution: FloatArray) -> tuple[float, float]:
     return float(np.abs(got - exact)[near].mean()), float(np.mean((got <= 0) & (exact > 0)))
 
 
-def ours(problem: Case, scheme: Scheme, threads: int) -> Solve:
+def ours(problem: Case, scheme: Scheme, threads: int) -> Run:
     """This library's solver with some number of threads."""
 
-    def solve() -> FloatArray:
+    def run() -> FloatArray:
         before = numba.get_num_threads()
         numba.set_num_threads(threads)
         try:
@@ -149,10 +157,10 @@ def ours(problem: Case, scheme: Scheme, threads: int) -> Solve:
         finally:
             numba.set_num_threads(before)
 
-    return solve
+    return run
 
 
-def peer(problem: Case) -> Solve:
+def peer(problem: Case) -> Run:
     """hj_reachability on the same problem.
 
     Raises
@@ -165,7 +173,10 @@ def peer(problem: Case) -> Solve:
         import jax
         import jax.numpy as jnp
     except ImportError as error:
-        raise ImportError(f"the benchmark's peer is not installed ({error}): pip install 'sdhj[bench]'") from error
+        raise ImportError(
+            f"the benchmark's peer is not installed ({error}): pip install 'sdhj[bench]', or measure without it, "
+            "with_peer=False or --no-peer"
+        ) from error
     mean = jnp.asarray((problem.velocities.lower + problem.velocities.upper) / 2)
     half = (problem.velocities.upper - problem.velocities.lower) / 2
     ndim = problem.grid.ndim
@@ -192,11 +203,11 @@ def peer(problem: Case) -> Solve:
     settings = hj.SolverSettings.with_accuracy("medium", CFL_number=PLAIN.cfl)
     dynamics, values = Arm(), jnp.asarray(problem.values)
 
-    def solve() -> FloatArray:
+    def run() -> FloatArray:
         end = hj.step(settings, dynamics, lattice, 0.0, values, -problem.duration, progress_bar=False)
         return np.asarray(jax.block_until_ready(end))
 
-    return solve
+    return run
 
 
 def measure(nodes: Sequence[int] = NODES, *, repeats: int = 7, with_peer: bool = True) -> Report:
@@ -224,7 +235,7 @@ def measure(nodes: Sequence[int] = NODES, *, repeats: int = 7, with_peer: bool =
     return Report(tuple(rows), _machine(), _versions(with_peer))
 
 
-def _solvers(problem: Case, with_peer: bool) -> dict[tuple[str, int], Solve]:
+def _solvers(problem: Case, with_peer: bool) -> dict[tuple[str, int], Run]:
     """What is measured: name and threads of each solver."""
     most = numba.get_num_threads()
     named = {"sdhj, same scheme": PLAIN, "sdhj, default": Scheme(), "sdhj, third order": Scheme(order=3)}
@@ -236,18 +247,73 @@ def _solvers(problem: Case, with_peer: bool) -> dict[tuple[str, int], Solve]:
     return solvers
 
 
-def _measure_one(problem: Case, nodes: int, solvers: dict[tuple[str, int], Solve], repeats: int) -> list[Row]:
-    found = {key: errors(problem, solve()) for key, solve in solvers.items()}  # compiles
+def _measure_one(problem: Case, nodes: int, solvers: dict[tuple[str, int], Run], repeats: int) -> list[Row]:
+    found = {key: errors(problem, run()) for key, run in solvers.items()}  # compiles
     seconds: dict[tuple[str, int], list[float]] = {key: [] for key in solvers}
     for _ in range(repeats):
-        for key, solve in solvers.items():
-            started = time.perf_counter()
-            solve()
-            seconds[key].append(time.perf_counter() - started)
+        for key, run in solvers.items():
+            seconds[key].append(_timed(run))
     return [
         Row(name, nodes, threads, float(np.median(seconds[name, threads])), min(seconds[name, threads]), *error)
         for (name, threads), error in found.items()
     ]
+
+
+def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], tuple[float, int]]:
+    """Median seconds of solving the whole case study, kernels compiled, and bytes it needs: by method and nodes."""
+    compile_kernels(METHODS)
+    found = {}
+    for n in nodes:
+        problem = arm_case_study(nodes=n)
+        seconds: dict[str, list[float]] = {method: [] for method in METHODS}
+        for _ in range(repeats):
+            for method in METHODS:
+                seconds[method].append(_timed(solve, problem, method=method, progress=False))
+        for method in METHODS:
+            found[method, n] = float(np.median(seconds[method])), memory_needed(problem)
+    return found
+
+
+def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float, float]]:
+    """Median and 99% quantile of what one answer takes, in seconds: by what is asked.
+
+    Queries are single calls of `Controller.select` for admissible states; batches have BATCH states.
+    """
+    table = solve(arm_case_study(nodes=nodes), progress=False)
+    rng = np.random.default_rng(seed)
+    states = admissible_states(Controller(table), BATCH, rng)
+    anywhere = rng.uniform(table.grid.lower, table.grid.upper, states.shape)
+    found = {}
+    for rule in RULES:
+        controller = Controller(table, rule)
+        controller.select(states[0], 0)
+        times = [_timed(controller.select, q, 0) for q in states[:QUERIES]]
+        found[f"select, rule {rule}"] = float(np.median(times)), float(np.quantile(times, 0.99))
+    controller = Controller(table)
+    for name, points in (("batch, admissible states", states), ("batch, uniform states", anywhere)):
+        controller.batch(points, 0)
+        times = [_timed(controller.batch, points, 0) / BATCH for _ in range(5)]
+        found[name] = float(np.median(times)), max(times)
+    return found
+
+
+def _timed(call: Callable[..., Any], *args: Any, **options: Any) -> float:
+    started = time.perf_counter()
+    call(*args, **options)
+    return time.perf_counter() - started
+
+
+def whole_table(
+    case_study: dict[tuple[str, int], tuple[float, int]], controller: dict[str, tuple[float, float]]
+) -> str:
+    """What `measure_case_study` and `measure_controller` found, as lines of text."""
+    lines = [f"{'whole case study':<26}{'nodes':>7}{'s':>10}{'GB needed':>12}"]
+    for (method, n), (seconds, needed) in case_study.items():
+        lines.append(f"{method:<26}{n:>7}{seconds:>10.2f}{needed / 1e9:>12.2f}")
+    lines += ["", f"{'controller':<26}{'us':>8}{'99%':>8}{'1/s':>12}"]
+    for name, (median, slow) in controller.items():
+        lines.append(f"{name:<26}{1e6 * median:>8.2f}{1e6 * slow:>8.2f}{1 / median:>12.0f}")
+    return "\n".join(lines)
 
 
 def exponents(report: Report) -> dict[tuple[str, int], float]:
@@ -294,7 +360,8 @@ def plot(report: Report, path: str | os.PathLike[str]) -> Path:
     right.set(xlabel="time, s", ylabel="mean error near the boundary", title="Error for the time")
     left.legend(fontsize="small")
     figure.suptitle(report.machine, fontsize="small")
-    figure.savefig(path)
+    with replaced_whole(path) as temporary:
+        figure.savefig(temporary)
     return Path(path)
 
 

@@ -3,7 +3,6 @@
 import functools
 import json
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,10 +34,8 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **kwargs)
         except (ValueError, OSError, MemoryError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
-        except ModuleNotFoundError as error:
-            raise Refusal(
-                f"{error}; install the extra that brings it, for example pip install 'sdhj[bench]'"
-            ) from error
+        except ImportError as error:
+            raise Refusal(str(error)) from error
 
     return wrapped
 
@@ -172,15 +169,36 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
 
 
 @main.command()
+@click.option("--nodes", default="15,20,25,30,35,40", help="Nodes on each axis, separated by commas.")
+@click.option("--repeats", default=5, help="Rounds in which all solvers take turns; medians are printed.")
+@click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
+@plainly
+def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
+    """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
+    from sdhj import bench
+
+    try:
+        counts = [int(part) for part in nodes.split(",")]
+    except ValueError:
+        raise ValueError(f"--nodes must be whole numbers separated by commas, got {nodes!r}") from None
+    if output is not None:
+        writable_file(output)
+    report = bench.measure(counts, repeats=repeats, with_peer=peer)
+    click.echo(bench.table(report) + "\n")
+    case_study = bench.measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
+    click.echo(bench.whole_table(case_study, bench.measure_controller()))
+    if output is not None:
+        click.echo(bench.plot(report, output))
+
+
+@main.command()
 @plainly
 def warmup() -> None:
     """Compile every kernel once; later runs read them from the disk cache."""
-    for method in ("hji", "projected", "lax"):
-        click.echo(f"compiling {method} ...", nl=False)
-        began = time.perf_counter()
-        table = sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2), method=method, progress=False)
-        sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0)
-        click.echo(f" {time.perf_counter() - began:.1f} s")
+    from sdhj.warmup import compile_kernels
+
+    compile_kernels(say=click.echo)
 
 
 def figure_command(which: int | str | None = None) -> click.Command:

@@ -26,6 +26,7 @@ from sdhj.plotting import diagrams, games, runs, studies
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation import OUTCOMES
 from sdhj.table import LookupTable
+from sdhj.warmup import compile_kernels
 
 FORMATS = ("pdf", "png")
 SHOWN_STATE = (-2.2, -0.9, 0.19, 0.22)  # what Figs. 1 and 9 show
@@ -153,8 +154,7 @@ def measure(
     Compiling is not counted: every method solves a small problem first.
     """
     seconds: dict[str, dict[int, float]] = {method: {} for method in methods}
-    for method in methods:
-        sdhj.solve(sdhj.arm_case_study(nodes=9), method=method, progress=False)
+    compile_kernels(methods)
     for count in nodes:
         for method in methods:  # one after the other, so that what else the machine does weighs on both
             say(f"timing: {method}, {count} nodes on each axis")

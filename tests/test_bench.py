@@ -4,9 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import sdhj
 from sdhj import bench
+from sdhj.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -106,3 +108,21 @@ def test_time_of_the_case_study(benchmark, method):
     problem = sdhj.arm_case_study()
     sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method=method, progress=False)
     benchmark.pedantic(lambda: sdhj.solve(problem, method=method, progress=False), rounds=3)
+
+
+def test_command_prints_every_solver_and_draws(tmp_path):
+    picture = tmp_path / "bench.svg"
+    result = CliRunner().invoke(main, ["bench", "--nodes", "9,11", "--repeats", "1", "--no-peer", "-o", str(picture)])
+    assert result.exit_code == 0, result.output
+    for text in ("sdhj, same scheme", "sdhj, third order", "time ~ nodes^", "projected", "batch, admissible states"):
+        assert text in result.output
+    assert bench.PEER not in result.output
+    assert picture.read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"), [(["--nodes", "many"], "many"), (["--repeats", "0"], "repeats"), (["-o", "."], "name a file")]
+)
+def test_command_refuses_in_one_line(options, said):
+    result = CliRunner().invoke(main, ["bench", "--no-peer", *options])
+    assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output

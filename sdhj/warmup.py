@@ -1,0 +1,19 @@
+"""First use: compile every kernel once, so that what follows is fast (`sdhj warmup`)."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import sdhj
+
+METHODS = ("hji", "projected", "lax")
+
+
+def compile_kernels(methods: Sequence[str] = METHODS, say: Callable[[str], Any] = lambda line: None) -> None:
+    """Call every kernel that the methods and the controller need once, on a small problem."""
+    for method in methods:
+        began = time.perf_counter()
+        say(f"compiling {method} (the first time; later runs read it from a cache)")
+        table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method=method, progress=False)
+        sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0, progress=False)
+        say(f"  {time.perf_counter() - began:.1f} s")
