@@ -15,7 +15,7 @@ import numpy as np
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number
+from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number, skeleton_distance
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
@@ -73,8 +73,12 @@ class ArmScene:
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
+        elbow, tip = self.arm.joints(q)  # once for all obstacles: the costly part
         return np.minimum.reduce(
-            [self.arm.distance(q, disk.centre(t)) - disk.radius - self.arm.half_width for disk in self.obstacles]
+            [
+                skeleton_distance(elbow, tip, disk.centre(t)) - disk.radius - self.arm.half_width
+                for disk in self.obstacles
+            ]
         )
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:

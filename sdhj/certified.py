@@ -53,7 +53,7 @@ import numpy as np
 from sdhj.certified_arm import ArmProof, is_arm
 from sdhj.certified_cells import CellAxis, aligned_width, exact, measured, period_bounds
 from sdhj.certified_general import GeneralProof, LipschitzBounds
-from sdhj.certified_kernels import Cells, contains, count_bits
+from sdhj.certified_kernels import Cells, contains, count_bits, fewest_steps
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
@@ -120,6 +120,14 @@ class CertifiedSets:
         states = self._states(states)
         out = np.empty(len(states), np.bool_)
         contains(states, self.cells, self.index[self._entry(start, within)], self.pool, out)
+        return out
+
+    def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
+        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
+        states = self._states(states)
+        first, longest = self._entry(step, 0), self.problem.steps - step
+        out = np.empty(len(states), np.int64)
+        fewest_steps(states, self.cells, self.index[first : first + longest + 1], self.pool, out)
         return out
 
     def certified_inputs(self, state: FloatArray, step: int, within: int) -> FloatArray:

@@ -602,7 +602,10 @@ def tip_near_cells(moves1, moves2, radius, arm, plane, shape, out):
 
 
 # --------------------------------------------------------------------------------------------------------------------
-# Questions about one state
+# Questions about states
+#
+# Serial and without Python's lock: the controller shares batches out over threads, and only some of Numba's threading
+# layers take calls of parallel kernels from several threads at once.
 # --------------------------------------------------------------------------------------------------------------------
 
 
@@ -708,15 +711,15 @@ def has_bits(block, start, stop):
     return True
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def contains(states, cells, index, pool, out):
     """Whether a certified cell is within SLACK of each of the states (M, ndim). out (M,) bool, overwritten.
 
     index (R,), pool (B, W) : the block of each row of the set, and the blocks
     """
-    for m in prange(states.shape[0]):
-        found = np.empty((2, states.shape[1]), np.int64)
-        cell = np.empty(states.shape[1], np.int64)
+    found = np.empty((2, states.shape[1]), np.int64)
+    cell = np.empty(states.shape[1], np.int64)
+    for m in range(states.shape[0]):
         out[m] = False
         if cells_at(states[m], cells, found):
             for choice in range(1 << cell.size):
@@ -725,6 +728,32 @@ def contains(states, cells, index, pool, out):
                     if has_bit(pool[index[row]], bit):
                         out[m] = True
                         break
+
+
+@njit(cache=True, nogil=True)
+def fewest_steps(states, cells, index, pool, out):
+    """The first of nested sets with a certified cell within SLACK of each of the states (M, ndim).
+
+    index (n, R), pool (B, W) : the blocks of each row of the n sets, each inside the next
+    out (M,) int64 : 0 to n - 1, or n where none holds the state. Overwritten.
+    """
+    found = np.empty((2, states.shape[1]), np.int64)
+    cell = np.empty(states.shape[1], np.int64)
+    for m in range(states.shape[0]):
+        out[m] = index.shape[0]
+        if not cells_at(states[m], cells, found):
+            continue
+        for choice in range(1 << cell.size):
+            if pick(found, choice, cell):
+                row, bit = row_and_bit(cell, cells)
+                least, most = 0, out[m]  # bisection: the sets before `least` do not hold the cell, `most` may
+                while least < most:
+                    middle = (least + most) // 2
+                    if has_bit(pool[index[middle, row]], bit):
+                        most = middle
+                    else:
+                        least = middle + 1
+                out[m] = most
 
 
 @njit(cache=True)
@@ -837,20 +866,17 @@ def arm_inputs_one(state, step, cells, motion, index, following, pool, out):
     )
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def arm_inputs_many(states, step, cells, motion, index, following, pool, inside, out):
     """`arm_inputs` for states (M, 4): inside (M,) and out (M, L) bool, overwritten."""
-    chunk = 256
-    for part in prange((states.shape[0] + chunk - 1) // chunk):
-        found, cell = np.empty((2, 4), np.int64), np.empty(4, np.int64)
-        x, y, hull_x, hull_y = np.empty(6), np.empty(6), np.empty(12), np.empty(12)
-        upper, lower, block = np.empty((12, 4)), np.empty((12, 4)), np.empty(pool.shape[1], np.uint64)
-        start = np.int64(part) * chunk
-        for m in range(start, min(start + chunk, states.shape[0])):
-            inside[m] = arm_inputs(
-                states[m], step, cells, motion, index, following, pool,
-                found, cell, x, y, hull_x, hull_y, upper, lower, block, out[m],
-            )  # fmt: skip
+    found, cell = np.empty((2, 4), np.int64), np.empty(4, np.int64)
+    x, y, hull_x, hull_y = np.empty(6), np.empty(6), np.empty(12), np.empty(12)
+    upper, lower, block = np.empty((12, 4)), np.empty((12, 4)), np.empty(pool.shape[1], np.uint64)
+    for m in range(states.shape[0]):
+        inside[m] = arm_inputs(
+            states[m], step, cells, motion, index, following, pool,
+            found, cell, x, y, hull_x, hull_y, upper, lower, block, out[m],
+        )  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------------------------

@@ -54,12 +54,7 @@ class CertifiedTable:
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
         """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
-        longest = self.steps - step
-        found = np.full(len(states), longest + 1)
-        for within in range(longest, -1, -1):  # the tubes are nested, so the last to hold a state is the smallest
-            rows = np.flatnonzero(found == within + 1)
-            found[rows[self.sets.contains(states[rows], start=step, within=within)]] = within
-        return found
+        return self.sets.steps_to_go(states, step)
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
@@ -112,15 +107,16 @@ class CertifiedController(Controller):
         to_go = self.table.steps_to_go(flat, step).reshape(points.shape[:2])
         return (to_go - np.asarray(within)[:, None]).astype(np.float64)
 
-    def _decide(self, states: FloatArray, step: int) -> Batch:
-        self._refuse_nan(states)
-        to_go = self.table.steps_to_go(states, step)
+    def _decide_rows(self, batch: Batch, rows: slice) -> None:
+        states, step = batch.states[rows], batch.step
+        to_go, safe, margins = batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows]
+        to_go[:] = self.table.steps_to_go(states, step)
         to_go[to_go > self.table.steps - step] = NOT_ADMISSIBLE
-        safe = np.zeros((len(states), len(self.problem.inputs)), dtype=np.bool_)
+        safe[:] = False
         for within in np.unique(to_go[to_go > 0]):
-            rows = to_go == within
-            safe[rows] = self.table.sets.certified_inputs_many(states[rows], step, int(within))
-        return Batch(states, step, to_go, safe, self._margins(states, step, to_go, safe))
+            same = to_go == within
+            safe[same] = self.table.sets.certified_inputs_many(states[same], step, int(within))
+        margins[:] = self._margins(states, step, to_go, safe)
 
     def _margins(self, states: FloatArray, step: int, to_go: FloatArray, safe: FloatArray) -> FloatArray:
         margins = np.full(safe.shape, np.inf)

@@ -81,6 +81,11 @@ def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: Flo
     return np.where(splits_cd & splits_ab, 0.0, nearest)
 
 
+def skeleton_distance(elbow: FloatArray, tip: FloatArray, points: FloatArray) -> FloatArray:
+    """Distance from points (..., 2) to the arm's links, origin-elbow and elbow-tip (..., 2), shapes broadcast."""
+    return np.minimum(point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip))
+
+
 @dataclass(frozen=True)
 class Still:
     """A point that stays at `centre`."""
@@ -289,9 +294,7 @@ class Arm:
         points = np.asarray(points, dtype=np.float64)
         if points.shape not in ((2,), elbow.shape):
             raise ValueError(f"points must have shape (2,) or {elbow.shape}, got {points.shape}")
-        return np.minimum(
-            point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip)
-        )
+        return skeleton_distance(elbow, tip, points)
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to everywhere a point on `path` is during [t0, t1]; shape (M,), m.

@@ -1,5 +1,9 @@
 """Certified sets behind the table's interface, and the controller that plays them."""
 
+import os
+import subprocess
+import sys
+
 import h5py
 import numpy as np
 import pytest
@@ -29,6 +33,36 @@ def test_inputs_lead_from_every_certified_node(table):
     newly = (table.values(start=0, within=2) <= 0) & (table.values(start=0, within=1) > 0)
     assert newly.any()
     assert table.inputs(start=0, within=2)[newly].any(axis=-1).all()
+
+
+def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
+    grid, width = table.grid, np.array([float(axis.width) for axis in table.sets.axes])
+    anywhere = rng.uniform(grid.lower, grid.upper, (20_000, 4))
+    edges = anywhere.copy()  # on an edge of a cell two cells hold a state, on a corner sixteen
+    edges[:, :2] = -np.pi + width[:2] * rng.integers(0, table.sets.shape[0], (20_000, 2))
+    for states in (anywhere, edges):
+        for step in range(4):
+            tubes = [table.contains(states, start=step, within=n) for n in range(4 - step)]
+            expected = np.where(np.any(tubes, axis=0), np.argmax(tubes, axis=0), 4 - step)
+            np.testing.assert_array_equal(table.steps_to_go(states, step), expected)
+            assert step > 0 or set(expected) == {0, 1, 2, 3, 4}
+
+
+def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_path):
+    """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
+    table.save(tmp_path / "certified.h5")
+    code = (
+        "import sys, sdhj\nfrom sdhj import simulation\nsimulation.threads = lambda: 2\n"
+        "controller = sdhj.Controller(sdhj.load(sys.argv[1]))\n"
+        "print(sdhj.monte_carlo(controller, 10_000, 'random', progress=False).counts['reached'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "certified.h5")],
+        env=os.environ | {"NUMBA_THREADING_LAYER": "workqueue", "NUMBA_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == "10000", done.stderr
 
 
 def test_round_trip(table, tmp_path):
