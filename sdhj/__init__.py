@@ -19,6 +19,7 @@ from sdhj.grid import Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme
+from sdhj.search import search_losing
 from sdhj.simulation import monte_carlo, simulate
 from sdhj.table import LookupTable, TableFileError, load
 
@@ -37,6 +38,7 @@ __all__ = [
     "evader_case_study",
     "load",
     "monte_carlo",
+    "search_losing",
     "simulate",
     "solve",
 ]

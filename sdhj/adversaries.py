@@ -32,6 +32,8 @@ class Moment:
         Now; until the interval's end; of this substep, s.
     previous : (M, D) array
         What the adversary played in the substep before; zeros at the start of an interval.
+    runs : (M,) int array
+        Which of the runs that started together each row is; rows of runs that have ended are gone.
     tube : callable (points (M, V, ndim)) -> (M, V)
         Level-set value, at V states for each run, of the set that the robot means to be in at the interval's end.
     rng : numpy.random.Generator
@@ -47,6 +49,7 @@ class Moment:
     remaining: float
     duration: float
     previous: FloatArray
+    runs: FloatArray
     tube: Callable[[FloatArray], FloatArray]
     rng: np.random.Generator
 

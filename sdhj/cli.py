@@ -98,6 +98,28 @@ def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary:
 
 
 @main.command()
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--runs", default=100_000, help="Closed-loop runs for each table and adversary.")
+@click.option("--adversaries", default="random,aggressive,worst,search", help="Who plays: a list with commas.")
+@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
+@click.option("--seed", default=0, help="Seed of the adversaries and the starts.")
+@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for campaign.csv and .md.")
+@plainly
+def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
+    """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
+    from sdhj.campaign import campaign as play
+    from sdhj.campaign import write_rows
+
+    writable_folder(out)  # before long work
+    read = {path.stem: sdhj.load(path) for path in tables}
+    if len(read) < len(tables):
+        raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
+    rows = play(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)
+    for path in write_rows(rows, out, f"Rule {rule}, seed {seed}, sdhj {sdhj.__version__}."):
+        click.echo(path)
+
+
+@main.command()
 @click.argument("table", type=click.Path(path_type=Path))
 @plainly
 def info(table: Path) -> None:

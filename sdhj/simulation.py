@@ -77,6 +77,33 @@ class _Record:
 
 
 @dataclass(frozen=True)
+class Margins:
+    """How near each of M runs came to failing; filled while they run.
+
+    Attributes
+    ----------
+    clearance : (M,) array
+        Least true level-set value of the unsafe sets at the instants looked at; <= 0 for a collision.
+    depth : (M,) array
+        Least depth in the largest tube of a sampling time, minus its level-set value, before the target was reached:
+        how near the run was to having no answer. +inf where it was reached at once.
+    """
+
+    clearance: FloatArray
+    depth: FloatArray
+
+    @classmethod
+    def of(cls, count: int) -> "Margins":
+        """For runs that have not begun."""
+        return cls(np.full(count, np.inf), np.full(count, np.inf))
+
+    def note(self, kind: str, runs: FloatArray, values: FloatArray) -> None:
+        """Lower the margins of some runs."""
+        margin: FloatArray = getattr(self, kind)
+        margin[runs] = np.minimum(margin[runs], values)
+
+
+@dataclass(frozen=True)
 class Report:
     """How many runs ended how; `str()` is a table.
 
@@ -147,11 +174,11 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     ValueError
         For a state that is not one, an unknown adversary, or one that leaves its bounds.
     """
-    play, seed = _adversary(adversary), _count("seed", seed, least=0)
+    play, seed = _adversary(adversary), counted("seed", seed, least=0)
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     record = _Record()
-    outcomes, _ = _rollouts(controller, start[None], play, np.random.default_rng(seed), record)
+    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), record)
     return Trajectory(
         times=np.array(record.times),
         states=np.array(record.states),
@@ -189,7 +216,7 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     play = _adversary(adversary)
-    runs, seed = _count("runs", runs, least=1), _count("seed", seed, least=0)
+    runs, seed = counted("runs", runs, least=1), counted("seed", seed, least=0)
     began = time.perf_counter()
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
@@ -198,7 +225,7 @@ def monte_carlo(
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])
         starts = admissible_states(controller, sizes[number], rng)
-        return (starts, *_rollouts(controller, starts, play, rng, None))
+        return (starts, *rollouts(controller, starts, play, rng))
 
     with bar, ThreadPoolExecutor(1 if callable(adversary) or callable(controller.rule) else threads()) as pool:
         results = []
@@ -208,8 +235,8 @@ def monte_carlo(
     starts, outcomes, steps = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
     return Report(
         runs=runs,
-        adversary=_name(adversary),
-        rule=_name(controller.rule),
+        adversary=named(adversary),
+        rule=named(controller.rule),
         method=controller.table.method,
         seed=seed,
         counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
@@ -220,13 +247,13 @@ def monte_carlo(
     )
 
 
-def _count(name: str, value: object, *, least: int) -> int:
+def counted(name: str, value: object, *, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
     return int(value)
 
 
-def _name(option: object) -> str:
+def named(option: object) -> str:
     return option if isinstance(option, str) else getattr(option, "__name__", type(option).__name__)
 
 
@@ -265,8 +292,13 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     )
 
 
-def _rollouts(
-    controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, record: _Record | None
+def rollouts(
+    controller: Controller,
+    starts: FloatArray,
+    play: Adversary,
+    rng: np.random.Generator,
+    record: _Record | None = None,
+    margins: Margins | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,)."""
     problem = controller.problem
@@ -276,12 +308,18 @@ def _rollouts(
     if record is not None:
         record.times.append(0.0)
         record.states.append(starts[0])
-    outcomes[problem.unsafe_value(states, 0.0) <= 0] = collided
+    clearance = problem.unsafe_value(states, 0.0)
+    outcomes[clearance <= 0] = collided
+    if margins is not None:
+        margins.note("clearance", alive, clearance)
     for step in range(problem.steps + 1):
         alive = alive[outcomes[alive] == UNDECIDED]
         inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
         outcomes[alive[inside]] = reached
         alive = alive[~inside]
+        if margins is not None and alive.size:
+            largest = np.full(alive.size, problem.steps - step)
+            margins.note("depth", alive, -controller.tube_values(states[alive, None], step, largest)[:, 0])
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)
@@ -294,47 +332,60 @@ def _rollouts(
         if record is not None:
             record.inputs.append(int(inputs[0]))
             record.steps_to_go.append(int(to_go[0]))
-        states[alive], hit = _interval(controller, states[alive], step, inputs, to_go, play, rng, record)
+        held = _Held(alive, step, inputs, np.maximum(to_go, 1) - 1)
+        states[alive], hit = _interval(controller, states[alive], held, play, rng, record, margins)
         outcomes[alive[hit]] = collided
         taken[alive] += 1
     outcomes[outcomes == UNDECIDED] = late
     return outcomes, taken
 
 
+@dataclass(frozen=True)
+class _Held:
+    """What is fixed over an interval: runs (M,), step, the inputs (M,) they hold, the steps to go (M,) they promise."""
+
+    runs: FloatArray
+    step: int
+    inputs: FloatArray
+    promised: FloatArray
+
+
 def _interval(
     controller: Controller,
     states: FloatArray,
-    step: int,
-    inputs: FloatArray,
-    to_go: FloatArray,
+    held: _Held,
     play: Adversary,
     rng: np.random.Generator,
     record: _Record | None,
+    margins: Margins | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
     problem = controller.problem
     bounds, duration = problem.dynamics.bounds, problem.delta / SUBSTEPS
-    within = np.maximum(to_go, 1) - 1
     v = np.zeros((len(states), bounds.size))
     hit = np.zeros(len(states), dtype=bool)
     for substep in range(SUBSTEPS):
-        now = problem.time(step) + substep * duration
+        now = problem.time(held.step) + substep * duration
         moment = Moment(
             problem=problem,
             states=states,
-            inputs=inputs,
-            step=step,
+            inputs=held.inputs,
+            step=held.step,
             substep=substep,
             time=now,
             remaining=problem.delta - substep * duration,
             duration=duration,
             previous=v,
-            tube=lambda points: controller.tube_values(points, step + 1, within),
+            runs=held.runs,
+            tube=lambda points: controller.tube_values(points, held.step + 1, held.promised),
             rng=rng,
         )
         v = _checked(play(moment), v.shape, bounds)
-        states = advance(problem, states, inputs, v, duration)
-        hit |= problem.unsafe_value(states, now + duration) <= 0
+        states = advance(problem, states, held.inputs, v, duration)
+        clearance = problem.unsafe_value(states, now + duration)
+        hit |= clearance <= 0
+        if margins is not None:
+            margins.note("clearance", held.runs, clearance)
         if record is not None:
             record.times.append(now + duration)
             record.states.append(states[0])

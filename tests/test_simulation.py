@@ -61,6 +61,7 @@ def moment(controller: Controller, states: np.ndarray, **changes: object) -> Mom
         "remaining": problem.delta,
         "duration": problem.delta / SUBSTEPS,
         "previous": np.zeros((len(states), problem.dynamics.bounds.size)),
+        "runs": np.arange(len(states)),
         "tube": lambda points: controller.tube_values(points, 1, within),
         "rng": np.random.default_rng(1),
     }

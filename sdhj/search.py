@@ -1,0 +1,342 @@
+"""A search for adversaries that win: what random play does not find, gradient-free optimisation may.
+
+A *plan* is all that an adversary does in one run, decided in advance: (steps, switches, D), the v it plays in each of
+the equal parts of each interval. For every start a small population of plans plays against the closed loop. Those that
+come nearest to a failure are the parents of the next generation: half of them by clearance (the least level-set value
+of the unsafe sets), half by depth (how near the state was to leaving the largest tube). The first plans are random
+vertices of the box, some held over whole intervals, and what the adversaries "aggressive" and "worst" play where they
+decide once in each part. A start is *lost* when a plan makes its run fail: collide, leave the tubes, or come late.
+
+A lost start refutes a table. A start that is not lost is no proof: `method="certified"` is for that.
+"""
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.controller import CHUNK, NOT_ADMISSIBLE, Controller, NotAdmissible, threads
+from sdhj.grid import FloatArray
+from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, counted, named, rollouts
+
+SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
+PARENTS = 8  # plans of each start that the next generation comes from
+INTERIOR = 0.2  # share of new v that are anywhere in the box, not at a vertex
+CHANGED = 0.1  # share of a plan's parts that a mutation decides anew
+NUDGES = (0.02, 0.5)  # how far a nudge goes, in half-widths of the box
+REACHED = OUTCOMES.index("reached")
+NEVER = -1
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """Which starts an adversary was found to win from; `str()` is a summary.
+
+    Attributes
+    ----------
+    method, rule : str
+    seed, population, generations : int
+    starts : (S, ndim) array
+    outcomes : (S,) int array
+        Places in `OUTCOMES`: how the run failed, or "reached" where no plan made it fail.
+    generation : (S,) int array
+        The generation that won, 0 for the first; -1 where none did.
+    plans : (S, steps, switches, D) array
+        The plan that won, or that came nearest to a collision.
+    clearance, depth : (S,) array
+        The least that any plan achieved; see `Margins`.
+    rollouts : int
+        Closed-loop runs played in all.
+    seconds : float
+        Wall-clock time.
+    """
+
+    method: str
+    rule: str
+    seed: int
+    population: int
+    generations: int
+    starts: FloatArray = field(repr=False)
+    outcomes: FloatArray = field(repr=False)
+    generation: FloatArray = field(repr=False)
+    plans: FloatArray = field(repr=False)
+    clearance: FloatArray = field(repr=False)
+    depth: FloatArray = field(repr=False)
+    rollouts: int
+    seconds: float
+
+    @property
+    def lost(self) -> FloatArray:
+        """Whether a losing adversary was found, (S,) bool."""
+        return self.outcomes != REACHED
+
+    def count(self, outcome: str) -> int:
+        """From how many starts a run was found that ends so."""
+        return int((self.outcomes == OUTCOMES.index(outcome)).sum())
+
+    def adversary(self, start: int) -> Adversary:
+        """The plan of one start as an adversary for `simulate`, which ends as `outcomes` says."""
+        return planned(self.plans[start][None])
+
+    def __str__(self) -> str:
+        failed = ", ".join(f"{self.count(outcome)} {outcome}" for outcome in OUTCOMES[1:])
+        return "\n".join(
+            [
+                f"search for losing adversaries, {self.method} table, rule {self.rule}, seed {self.seed}",
+                f"{self.rollouts} runs: {self.population} plans in each of {self.generations} generations",
+                f"lost {int(self.lost.sum())} of {len(self.starts)} starts ({self.lost.mean():.3%}): {failed}",
+                f"least clearance {self.clearance.min():.3g}, least depth {self.depth.min():.3g}",
+                f"took {self.seconds:.1f} s",
+            ]
+        )
+
+
+def search_losing(
+    controller: Controller,
+    starts: int | FloatArray = 1000,
+    *,
+    population: int = 32,
+    generations: int = 8,
+    switches: int = 4,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> SearchReport:
+    """Search an adversary that wins, from each of many starts.
+
+    Parameters
+    ----------
+    controller : Controller
+    starts : int or (S, ndim) array
+        How many states to draw uniformly from the tube of step 0, or which.
+    population, generations : int
+        Plans for each start in a generation, at least 4, and how many generations at most: a lost start is done.
+    switches : int
+        How often the adversary decides in an interval; a divisor of the 20 instants.
+    seed : int
+        The same seed gives the same report, whatever the number of threads.
+    progress : bool, optional
+        Show a progress bar; by default where standard error is a terminal.
+
+    Raises
+    ------
+    NotAdmissible
+        Where no tube holds one of the starts.
+    ValueError
+        For an option that does not fit, or where the tube of step 0 is empty.
+    """
+    size = _Size(counted("population", population, least=len(SCOUTS) + 2), counted("generations", generations, least=1))
+    seed, began = counted("seed", seed, least=0), time.perf_counter()
+    if counted("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
+        raise ValueError(f"switches must divide {SUBSTEPS}, the instants of an interval, got {switches}")
+    shape = (controller.problem.steps, switches, controller.problem.dynamics.bounds.size)
+    drawing, *streams = np.random.SeedSequence(seed).spawn(2)
+    states = _starts(controller, starts, np.random.default_rng(drawing))
+    share = max(1, CHUNK // size.population)  # starts that one thread takes at a time
+    chunks = [states[begin : begin + share] for begin in range(0, len(states), share)]
+    seeds = streams[0].spawn(len(chunks))  # a stream for each chunk: threads change nothing
+    bar = tqdm(
+        total=len(states) * size.population * size.generations,
+        desc="search",
+        unit="run",
+        disable=None if progress is None else not progress,
+    )
+
+    def search(number: int) -> _Found:
+        return _search(controller, chunks[number], shape, size, np.random.default_rng(seeds[number]))
+
+    with bar, ThreadPoolExecutor(1 if callable(controller.rule) else threads()) as pool:
+        found = []
+        for result in pool.map(search, range(len(chunks))):
+            bar.update(len(result.outcomes) * size.population * size.generations)
+            found.append(result)
+    return SearchReport(
+        method=controller.table.method,
+        rule=named(controller.rule),
+        seed=seed,
+        population=size.population,
+        generations=size.generations,
+        starts=states,
+        outcomes=np.concatenate([result.outcomes for result in found]),
+        generation=np.concatenate([result.generation for result in found]),
+        plans=np.concatenate([result.plans for result in found]),
+        clearance=np.concatenate([result.clearance for result in found]),
+        depth=np.concatenate([result.depth for result in found]),
+        rollouts=sum(result.rollouts for result in found),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def planned(plans: FloatArray) -> Adversary:
+    """The adversary that plays plans (M, steps, switches, D), one for each of M runs that start together."""
+    switches = plans.shape[2]
+
+    def planned(moment: Moment) -> FloatArray:
+        return np.asarray(plans[moment.runs, moment.step, moment.substep * switches // SUBSTEPS])
+
+    return planned
+
+
+def _recorded(name: str, plans: FloatArray) -> Adversary:
+    """A named adversary that decides once in each part of an interval; what it plays is written into the plans."""
+    decide, play, length = ADVERSARIES[name], planned(plans), SUBSTEPS // plans.shape[2]
+
+    def recorded(moment: Moment) -> FloatArray:
+        if moment.substep % length == 0:
+            plans[moment.runs, moment.step, moment.substep // length] = decide(moment)
+        return play(moment)
+
+    return recorded
+
+
+@dataclass(frozen=True)
+class _Size:
+    population: int
+    generations: int
+
+
+def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Generator) -> FloatArray:
+    if np.ndim(starts) == 0:
+        return admissible_states(controller, counted("starts", starts, least=1), rng)
+    states = np.array(starts, dtype=np.float64)
+    outside = np.flatnonzero(controller.batch(states, 0).steps_to_go == NOT_ADMISSIBLE)
+    if not len(states):
+        raise ValueError("starts holds no state")
+    if outside.size:
+        raise NotAdmissible(f"start {outside[0]}, {states[outside[0]].tolist()}, is in no tube of step 0")
+    return states
+
+
+@dataclass(frozen=True)
+class _Played:
+    """Plans (S, P, steps, switches, D) of S starts, and how their runs went, each (S, P)."""
+
+    plans: FloatArray
+    outcomes: FloatArray
+    taken: FloatArray
+    clearance: FloatArray
+    depth: FloatArray
+
+    def taking(self, rows: FloatArray, columns: FloatArray) -> "_Played":
+        """Some of the plans of some of the starts: rows and columns, shapes broadcast."""
+        return _Played(*(array[rows, columns] for array in vars(self).values()))
+
+    def beside(self, other: "_Played") -> "_Played":
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Played(*(np.concatenate(pair, axis=1) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a search in one chunk of starts found; see `SearchReport`."""
+
+    outcomes: FloatArray
+    generation: FloatArray
+    plans: FloatArray
+    clearance: FloatArray
+    depth: FloatArray
+    rollouts: int
+
+
+def _search(
+    controller: Controller, starts: FloatArray, shape: Sequence[int], size: _Size, rng: np.random.Generator
+) -> _Found:
+    """Evolve plans for each start (S, ndim) until it is lost or the generations are over."""
+    count = len(starts)
+    outcomes, generation = np.full(count, REACHED), np.full(count, NEVER)
+    plans, (clearance, depth) = np.zeros((count, *shape)), np.full((2, count), np.inf)
+    alive, played, total = np.arange(count), None, 0
+    for number in range(size.generations):
+        if played is None:
+            played = _first(controller, starts, shape, size.population, rng)
+            total += played.outcomes.size
+        else:
+            children = _children(controller, played, size.population, rng)
+            played = played.beside(_play(controller, starts[alive], children, rng))
+            total += children.shape[0] * size.population
+        rows = np.arange(alive.size)
+        failed = played.outcomes != REACHED
+        best = np.where(failed.any(axis=1), failed.argmax(axis=1), played.clearance.argmin(axis=1))
+        plans[alive], outcomes[alive] = played.plans[rows, best], played.outcomes[rows, best]
+        clearance[alive], depth[alive] = played.clearance.min(axis=1), played.depth.min(axis=1)
+        lost = failed.any(axis=1)
+        generation[alive[lost]] = number
+        going = ~lost & (played.taken.max(axis=1) > 0)  # where it starts in the target there is nothing to play
+        alive, played = alive[going], _parents(played.taking(rows[going][:, None], np.arange(failed.shape[1])))
+        if not alive.size:
+            break
+    return _Found(outcomes, generation, plans, clearance, depth, total)
+
+
+def _play(controller: Controller, starts: FloatArray, plans: FloatArray, rng: np.random.Generator) -> _Played:
+    """Play plans (S, P, steps, switches, D) from starts (S, ndim)."""
+    flat = plans.reshape(-1, *plans.shape[2:])
+    return _roll(controller, starts, plans, planned(flat), rng)
+
+
+def _roll(
+    controller: Controller, starts: FloatArray, plans: FloatArray, play: Adversary, rng: np.random.Generator
+) -> _Played:
+    count, population = plans.shape[:2]
+    margins = Margins.of(count * population)
+    outcomes, taken = rollouts(controller, np.repeat(starts, population, axis=0), play, rng, margins=margins)
+    results = (outcomes, taken, margins.clearance, margins.depth)
+    return _Played(plans, *(array.reshape(count, population) for array in results))
+
+
+def _first(
+    controller: Controller, starts: FloatArray, shape: Sequence[int], population: int, rng: np.random.Generator
+) -> _Played:
+    """Random plans, the first half held over intervals, after those of the scouts."""
+    bounds = controller.problem.dynamics.bounds
+    plans = _decided(rng, bounds, (len(starts), population, *shape))
+    held = slice(len(SCOUTS), (population + len(SCOUTS)) // 2)
+    plans[:, held] = plans[:, held, :, :1]
+    played = [
+        _roll(controller, starts, own, _recorded(name, own[:, 0]), rng)
+        for name, own in zip(SCOUTS, np.split(plans[:, : len(SCOUTS)], len(SCOUTS), axis=1), strict=True)
+    ]
+    return played[0].beside(played[1]).beside(_play(controller, starts, plans[:, len(SCOUTS) :], rng))
+
+
+def _decided(rng: np.random.Generator, bounds: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """New v, the last axis of `shape` its components: most at vertices of the box, some anywhere in it."""
+    anywhere = rng.uniform(-1.0, 1.0, shape)
+    interior = rng.random((*shape[:-1], 1)) < INTERIOR
+    return np.where(interior, anywhere, np.sign(anywhere)) * bounds
+
+
+def _parents(played: _Played) -> _Played:
+    """The plans that came nearest to a failure: half of PARENTS by clearance, half by depth, the clearer one last."""
+    half = min(PARENTS // 2, played.outcomes.shape[1])
+    near = np.argsort(played.clearance, axis=1, kind="stable")[:, :half]
+    shallow = np.lexsort((played.clearance, played.depth), axis=1)[:, :half]
+    return played.taking(np.arange(len(near))[:, None], np.hstack([near, shallow]))
+
+
+def _children(controller: Controller, parents: _Played, population: int, rng: np.random.Generator) -> FloatArray:
+    """New plans (S, population, steps, switches, D), each of two parents of the same start, mutated.
+
+    A child has the intervals of its first parent up to a cut and those of the second after it. Then some parts are
+    changed, and always one that the first parent lived to play, or in every other child its whole interval: decided
+    anew in half of the children, and nudged, most by a little, in the other half.
+    """
+    count, pool, steps, switches, _ = parents.plans.shape
+    rows, two = np.arange(count)[:, None], rng.integers(0, pool, (2, count, population))
+    cut = rng.integers(1, steps + 1, (count, population, 1, 1, 1))
+    plans = np.where(np.arange(steps)[:, None, None] < cut, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
+    interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
+    part = rng.integers(0, switches, (count, population, 1, 1))
+    whole = (np.arange(population) % 2 == 0)[:, None, None]
+    changed = (np.arange(steps)[:, None] == interval) & (whole | (np.arange(switches) == part))
+    changed |= rng.random(changed.shape) < CHANGED
+    bounds = controller.problem.dynamics.bounds
+    new = _decided(rng, bounds, plans.shape)
+    new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
+    scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1)) * bounds
+    nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -bounds, bounds)
+    new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)
+    return np.where(changed[..., None], new, plans)
