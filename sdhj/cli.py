@@ -215,6 +215,31 @@ def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
 
 
 @main.command()
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--runs", default=1000, help="Runs from uniformly drawn admissible states.")
+@click.option("--adversary", default="aggressive", type=click.Choice(ADVERSARIES), help="Who plays.")
+@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
+@click.option("--seed", default=0, help="Seed of the adversary and the starts.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Pictures of the longest run: a png file.")
+@click.pass_context
+@plainly
+def physics(
+    context: click.Context, table: Path, runs: int, adversary: str, rule: str, seed: int, output: Path | None
+) -> None:
+    """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
+    from sdhj.physics import check_runs, write_strip
+
+    if output is not None:
+        writable_file(output)
+    report = check_runs(sdhj.Controller(sdhj.load(table), rule=rule), runs, adversary, seed)
+    click.echo(str(report))
+    if output is not None:
+        write_strip(report, output)
+        click.echo(output)
+    context.exit(1 if report.touched else 0)
+
+
+@main.command()
 @plainly
 def warmup() -> None:
     """Compile every kernel once; later runs read them from the disk cache."""
