@@ -4,19 +4,22 @@
 * More input levels enlarge it, at a cost that grows with their number (`sweep_input_levels`).
 * The rule that picks one of the safe inputs trades effort, clearance and time (`compare_rules`).
 * How a moving obstacle enters the game of one interval decides whether the result is safe (`compare_view_times`).
+* The more cells, the more of the tubes can be certified (`sweep_cells`).
 * An evading target takes no other method, but cannot be projected (`evading_target`).
 
 Sizes are arguments with the case study's defaults: give fewer nodes and steps for a quick look.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sdhj.case_studies import arm_case_study, evader_case_study
+from sdhj.certified import certify
+from sdhj.certified_table import CertifiedTable
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.problem import VIEW_TIMES, ReachAvoidProblem
@@ -98,6 +101,40 @@ def sweep_adversary(
         fractions.append(table.fraction(start=0, within=steps))
         won.append(_share_won(table))
     return AdversarySweep(bound, chosen, tuple(fractions), tuple(won))
+
+
+@dataclass(frozen=True)
+class CellSweep:
+    """What is certified with more and more cells.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Cells of the whole state space.
+    fractions : tuple of float
+        Certified share of the grid, from step 0 within all steps.
+    seconds : tuple of float
+    finest : CertifiedTable
+    """
+
+    numbers: tuple[int, ...]
+    fractions: tuple[float, ...]
+    seconds: tuple[float, ...]
+    finest: CertifiedTable
+
+
+def sweep_cells(
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say: Callable[[str], Any] = lambda line: None
+) -> CellSweep:
+    """Certify a problem with each of `cells`, as `sdhj.certified.certify` takes them; `say` receives progress lines."""
+    numbers, fractions, seconds = [], [], []
+    for each in cells:
+        say(f"certifying with {' x '.join(map(str, each))} cells")
+        finest = CertifiedTable(certify(problem, cells=each))
+        numbers.append(int(np.prod(finest.sets.shape, dtype=np.int64)))
+        fractions.append(finest.fraction(start=0, within=problem.steps))
+        seconds.append(float(finest.details["seconds"]))
+    return CellSweep(tuple(numbers), tuple(fractions), tuple(seconds), finest)
 
 
 @dataclass(frozen=True)

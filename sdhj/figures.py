@@ -23,6 +23,7 @@ from sdhj.comparison import compare
 from sdhj.files import writable_folder
 from sdhj.grid import FloatArray
 from sdhj.plotting import diagrams, games, runs, studies
+from sdhj.plotting.labels import draw_labels, label_legend
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation import OUTCOMES
 from sdhj.table import LookupTable
@@ -38,8 +39,8 @@ CANDIDATES = 20_000  # states among which a run's start is chosen
 STARTS = 20  # runs, of which the longest is shown
 TIMED_NODES = studies.PAPER_NODES
 TIMED_METHODS = ("hji", "projected")
-STUDY_NODES = 13  # at most, on each axis: the sweeps solve dozens of problems
 STUDY_RUNS = 200
+CELLS = ((53, 53, 9, 9), (105, 105, 18, 18), (210, 210, 36, 36), (419, 419, 72, 72))  # of certified tables
 EVADER_AT = (0.0, 0.0, 0.12, 0.12)
 
 
@@ -73,13 +74,8 @@ class Context:
         given = next(iter(self._tables.values()), None)
         self.problem: ReachAvoidProblem = given.problem if given else sdhj.arm_case_study(nodes=nodes)
         self.seed, self.say = seed, say or (lambda line: None)
-        nodes = self.problem.grid.shape[0]
-        self.timed_nodes = tuple(timed_nodes or (TIMED_NODES if nodes >= min(TIMED_NODES) else (nodes,)))
-
-    @property
-    def study_nodes(self) -> int:
-        """Nodes on each axis for the sweeps of Sec. 6.1."""
-        return min(self.problem.grid.shape[0], STUDY_NODES)
+        self.nodes = self.problem.grid.shape[0]
+        self.timed_nodes = tuple(timed_nodes or (TIMED_NODES if self.nodes >= min(TIMED_NODES) else (self.nodes,)))
 
     @property
     def scene(self) -> ArmScene:
@@ -88,7 +84,7 @@ class Context:
     def table(self, method: str = "hji") -> LookupTable:
         """The case study's table by a method, solved once."""
         if method not in self._tables:
-            self.say(f"solving: {method}, {self.problem.grid.shape[0]} nodes on each axis")
+            self.say(f"solving: {method}, {self.nodes} nodes on each axis")
             self._tables[method] = sdhj.solve(self.problem, method=method)
         return self._tables[method]
 
@@ -384,7 +380,7 @@ def adversary_bounds(context: Context) -> Figure:
     }
     for ax, (bound, label) in zip(figure.subplots(1, 2, sharey=True), labels.items(), strict=True):
         context.say(f"sweeping {bound}")
-        sweeps = {m: experiments.sweep_adversary(bound, method=m, nodes=context.study_nodes) for m in TIMED_METHODS}
+        sweeps = {m: experiments.sweep_adversary(bound, method=m, nodes=context.nodes) for m in TIMED_METHODS}
         nominal = context.problem.recipe["arguments"][bound]
         won = {method: sweep.won for method, sweep in sweeps.items()}
         studies.draw_sweep(ax, sweeps["hji"].values, won, xlabel=label, nominal=nominal)
@@ -396,7 +392,7 @@ def adversary_bounds(context: Context) -> Figure:
 
 def input_levels(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.0)
-    sweep = experiments.sweep_input_levels(nodes=context.problem.grid.shape[0])
+    sweep = experiments.sweep_input_levels(nodes=context.nodes)
     studies.draw_input_levels(figure.subplots(1, 2), sweep.levels, sweep.fractions, sweep.seconds)
     return figure
 
@@ -418,7 +414,7 @@ def selection_rules(context: Context) -> Figure:
 
 def view_times(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 2.9)
-    outcomes = experiments.compare_view_times(nodes=context.problem.grid.shape[0], runs=STUDY_RUNS, seed=context.seed)
+    outcomes = experiments.compare_view_times(nodes=context.nodes, runs=STUDY_RUNS, seed=context.seed)
     names = [outcome.view_time for outcome in outcomes]
     left, right = figure.subplots(1, 2)
     studies.draw_bars(left, names, {"share": [o.fraction for o in outcomes]}, ylabel=r"share of $\mathcal{C}$ inside")
@@ -429,14 +425,28 @@ def view_times(context: Context) -> Figure:
 
 def evader(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.5)
-    problem = sdhj.evader_case_study(nodes=context.problem.grid.shape[0])
-    chased = experiments.evading_target(nodes=context.problem.grid.shape[0], runs=10 * STUDY_RUNS, seed=context.seed)
+    problem = sdhj.evader_case_study(nodes=context.nodes)
+    chased = experiments.evading_target(nodes=context.nodes, runs=10 * STUDY_RUNS, seed=context.seed)
     left, right = figure.subplots(1, 2)
     plotting.draw_tubes(left, sdhj.solve(problem), through=EVADER_AT)
     left.set_title(f"evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m; dark is near")
     rates = {name: [100 * report.rate(outcome) for outcome in OUTCOMES] for name, report in chased.reports.items()}
     studies.draw_bars(right, OUTCOMES, rates, ylabel="runs (%)")
     right.set_title(f"won: full {chased.won:.1%}, projected {chased.projected_won:.1%} of $\\mathcal{{C}}$", pad=20)
+    return figure
+
+
+def certified(context: Context) -> Figure:
+    cells = CELLS if context.nodes >= min(TIMED_NODES) else CELLS[:2]
+    sweep = experiments.sweep_cells(context.problem, cells, context.say)
+    steps = context.problem.steps
+    peers = {method: context.table(method).fraction(start=0, within=steps) for method in ("hji", "lax", "projected")}
+    figure = plotting.new_figure(7.0, 3.7)
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    studies.draw_cells(left, sweep.numbers, sweep.fractions, peers)
+    draw_labels(right, context.table("hji"), sweep.finest, through=PURSUER_AT)
+    right.set_title(f"pursuer at ({PURSUER_AT[2]:.2f}, {PURSUER_AT[3]:.2f}) m; line: interpolated tube", fontsize=8)
+    figure.legend(handles=label_legend(), loc="outside upper right", ncols=3)
     return figure
 
 
@@ -486,6 +496,9 @@ FIGURES: dict[str, FigureSpec] = {
     "extra_rules": FigureSpec(None, "Selection rules: effort, clearance, time", selection_rules, study=True),
     "extra_view_time": FigureSpec(None, "View-times, and the collisions they let through", view_times, study=True),
     "extra_evader": FigureSpec(None, "The evading target", evader, study=True),
+    "extra_certified": FigureSpec(
+        None, "What is certified: against the number of cells, and in a slice", certified, study=True
+    ),
 }
 
 

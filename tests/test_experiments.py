@@ -100,3 +100,12 @@ def test_nothing_to_simulate_is_an_error():
     hopeless = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1, v_d_max=5.0), progress=False)
     with pytest.raises(ValueError, match="next to nothing but the target"):
         compare_rules(hopeless, runs=2)
+
+
+def test_more_cells_certify_more():
+    problem = sdhj.arm_case_study(nodes=9, steps=3)
+    said = []
+    sweep = experiments.sweep_cells(problem, [(27, 27, 6, 6), (53, 53, 12, 12)], said.append)
+    assert sweep.numbers[0] < sweep.numbers[1] and len(said) == 2
+    assert 0 < sweep.fractions[0] < sweep.fractions[1] < 1
+    assert sweep.finest.fraction(start=0, within=3) == sweep.fractions[1]

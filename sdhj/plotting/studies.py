@@ -167,6 +167,20 @@ def draw_input_levels(
         ax.grid(axis="y")
 
 
+def draw_cells(ax: Axes, numbers: Sequence[int], fractions: Sequence[float], interpolated: Mapping[str, float]) -> None:
+    """Certified share of C against the number of cells, beside what interpolated tables of methods claim."""
+    for method, fraction in interpolated.items():
+        looks = {key: METHOD_LOOKS[method][key] for key in ("color", "linestyle")}
+        ax.axhline(fraction, gid=f"claimed-{method}", label=f"{METHOD_NAMES[method]}, claimed: {fraction:.3f}", **looks)
+    ax.semilogx(numbers, fractions, gid="certified", label="certified", **METHOD_LOOKS["certified"])
+    for number, fraction in zip(numbers, fractions, strict=True):
+        ax.annotate(f"{fraction:.3f}", (number, fraction), (0, -11), textcoords="offset points", fontsize=6.5)
+    ax.set(xlabel="cells", ylabel="share of $\\mathcal{C}$ inside", ylim=(0, None))
+    ax.margins(x=0.12)
+    ax.grid(axis="y")
+    ax.legend(loc="lower right")
+
+
 def draw_entries(
     ax: Axes, values: FloatArray, *, fmt: str = "{:.2f}", label: str = "", cmap: str = "cividis", vmin: float = 0.0
 ) -> None:
