@@ -29,6 +29,9 @@ class Solver(Protocol):
 
     dtype: str
 
+    @property
+    def solved(self) -> int: ...  # PDEs so far
+
     def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]: ...
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
@@ -110,6 +113,7 @@ class HJISolver:
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme) -> None:
         self.problem, self.scheme, self.dtype = problem, scheme, scheme.dtype
         self.everything = tuple(range(problem.grid.ndim))
+        self.solved = 0
 
     @property
     def moving_frame(self) -> bool:
@@ -133,6 +137,7 @@ class HJISolver:
     def _evolve(self, values: FloatArray, j: int, drift: bool = True) -> FloatArray:
         field = velocities(self.problem, j, self.everything, drift=drift)
         assert field is not None  # all axes leave none out
+        self.solved += 1
         return evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
@@ -150,6 +155,7 @@ class HJISolver:
         steps = max(1, *(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields))
         wall = walls(problem, part, axes, step, steps)
         held = wall if part.moving and problem.view_time == "instantaneous" else wall(0.0)
+        self.solved += len(fields)
         return np.stack(
             [evolve(grid, wall(0.0), field, problem.delta, self.scheme, obstacle=held, steps=steps) for field in fields]
         )
@@ -175,6 +181,7 @@ class JointSolver(HJISolver):
         obstacle = None if not parts else union if problem.view_time == "instantaneous" else union(0.0)
         for j, field in enumerate(fields):
             assert field is not None
+            self.solved += 1
             yield j, evolve(grid, values, field, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
 
 
@@ -184,6 +191,8 @@ class LaxSolver:
     The velocity set must not depend on the state; where the adversary couples axes its bounding box is used, which errs
     to the safe side.
     """
+
+    solved = 0  # a formula in place of PDEs
 
     def __init__(self, problem: ReachAvoidProblem, interpolation: str, dtype: str) -> None:
         if interpolation not in INTERPOLATIONS:

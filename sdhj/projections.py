@@ -180,6 +180,7 @@ class DisturbedSolver(HJISolver):
     def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         """As `HJISolver.reach`."""
         for j, field in enumerate(self.fields):
+            self.solved += 1
             yield j, evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
@@ -188,6 +189,7 @@ class DisturbedSolver(HJISolver):
         steps = max(1, *(field.steps(grid, sub.delta, self.scheme.cfl) for field in self.fields))
         wall = walls(sub, part, part.axes, step, steps)
         held = wall if part.moving and sub.view_time == "instantaneous" else wall(0.0)
+        self.solved += len(self.fields)
         return np.stack(
             [
                 evolve(grid, wall(0.0), field, sub.delta, self.scheme, obstacle=held, steps=steps)
@@ -235,6 +237,11 @@ class ProjectedSolver:
             str, float
         ] = {}  # largest share of a subspace that the outer projection of each set leaves free
         self._sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
+
+    @property
+    def solved(self) -> int:
+        """PDEs so far, on all subspaces."""
+        return sum(solver.solved for solver in self._solvers.values())
 
     def solver(self, axes: Axes) -> Solver:
         """The solver of the games on the subspace of some axes."""

@@ -257,7 +257,7 @@ def _recursion(
     tubes = avoid_tubes(problem, solver)
     table = LookupTable.empty(problem, method, solver.dtype, tubes, details)
     rows = _Rows(problem.grid, tubes)
-    details["tubes_copied"] = 0
+    details |= {"pdes_of_algorithm": _games(problem), "tubes_copied": 0}
     for k in range(steps, -1, -1):
         table.value_array(k, 0)[:] = problem.goal(k)
         if isinstance(solver, ProjectedSolver) and k < steps:
@@ -272,7 +272,15 @@ def _recursion(
             else:
                 _fill(table, solver, rows, k, n)
             bar.update()
+    details["pdes_solved"] = solver.solved
     return table
+
+
+def _games(problem: ReachAvoidProblem) -> int:
+    """How many PDEs Algorithm 1 asks for: reach games for every tube, avoid games for every unsafe set and step."""
+    steps = problem.steps
+    avoid = sum(steps if part.moving else 1 for part in problem.unsafe)
+    return len(problem.inputs) * (steps * (steps + 1) // 2 + avoid)
 
 
 def _fill(table: LookupTable, solver: Solver, rows: _Rows, k: int, n: int) -> None:

@@ -63,6 +63,26 @@ def test_tubes_are_copied_where_nothing_moves():
     assert table.details["tubes_copied"] >= 6 * 7 // 2 - 6
 
 
+def test_the_number_of_pdes_is_told():
+    """Of 25 inputs, three tubes of two steps, and an avoid game for each set, in each step if it moves.
+
+    A moving frame solves one reach game for all inputs, and the avoid games by a formula.
+    """
+    problem = sdhj.arm_case_study(nodes=9, steps=2)
+    asked = 25 * (3 + sum(2 if part.moving else 1 for part in problem.unsafe))
+    solved = {}
+    for method, frame in (("hji", "moving"), ("hji", "fixed"), ("lax", "moving"), ("projected", "moving")):
+        table = sdhj.solve(problem, method=method, scheme=sdhj.Scheme(frame=frame))
+        assert table.details["pdes_of_algorithm"] == asked
+        solved[method, frame] = table.details["pdes_solved"]
+    assert solved == {
+        ("hji", "moving"): 3,
+        ("hji", "fixed"): asked,
+        ("lax", "moving"): 0,
+        ("projected", "moving"): 2 * 3,
+    }
+
+
 @pytest.mark.parametrize("shape", [(9,), (8, 11), (6, 7, 9), (6, 5, 7, 8), (5, 5, 6, 5, 7)])
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("flux", schemes.FLUXES)
