@@ -319,7 +319,7 @@ def rollouts(
         alive = alive[~inside]
         if margins is not None and alive.size:
             largest = np.full(alive.size, problem.steps - step)
-            margins.note("depth", alive, -controller.tube_values(states[alive, None], step, largest)[:, 0])
+            margins.note("depth", alive, 0.0 - controller.tube_values(states[alive, None], step, largest)[:, 0])
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)

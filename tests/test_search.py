@@ -21,6 +21,7 @@ from sdhj.controller import Controller
 from sdhj.search import planned, search_losing
 from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
 
+PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
 NEEDLE = np.array([0.055, -0.037])  # where it is, from where the robot would be without an adversary
 START = np.array([-2.6, 0.4])
@@ -72,6 +73,21 @@ def test_where_a_proof_says_so_nobody_wins() -> None:
     assert report.clearance.min() > 0 and report.depth.min() >= 0
     assert 100 * 16 < report.rollouts <= 100 * 16 * 4  # those that start in the target play one generation
     assert (report.generation == -1).all() and "lost 0 of 100 starts" in str(report)
+
+
+def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
+    """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
+    than the strongest of the named adversaries does, and many more than random play with as many runs."""
+    sets = certified_table().sets
+    stronger = replace(sets.problem.dynamics, bounds=1.2 * sets.problem.dynamics.bounds)
+    controller = Controller(CertifiedTable(replace(sets, problem=replace(sets.problem, dynamics=stronger))))
+    report = search_losing(controller, 300, population=16, generations=8, progress=False)
+    named = {name: rollouts(controller, report.starts, ADVERSARIES[name], np.random.default_rng(0))[0] for name in PLAY}
+    failed = {name: int((outcomes != OUTCOMES.index("reached")).sum()) for name, outcomes in named.items()}
+    again = np.repeat(report.starts, 128, axis=0)
+    random = rollouts(controller, again, ADVERSARIES["random"], np.random.default_rng(0))[0].reshape(300, 128)
+    luck = int((random != OUTCOMES.index("reached")).any(axis=1).sum())
+    assert report.lost.sum() >= 20 and report.lost.sum() > 1.5 * max(failed.values()) and report.lost.sum() > 1.5 * luck
 
 
 def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
