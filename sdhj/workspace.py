@@ -1,15 +1,17 @@
 """The planar workspace of the case study: a two-link arm and disks that move on known paths (Sec. 5.2 and 5.3).
 
-Plain NumPy and nothing about grids. Lengths in metres, angles in radians, times in seconds. Distances are from the
-arm's *skeleton* (its two links as segments) to a point or to the trace of a moving point; an arm of half-width w is
-clear of a disk of radius r where ``distance - r - w > 0``.
+NumPy, one compiled loop, and nothing about grids. Lengths in metres, angles in radians, times in seconds. Distances are
+from the arm's *skeleton* (its two links as segments) to a point or to the trace of a moving point; an arm of half-width
+w is clear of a disk of radius r where ``distance - r - w > 0``.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[Any]
@@ -82,8 +84,33 @@ def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: Flo
 
 
 def skeleton_distance(elbow: FloatArray, tip: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance from points (..., 2) to the arm's links, origin-elbow and elbow-tip (..., 2), shapes broadcast."""
-    return np.minimum(point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip))
+    """Distance from points, one (2,) or one for each row (M, 2), to the arm's links, origin-elbow and elbow-tip (M, 2).
+
+    The smaller `point_segment_distance` of the two to the last bit, in one pass: runs spend most of their time here.
+    """
+    out = np.empty(len(elbow))
+    _skeleton_distance(elbow, tip, np.broadcast_to(points, elbow.shape), out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _skeleton_distance(elbow, tip, points, out):
+    """`skeleton_distance` into out (M,), overwritten."""
+    for m in range(out.size):
+        x, y = points[m, 0], points[m, 1]
+        least = np.inf
+        for link in range(2):
+            from_x, from_y = (0.0, 0.0) if link == 0 else (elbow[m, 0], elbow[m, 1])
+            to_x, to_y = (elbow[m, 0], elbow[m, 1]) if link == 0 else (tip[m, 0], tip[m, 1])
+            along_x, along_y = to_x - from_x, to_y - from_y
+            square = along_x * along_x + along_y * along_y
+            foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
+            s = min(max(foot, 0.0), 1.0)
+            dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
+            distance = math.sqrt(dx * dx + dy * dy)
+            if not distance >= least:  # so that a NaN comes out as one
+                least = distance
+        out[m] = least
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from sdhj.workspace import (
     Still,
     point_segment_distance,
     segment_segment_distance,
+    skeleton_distance,
 )
 
 # Some dozen operations on numbers up to about 4 (coordinates) and 200 (angles before sin and cos).
@@ -235,3 +236,24 @@ def test_the_outline_is_where_the_clearance_is_zero(kinematics):
 def test_bad_input_is_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("kinematics", KINEMATICS)
+def test_the_compiled_distance_is_the_plain_one_to_the_last_bit(kinematics, rng):
+    elbow, tip = Arm((0.2, 0.1), kinematics=kinematics).joints(rng.uniform(-4.0, 4.0, (20_000, 2)))
+    everywhere = rng.uniform(-0.4, 0.4, (20_000, 4))
+    for points in (everywhere[:, :2], everywhere[:, 2:], np.array([0.1, -0.2]), elbow, (elbow + tip) / 2, np.zeros(2)):
+        plain = np.minimum(
+            point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip)
+        )
+        np.testing.assert_array_equal(skeleton_distance(elbow, tip, points), plain)
+
+
+@pytest.mark.parametrize("bad", [0, 1])
+def test_a_nan_stays_one(bad):
+    """It must not read as far from everything."""
+    q, point = np.zeros((3, 2)), np.array([0.1, 0.1])
+    q[1, bad] = np.nan
+    assert np.isnan(Arm().distance(q, point)).tolist() == [False, True, False]
+    point[bad] = np.nan
+    assert np.isnan(Arm().distance(np.zeros((1, 2)), point)).all()
