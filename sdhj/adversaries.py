@@ -117,18 +117,21 @@ def worst(moment: Moment) -> FloatArray:
     """The vertex that, kept until the interval's end, leaves the robot worst off there; it may switch at every substep.
 
     Worst is the largest of the level-set value of the set the robot means to reach and of minus its clearance, the
-    latter to first order in v.
+    latter to first order in v; the least clearance among equals, as where the values are whole steps.
     """
     problem = moment.problem
     signs = np.array(list(product((-1.0, 1.0), repeat=moment.bounds.size)))  # (V, D)
     predicted = moment.predicted()
     push = moment.remaining * problem.dynamics.gain_at(predicted) @ (signs * moment.bounds).T  # (M, ndim, V)
-    score = moment.tube(predicted[:, None, :] + np.swapaxes(push, 1, 2))
+    tube = moment.tube(predicted[:, None, :] + np.swapaxes(push, 1, 2))
+    danger = np.full(tube.shape, -np.finfo(np.float64).max)
     end = moment.time + moment.remaining
     for part in problem.unsafe:
         value, change = _effects(moment, part, predicted, end, moment.remaining)
-        score = np.maximum(score, -(value[:, None] + change @ signs.T))
-    return signs[np.argmax(score, axis=1)] * moment.bounds
+        danger = np.maximum(danger, -(value[:, None] + change @ signs.T))
+    score = np.maximum(tube, danger)
+    worst_off = score == score.max(axis=1, keepdims=True)
+    return signs[np.argmax(np.where(worst_off, danger, -np.inf), axis=1)] * moment.bounds
 
 
 ADVERSARIES: dict[str, Adversary] = {"none": none, "random": random, "aggressive": aggressive, "worst": worst}

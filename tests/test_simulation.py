@@ -303,6 +303,21 @@ def test_worst_takes_the_vertex_with_the_worst_score() -> None:
     assert len(set(played)) == 4
 
 
+def test_worst_takes_the_least_clearance_where_the_tube_tells_nothing() -> None:
+    """A certified table counts whole steps, so that all vertices may leave the robot equally well off."""
+    controller = Controller(torus_table())
+    states = admissible_states(controller, 100, np.random.default_rng(2))
+    now = moment(controller, states, tube=lambda points: np.zeros(points.shape[:2]))
+    problem, end = controller.problem, controller.problem.delta
+    middle = now.predicted()
+    assert (problem.unsafe_value(middle, end) > 2 * end * 0.4).all()  # no vertex collides, so the tube decides
+    v = ADVERSARIES["worst"](now)
+    slopes = [problem.unsafe_value(middle + end * 0.4 * e, end) - problem.unsafe_value(middle, end) for e in np.eye(2)]
+    felt = np.abs(slopes) > 1e-12
+    np.testing.assert_array_equal(np.sign(v.T)[felt], -np.sign(slopes)[felt])
+    assert felt.mean() > 0.9 and len(np.unique(v, axis=0)) >= 3
+
+
 def test_worst_may_switch_within_an_interval() -> None:
     controller = Controller(arm_table())
     starts = admissible_states(controller, 40, np.random.default_rng(5))
