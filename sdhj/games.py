@@ -19,7 +19,7 @@ import numpy as np
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 
@@ -64,10 +64,18 @@ def velocities(problem: ReachAvoidProblem, j: int, axes: Sequence[int], *, drift
             field = first.squeeze(2 + axis)
         f, b = field[:, 0], field[:, 1:]
     spread = np.abs(b).sum(axis=1)
-    coupled = (np.count_nonzero(b.reshape(*b.shape[:2], -1).any(axis=2), axis=0) > 1).any()
+    coupled = (np.count_nonzero(b.any(axis=tuple(range(2, b.ndim))), axis=0) > 1).any()
     if coupled:
         return Velocities(f - spread, f + spread, drift=f[None], gain=b[None])
     return Velocities(f - spread, f + spread)
+
+
+def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
+    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
+    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
+    if max(cells) > MOST_STEPS:
+        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
+    return np.array(cells)
 
 
 def avoid_axes(problem: ReachAvoidProblem, part: UnsafeSet) -> tuple[int, ...]:
@@ -114,6 +122,8 @@ class HJISolver:
         self.problem, self.scheme, self.dtype = problem, scheme, scheme.dtype
         self.everything = tuple(range(problem.grid.ndim))
         self.solved = 0
+        if self.moving_frame:
+            checked_travel(problem.grid, np.abs(np.asarray(problem.dynamics.drift)).max(axis=0), problem.delta)
 
     @property
     def moving_frame(self) -> bool:
@@ -203,6 +213,9 @@ class LaxSolver:
         spread = np.abs(np.asarray(problem.dynamics.gain)) @ problem.dynamics.bounds
         self.lower = np.asarray(problem.dynamics.drift) - spread
         self.upper = np.asarray(problem.dynamics.drift) + spread
+        self.cells = checked_travel(  # that an axis crosses in an interval, at most
+            problem.grid, np.maximum(np.abs(self.lower), np.abs(self.upper)).max(axis=0), problem.delta
+        )
 
     def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         """As `HJISolver.reach`."""
@@ -219,7 +232,7 @@ class LaxSolver:
         """As `HJISolver.avoid`; each piece of the interval takes the box that holds all states of its duration."""
         problem, axes = self.problem, list(part.axes)
         grid = problem.grid.subgrid(axes)
-        pieces = self._pieces(grid, axes)
+        pieces = self._pieces(axes)
         times = problem.time(step) + problem.delta * np.arange(pieces + 1) / pieces
         instant = part.moving and problem.view_time == "instantaneous"
         whole = None if instant else -unsafe_values(problem, part, axes, times[0], times[-1], problem.view_time)
@@ -236,7 +249,6 @@ class LaxSolver:
                 np.maximum(result[j], values, out=result[j])
         return result
 
-    def _pieces(self, grid: Grid, axes: list[int]) -> int:
+    def _pieces(self, axes: list[int]) -> int:
         """Pieces of the interval short enough that no axis moves more than a quarter of a cell."""
-        travel = np.maximum(np.abs(self.lower), np.abs(self.upper))[:, axes].max(axis=0) * self.problem.delta
-        return max(1, int(np.ceil((travel / np.array(grid.spacing)).max() * 4)))
+        return max(1, int(np.ceil(self.cells[axes].max() * 4)))

@@ -34,6 +34,7 @@ INTEGRATORS = ("euler", "rk2", "rk3")
 DTYPES = ("float32", "float64")
 RUN = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 BLOCKS = 64  # pieces that threads share a stage in
+MOST_STEPS = 100_000  # of one PDE; what needs more is a unit mistaken, not a problem
 # Fused multiply-adds and the sign of zero may vary; NaN and infinity keep their meaning.
 MATH = {"contract", "nsz"}
 # each stage: (weight kept of the step's start, the rest goes to an Euler step from the stage before; time reached)
@@ -106,10 +107,30 @@ class Velocities:
         return self.drift is not None
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl asks for."""
+        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl asks for.
+
+        Raises
+        ------
+        ValueError
+            Where it is more than `MOST_STEPS`.
+        """
         speed = np.maximum(np.abs(self.lower), np.abs(self.upper))
         rate = np.tensordot(1.0 / np.array(grid.spacing), speed, axes=1).max()
-        return int(np.ceil(duration * rate / cfl * (1 - 1e-9)))
+        count = duration * float(rate) / cfl * (1 - 1e-9)
+        if count > MOST_STEPS:
+            what = f"time steps for each PDE, at cfl {cfl:g}"
+            raise too_fast(grid, speed.reshape(grid.ndim, -1).max(axis=1), duration, count, what)
+        return int(np.ceil(count))
+
+
+def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
+    """The error for an interval that would need `count` of `what`, at speeds (ndim,); names the axis most to blame."""
+    axis = int(np.argmax(speed / np.array(grid.spacing)))
+    return ValueError(
+        f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
+        f"supported: along axis {axis} ({grid.names[axis]}) the velocity is up to {speed[axis]:g} and nodes are "
+        f"{grid.spacing[axis]:g} apart; use a shorter delta, lower velocities or fewer nodes, or check their units"
+    )
 
 
 class Layout(NamedTuple):
@@ -494,9 +515,10 @@ def _field(layout: Layout, values: FloatArray, leading: int, dtype: str) -> Floa
     plane = (layout.rows + 2 * layout.top) * layout.width
     if values.ndim == leading:
         return np.ascontiguousarray(np.broadcast_to(values[..., None, None], (*values.shape, 1, plane)), dtype)
-    head = values.shape[:leading]
-    parts = [_planes(layout, part, dtype) for part in values.reshape(-1, *values.shape[leading:])]
-    return np.stack(parts).reshape(*head, -1, plane)
+    out = np.empty((*values.shape[:leading], layout.near.shape[0], plane), dtype)
+    for place in np.ndindex(*values.shape[:leading]):  # none where the adversary has no components
+        out[place] = _planes(layout, values[place], dtype)
+    return out
 
 
 def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -> Callable[..., None]:

@@ -273,7 +273,7 @@ def _search(
 
 def _play(controller: Controller, starts: FloatArray, plans: FloatArray, rng: np.random.Generator) -> _Played:
     """Play plans (S, P, steps, switches, D) from starts (S, ndim)."""
-    flat = plans.reshape(-1, *plans.shape[2:])
+    flat = plans.reshape(plans.shape[0] * plans.shape[1], *plans.shape[2:])  # nothing to play where D = 0
     return _roll(controller, starts, plans, planned(flat), rng)
 
 

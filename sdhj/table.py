@@ -134,8 +134,9 @@ class LookupTable:
 
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
+        axes = [self.avoid.static_axes, self.avoid.moving_axes]
         told = json.dumps(
-            [self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details)], sort_keys=True
+            [self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details), axes], sort_keys=True
         )
         h = hashlib.sha256(told.encode())
         for array in (self.tubes, self.masks, self.avoid.static, self.avoid.moving):
@@ -216,7 +217,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
             return _read(file, path, problem)
     except TableFileError:
         raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+    except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
         raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
 
 
@@ -238,9 +239,9 @@ def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> Loo
                 f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
             )
         problem = rebuild(recipe)
-    if problem.digest != attrs["digest"]:
+    if problem.digest != (digest := str(attrs["digest"])):
         raise TableFileError(
-            f"{path} was solved for another problem: its digest is {attrs['digest'][:12]}..., that of "
+            f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
             f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
         )
     if attrs["method"] == "certified":

@@ -6,6 +6,7 @@ w is clear of a disk of radius r where ``distance - r - w > 0``.
 """
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -27,6 +28,8 @@ def checked_number(name: str, value: Any, *, least: float = -np.inf, above: floa
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number, got {value!r}") from None
+    except OverflowError:
+        raise ValueError(f"{name} must be a number below 1e308, got {reprlib.repr(value)}") from None
     if not np.isfinite(number):
         raise ValueError(f"{name} must be finite, got {value}")
     if number < least:

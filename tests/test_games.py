@@ -51,7 +51,7 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     sweep = 0.5 * 0.5 / 19 / 2 if view_time == "swept" else 0.0
     for name, solver in solvers(problem).items():
         steps = max(velocities(problem, j, (0,)).steps(problem.grid, 0.5, DOUBLE.cfl) for j in range(3))
-        pieces = solver._pieces(problem.grid, [0]) if name == "lax" else steps
+        pieces = solver._pieces([0]) if name == "lax" else steps
         # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
         slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
         for j, tube in enumerate(solver.avoid(part, 2)):
@@ -176,3 +176,62 @@ def test_nothing_fast_slips_between_the_time_steps(method):
     inner = np.abs(problem.grid.nodes(0)) < 3.5
     for tube in tubes:
         assert (tube[inner] > 0).all()
+
+
+def without_adversary(problem):
+    """The problem with an adversary of no components, and with one that may do nothing."""
+    dynamics, ndim = problem.dynamics, problem.grid.ndim
+    return [
+        dataclasses.replace(problem, dynamics=dataclasses.replace(dynamics, gain=gain, bounds=bounds))
+        for gain, bounds in ((np.zeros((ndim, 0)), []), (np.zeros((ndim, 1)), [0.0]))
+    ]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"scheme": dataclasses.replace(DOUBLE, frame="fixed")},
+        {"games": "joint"},
+        {"method": "lax"},
+        {"method": "projected", "subspaces": [(0, 1)]},
+        {"method": "projected", "subspaces": [(0, 1)], "inner": "lax"},
+    ],
+    ids=str,
+)
+def test_an_adversary_of_no_components_is_one_that_does_nothing(options):
+    none, idle = without_adversary(torus_problem(nodes=8, steps=2))
+    tables = [sdhj.solve(problem, progress=False, **options) for problem in (none, idle)]
+    for within in (1, 2):
+        assert np.array_equal(*(table.values(start=0, within=within) for table in tables))
+    assert tables[0].fraction(start=0, within=2) > tables[0].fraction(start=0, within=0) > 0
+
+
+@pytest.mark.parametrize("options", [{}, {"games": "joint"}, {"method": "projected", "subspaces": [(0, 1), (0, 2)]}])
+@pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")
+def test_state_dependent_dynamics_without_an_adversary(options):
+    none, idle = without_adversary(unicycle_problem(nodes=(7, 7, 8), steps=1))
+    tables = [sdhj.solve(problem, progress=False, **options) for problem in (none, idle)]
+    assert np.array_equal(*(table.values(start=0, within=1) for table in tables))
+
+
+@pytest.mark.parametrize("method", ["hji", "projected", "lax"])
+@pytest.mark.parametrize("change", ["delta", "drift", "disturbance"])
+@pytest.mark.parametrize("make", [torus_problem, unicycle_problem])
+def test_absurd_speeds_are_refused(method, change, make):
+    """They would need more time steps than anyone can wait for."""
+    if make is unicycle_problem and (method == "lax" or change == "drift"):
+        pytest.skip("lax takes constant dynamics only; the car's drift is a function")
+    problem = make()
+    if change == "delta":
+        problem = dataclasses.replace(problem, delta=1e300, unsafe=())
+    else:
+        dynamics = {"drift": {"drift": [[0.0, 1e12]] * 9}, "disturbance": {"bounds": [0.1, 1e12]}}[change]
+        problem = dataclasses.replace(problem, dynamics=dataclasses.replace(problem.dynamics, **dynamics))
+    with pytest.raises(ValueError, match=r"delta = .* needs .*e\+.* at most 100,000 .*along axis \d \(.* apart; use a"):
+        sdhj.solve(problem, method=method, progress=False)
+
+
+def test_a_tiny_cfl_number_is_refused():
+    with pytest.raises(ValueError, match="time steps for each PDE, at cfl 1e-12"):
+        sdhj.solve(interval_problem(), scheme=Scheme(cfl=1e-12), progress=False)

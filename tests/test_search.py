@@ -211,3 +211,11 @@ def test_campaign_from_the_command_line(tmp_path) -> None:
     ]
     bad = CliRunner().invoke(main, [*arguments[:-1], "nasty", "--out", str(tmp_path / "out")])
     assert bad.exit_code == 2 and "nasty" in bad.output and "Traceback" not in bad.output
+
+
+def test_with_no_adversary_there_is_nothing_to_find():
+    problem = toys.torus_problem(nodes=16, steps=2)
+    dynamics = replace(problem.dynamics, gain=np.zeros((2, 0)), bounds=[])
+    controller = sdhj.Controller(sdhj.solve(replace(problem, dynamics=dynamics), progress=False))
+    report = sdhj.search_losing(controller, 3, population=6, generations=2, progress=False)
+    assert report.plans.shape[-1] == 0 and report.lost.shape == (3,)

@@ -100,6 +100,27 @@ def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
         sdhj.load(path)
 
 
+@pytest.mark.parametrize("digest", [7, 1.5, np.bytes_(b"abc"), ["a", "b"]])
+def test_a_digest_of_another_kind_is_refused(arm_table, tmp_path, digest):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["digest"] = digest
+    with pytest.raises(sdhj.TableFileError, match="digest"):
+        sdhj.load(path)
+
+
+@pytest.mark.parametrize("name", ["static", "moving"])
+def test_edited_axes_of_avoid_tubes_are_refused(arm_table, tmp_path, name):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        attrs = file[f"avoid_{name}"].attrs
+        attrs["axes"] = [3 - axis for axis in attrs["axes"]]
+    with pytest.raises(sdhj.TableFileError, match="checksum"):
+        sdhj.load(path)
+
+
 @pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
 def test_truncated_files_are_refused(arm_table, tmp_path, keep):
     path = tmp_path / "arm.h5"
