@@ -295,19 +295,25 @@ class Controller:
         count = len(states)
         safe = np.empty((count, len(self.problem.inputs)), dtype=np.bool_)
         batch = Batch(states, step, np.empty(count, dtype=np.int64), safe, np.empty(safe.shape))
-        rows = [slice(begin, begin + CHUNK) for begin in range(0, count, CHUNK)]
-        if len(rows) == 1:
-            self._decide_rows(batch, rows[0])
-        elif rows:
+        if count <= CHUNK:
+            self._decide_rows(batch, np.arange(count))
+        else:
+            order = self._by_cell(states)
+            parts = [order[begin : begin + CHUNK] for begin in range(0, count, CHUNK)]
             with ThreadPoolExecutor(threads()) as pool:
-                list(pool.map(lambda part: self._decide_rows(batch, part), rows))
+                list(pool.map(lambda part: self._decide_rows(batch, part), parts))
         return batch
 
-    def _decide_rows(self, batch: Batch, rows: slice) -> None:
-        states = batch.states[rows]
-        reach = self._reach or _own_intervals(*reachable_boxes(self.problem, states))
-        out = (batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows])
-        decide(states, batch.step, self._table, reach, self.problem.grid.arrays, self._scratch(reach), out)
+    def _by_cell(self, states: FloatArray) -> FloatArray:
+        """The order that brings states of one cell together: they read the same nodes."""
+        lower, spacing, shape, _ = self.problem.grid.arrays
+        cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
+        return np.argsort(np.ravel_multi_index(tuple(cells.T), tuple(shape)), kind="stable")
+
+    def _decide_rows(self, batch: Batch, rows: FloatArray) -> None:
+        reach = self._reach or _own_intervals(*reachable_boxes(self.problem, batch.states[rows]))
+        out = (batch.steps_to_go, batch.safe, batch.margins)
+        decide(batch.states, rows, batch.step, self._table, reach, self.problem.grid.arrays, self._scratch(reach), out)
 
     def _scratch(self, reach: tuple[Any, ...] | None = None) -> tuple[Any, ...]:
         """This thread's room to work in, made anew only where larger boxes need more of it."""

@@ -216,14 +216,19 @@ def _avoid_value(static, moving, j, index, weight, counts):
 
 
 @njit(cache=True)
-def _judge(margin, marked, static, moving, index, weight, counts, safe):
-    """safe[j] from the worst values in `margin`; see the docstring of `sdhj.controller`."""
+def _take_marked(margin, marked, safe):
+    """safe[j] where every node marks u_j, whose interpolated avoid tube is then <= 0 too; whether any input is safe."""
     found = False
     for j in range(margin.size):
-        safe[j] = marked[j] and margin[j] <= 0.0  # marked at every node: so the interpolated avoid tube is <= 0 too
+        safe[j] = marked[j] and margin[j] <= 0.0
         found = found or safe[j]
-    if found:
-        return
+    return found
+
+
+@njit(cache=True)
+def _judge(margin, static, moving, index, weight, counts, safe):
+    """safe[j] from the worst values in `margin` where no marked input is; see the docstring of `sdhj.controller`."""
+    found = False
     for j in range(margin.size):
         safe[j] = margin[j] <= 0.0 and _avoid_value(static, moving, j, index, weight, counts) <= 0.0
         found = found or safe[j]
@@ -235,14 +240,16 @@ def _judge(margin, marked, static, moving, index, weight, counts, safe):
 
 
 @njit(cache=True, nogil=True)
-def decide(states, step, table, reach, grid, scratch, out):
-    """Steps to go, the safe inputs and their margins, for states (M, ndim) at one step (Algorithm 2).
+def decide(states, rows, step, table, reach, grid, scratch, out):
+    """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
     ----------
+    rows : (R,) int64
+        Which states, in the order in which they are looked up: neighbours share what the cache holds.
     table : (steps, tubes (entries, size), masks (entries, bytes, size), static, static_axes, moving, moving_axes)
         Of the look-up table; static (L, size of its subgrid), moving (steps, L, size of its subgrid).
-    reach : (low, high (1 or M, G, ndim), boxes)
+    reach : (low, high (1 or R, G, ndim), boxes)
         Intervals on each axis, relative to the state, and which of them make up the box of states that each input can
         lead to: boxes = (number (ndim,), order (ndim,), kinds (L, ndim), sequence (L,)). Axis order[a] has number[a]
         different intervals and input j takes the one at kinds[j, a]; `sequence` sorts the inputs by `kinds`.
@@ -258,7 +265,8 @@ def decide(states, step, table, reach, grid, scratch, out):
     to_go, safe, margin = out
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
-    for m in range(states.shape[0]):
+    for r in range(rows.size):
+        m = rows[r]
         state = states[m]
         to_go[m] = -1
         safe[m] = False
@@ -271,14 +279,15 @@ def decide(states, step, table, reach, grid, scratch, out):
             continue
         n = max(to_go[m], 1)  # in the target already: inputs that bring the state back into it
         _marked(masks[here + n], index, count, marked)
-        own = m if low.shape[0] > 1 else 0
+        own = r if low.shape[0] > 1 else 0
         _spans(state, low[own], high[own], boxes, grid, spans)
         _worst_values(tubes[following + n - 1], boxes, grid[2], spans, offsets, block, margin[m])
-        counts = (
-            _corners(state, static_axes, grid, avoid_index[0], avoid_weight[0]),
-            _corners(state, moving_axes, grid, avoid_index[1], avoid_weight[1]),
-        )
-        _judge(margin[m], marked, static, moving[step], avoid_index, avoid_weight, counts, safe[m])
+        if not _take_marked(margin[m], marked, safe[m]):
+            counts = (
+                _corners(state, static_axes, grid, avoid_index[0], avoid_weight[0]),
+                _corners(state, moving_axes, grid, avoid_index[1], avoid_weight[1]),
+            )
+            _judge(margin[m], static, moving[step], avoid_index, avoid_weight, counts, safe[m])
 
 
 @njit(cache=True, nogil=True)
