@@ -107,16 +107,16 @@ class CertifiedController(Controller):
         to_go = self.table.steps_to_go(flat, step).reshape(points.shape[:2])
         return (to_go - np.asarray(within)[:, None]).astype(np.float64)
 
-    def _decide_rows(self, batch: Batch, rows: slice) -> None:
+    def _decide_rows(self, batch: Batch, rows: FloatArray) -> None:
         states, step = batch.states[rows], batch.step
-        to_go, safe, margins = batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows]
-        to_go[:] = self.table.steps_to_go(states, step)
+        to_go = self.table.steps_to_go(states, step)
         to_go[to_go > self.table.steps - step] = NOT_ADMISSIBLE
-        safe[:] = False
+        safe = np.zeros((len(rows), len(self.problem.inputs)), dtype=np.bool_)
         for within in np.unique(to_go[to_go > 0]):
             same = to_go == within
             safe[same] = self.table.sets.certified_inputs_many(states[same], step, int(within))
-        margins[:] = self._margins(states, step, to_go, safe)
+        batch.steps_to_go[rows], batch.safe[rows] = to_go, safe
+        batch.margins[rows] = self._margins(states, step, to_go, safe)
 
     def _margins(self, states: FloatArray, step: int, to_go: FloatArray, safe: FloatArray) -> FloatArray:
         margins = np.full(safe.shape, np.inf)

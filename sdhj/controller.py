@@ -296,7 +296,8 @@ class Controller:
         safe = np.empty((count, len(self.problem.inputs)), dtype=np.bool_)
         batch = Batch(states, step, np.empty(count, dtype=np.int64), safe, np.empty(safe.shape))
         if count <= CHUNK:
-            self._decide_rows(batch, np.arange(count))
+            if count:
+                self._decide_rows(batch, np.arange(count))
         else:
             order = self._by_cell(states)
             parts = [order[begin : begin + CHUNK] for begin in range(0, count, CHUNK)]
