@@ -85,14 +85,13 @@ def _effects(
 
     Shapes (M,) and (M, D): trial displacements, one component at a time.
     """
-    push = span * moment.problem.dynamics.gain_at(states) * moment.bounds  # (M, ndim, D)
-    axes = list(part.axes)
-    here = states[:, axes]
-    value = part.level_set(here, t)
+    problem, axes = moment.problem, list(part.axes)
+    push = span * problem.gain_at(states) * moment.bounds  # (M, ndim, D)
+    value = problem.value_of(part, states, t)
     change = np.zeros_like(moment.previous)
     for d in range(moment.bounds.size):
         if push[:, axes, d].any():
-            change[:, d] = part.level_set(here + push[:, axes, d], t) - value
+            change[:, d] = problem.value_of(part, states + push[:, :, d], t) - value
     return value, change
 
 
@@ -122,7 +121,7 @@ def worst(moment: Moment) -> FloatArray:
     problem = moment.problem
     signs = np.array(list(product((-1.0, 1.0), repeat=moment.bounds.size)))  # (V, D)
     predicted = moment.predicted()
-    push = moment.remaining * problem.dynamics.gain_at(predicted) @ (signs * moment.bounds).T  # (M, ndim, V)
+    push = moment.remaining * problem.gain_at(predicted) @ (signs * moment.bounds).T  # (M, ndim, V)
     tube = moment.tube(predicted[:, None, :] + np.swapaxes(push, 1, 2))
     danger = np.full(tube.shape, -np.finfo(np.float64).max)
     end = moment.time + moment.remaining

@@ -11,8 +11,9 @@ that A r stays small. Nothing is integrated and no step is approximate. Walls on
 at them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import h5py
@@ -26,6 +27,7 @@ from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
 
+SEAM = 1e-6  # a larger difference across the seam of a periodic axis, relative to the values, is a jump
 ROUNDING = 1e-9  # what is granted to the rounding of a user's function, relative to its value or absolute below one
 
 
@@ -107,24 +109,13 @@ class Reach:
     def _velocities(self, centre: FloatArray, half: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
         """Bounds on the velocity over one part from boxes, each (M, ndim)."""
         dynamics = self.problem.dynamics
-        inside = self._wrapped(centre)
+        inside = self.problem.grid.wrapped(centre)
         drift = dynamics.drift_at(inside, j)
         push = np.abs(dynamics.gain_at(inside)) @ dynamics.bounds
         push = push + ROUNDING * (1.0 + np.abs(drift) + push)
         away = (half + self.time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ROUNDING)
         slack = away @ self.matrix.T + push
         return drift - slack, drift + slack
-
-    def _wrapped(self, points: FloatArray) -> FloatArray:
-        """Points with periodic coordinates on the grid, where the user's functions are defined."""
-        grid = self.problem.grid
-        points = points.copy()
-        for axis, periodic in enumerate(grid.periodic):
-            if periodic:
-                points[:, axis] = grid.lower[axis] + np.mod(
-                    points[:, axis] - grid.lower[axis], grid.upper[axis] - grid.lower[axis]
-                )
-        return points
 
     def _held(self, points: FloatArray) -> FloatArray:
         """Points cut at the walls of bounded axes."""
@@ -137,7 +128,7 @@ class Reach:
         """Lower bound of a level-set function over boxes and their times, (M,)."""
         axes = list(part.axes)
         middle = begin + (boxes.begin + boxes.end) / 2
-        value = np.asarray(part.level_set(self._wrapped(boxes.centre)[:, axes], middle), dtype=np.float64)
+        value = np.asarray(part.level_set(self.problem.grid.wrapped(boxes.centre)[:, axes], middle), dtype=np.float64)
         return (
             value
             - boxes.half[:, axes] @ bounds
@@ -179,6 +170,7 @@ class GeneralProof:
         bounds = LipschitzBounds() if bounds is None else bounds
         sets = {part.name: bounds.of(part.name, part.axes) for part in problem.unsafe}
         sets[problem.target.name] = bounds.of(problem.target.name, problem.target.axes)
+        _check_seams(problem)
         entries = entry(problem.steps, problem.steps, 0) + 1
         size = int(np.prod([axis.count for axis in axes], dtype=np.int64))
         masks = np.zeros((entries, -(-len(problem.inputs) // 8), size), np.uint8)
@@ -332,6 +324,31 @@ class GeneralRecursion:
         value = np.asarray(problem.target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
         most = value + half[:, axes] @ self.proof.sets[problem.target.name] + ROUNDING * (1.0 + np.abs(value))
         return (most <= 0.0) & self._clear(boxes, t)
+
+
+def _check_seams(problem: ReachAvoidProblem) -> None:
+    """Refuse functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump.
+
+    Boxes of tubes reach across that seam; cells of the goal do not, so the target may jump there.
+    """
+    grid, dynamics = problem.grid, problem.dynamics
+    for axis in np.flatnonzero(grid.periodic):
+        points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
+        other = points.copy()
+        other[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis])
+        functions: dict[str, Callable[[FloatArray], FloatArray]] = {}
+        functions |= {f"level set of {part.name!r}": partial(problem.value_of, part, t=0.0) for part in problem.unsafe}
+        for j in range(len(problem.inputs)) if not dynamics.constant else ():
+            functions[f"drift under input {j}"] = partial(problem.drift_at, j=j)
+        if not dynamics.constant:
+            functions["gain"] = problem.gain_at
+        for name, function in functions.items():
+            here, there = (np.asarray(function(q), dtype=np.float64) for q in (points, other))
+            if (jump := float(np.abs(here - there).max(initial=0.0))) > SEAM * (1.0 + float(np.abs(here).max())):
+                raise ValueError(
+                    f"{name} jumps by {jump:.3g} where the periodic axis {grid.names[axis]!r} closes, so no Lipschitz "
+                    f"bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
+                )
 
 
 def mesh(coordinates: Sequence[FloatArray]) -> FloatArray:

@@ -11,11 +11,10 @@ import numpy as np
 
 from sdhj.certified import CertifiedSets
 from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
-from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import TableFileError, file_header
+from sdhj.table import TableFileError, file_header, written_whole
 
 GROUP = "certified"
 
@@ -76,7 +75,7 @@ class CertifiedTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
-        with replaced_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        with written_whole(path) as file:
             file_header(file, self.problem, self.method, self.details)
             self.sets.save(file.create_group(GROUP))
 

@@ -18,7 +18,7 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     OSError
         Where nothing can be written there, with what to do about it.
     """
-    path = Path(path)
+    path = _regular(path)
     temporary = path.with_name(f".{path.stem}-{uuid.uuid4().hex}{path.suffix}")
     try:
         temporary.touch()
@@ -57,10 +57,18 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
     OSError
         Where it cannot be written, with what to do about it.
     """
-    path = Path(path)
+    path = _regular(path)
+    _probe(path.parent)
+    return path
+
+
+def _regular(path: str | os.PathLike[str]) -> Path:
+    """The file that a name stands for, links followed; OSError where something else than a file has that name."""
+    path = Path(os.path.realpath(path))
     if path.is_dir():
         raise OSError(f"{path} is a folder; name a file")
-    _probe(path.parent)
+    if path.exists() and not path.is_file():
+        raise OSError(f"{path} is a device or a pipe, which would be replaced; name a file")
     return path
 
 

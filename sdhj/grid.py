@@ -115,6 +115,17 @@ class Grid:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
+    def wrapped(self, points: FloatArray) -> FloatArray:
+        """Points (M, ndim) with the coordinates of periodic axes between the ends, the upper one left out."""
+        if not any(self.periodic):
+            return points
+        points = np.array(points, dtype=np.float64)
+        for axis in np.flatnonzero(self.periodic):
+            low, high = self.lower[axis], self.upper[axis]
+            turned = low + np.mod(points[:, axis] - low, high - low)
+            points[:, axis] = np.where(turned < high, turned, low)  # rounding may reach the end
+        return points
+
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
         """Interpolate multilinearly.
 

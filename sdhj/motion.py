@@ -20,7 +20,7 @@ def drift(problem: ReachAvoidProblem, states: FloatArray, inputs: FloatArray) ->
     velocity = np.empty_like(states)
     for j in np.unique(inputs):
         rows = inputs == j
-        velocity[rows] = dynamics.drift_at(states[rows], int(j))
+        velocity[rows] = problem.drift_at(states[rows], int(j))
     return velocity
 
 
@@ -29,7 +29,7 @@ def push(problem: ReachAvoidProblem, states: FloatArray, v: FloatArray) -> Float
     gain = problem.dynamics.gain
     if not callable(gain):
         return v @ np.asarray(gain).T
-    return np.einsum("mad,md->ma", problem.dynamics.gain_at(states), v)
+    return np.einsum("mad,md->ma", problem.gain_at(states), v)
 
 
 def advance(
@@ -66,8 +66,8 @@ def displacements(problem: ReachAvoidProblem, states: FloatArray) -> FloatArray:
         return delta * np.asarray(dynamics.drift)[None]
     moves = []
     for j in range(len(problem.inputs)):
-        middle = clip_to_walls(problem.grid, states + delta / 2 * dynamics.drift_at(states, j))
-        moves.append(delta * dynamics.drift_at(middle, j))
+        middle = clip_to_walls(problem.grid, states + delta / 2 * problem.drift_at(states, j))
+        moves.append(delta * problem.drift_at(middle, j))
     return np.stack(moves, axis=1)
 
 
@@ -81,5 +81,5 @@ def reachable_boxes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[Flo
     if dynamics.constant:
         states = states[:1]
     centre = displacements(problem, states)
-    spread = problem.delta * np.abs(dynamics.gain_at(states)) @ dynamics.bounds  # (M, ndim)
+    spread = problem.delta * np.abs(problem.gain_at(states)) @ dynamics.bounds  # (M, ndim)
     return centre - spread[:, None], centre + spread[:, None]

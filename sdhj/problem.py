@@ -17,17 +17,39 @@ from sdhj.grid import FloatArray, Grid
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
+LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
+CHECKED = 5000  # nodes at which the rate of a moving set is checked
+
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
 
 
-def _finite(name: str, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    values = np.asarray(values, dtype=np.float64)
-    if values.shape != shape:
+def _finite(name: str, values: FloatArray, shape: tuple[int, ...] | None = None) -> FloatArray:
+    """A copy of `values` as float64, of that shape if one is given, every value finite."""
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be real numbers, got an array of {given.dtype}")
+    values = np.array(given, dtype=np.float64)
+    if shape is not None and values.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {values.shape}")
     if not np.isfinite(values).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
     return values
+
+
+def _number(value: Any) -> bool:
+    """Whether a value is one finite real number."""
+    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
+
+
+def _axes(axes: Any, name: str) -> tuple[int, ...]:
+    try:
+        given = tuple(axes)
+    except TypeError:
+        given = (axes,) if isinstance(axes, float) else axes
+    if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
+        raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
+    return tuple(int(axis) for axis in given)
 
 
 @dataclass(frozen=True)
@@ -43,7 +65,9 @@ class Dynamics:
     gain : (ndim, D) array, or callable (points (M, ndim)) -> (M, ndim, D)
         What the adversary's D components do to the state.
     bounds : (D,) array
-        Half-widths of the adversary's box.
+        Half-widths of the adversary's box. Where there is no adversary: bounds [0.0] and a gain of zeros (ndim, 1).
+
+    Functions of the state are called with the coordinates of periodic axes between the ends of the grid.
     """
 
     inputs: FloatArray
@@ -52,21 +76,20 @@ class Dynamics:
     bounds: FloatArray
 
     def __post_init__(self) -> None:
-        inputs = np.asarray(self.inputs, dtype=np.float64)
+        inputs = _finite("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
         if inputs.shape[0] > 256:
             raise ValueError(f"{inputs.shape[0]} inputs; at most 256 are supported, so quantise more coarsely")
-        object.__setattr__(self, "inputs", _finite("inputs", inputs, inputs.shape))
-        bounds = np.atleast_1d(np.asarray(self.bounds, dtype=np.float64))
-        if bounds.ndim != 1 or not np.isfinite(bounds).all() or (bounds < 0).any():
-            raise ValueError(f"bounds must be finite half-widths >= 0, got {self.bounds}")
+        object.__setattr__(self, "inputs", inputs)
+        bounds = np.atleast_1d(_finite("bounds", np.asarray(self.bounds)))
+        if bounds.ndim != 1 or (bounds < 0).any():
+            raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
         object.__setattr__(self, "bounds", bounds)
         for name in ("drift", "gain"):
             given = getattr(self, name)
             if not callable(given):
-                array = np.asarray(given, dtype=np.float64)
-                object.__setattr__(self, name, _finite(name, array, array.shape))
+                object.__setattr__(self, name, _finite(name, given))
 
     @property
     def constant(self) -> bool:
@@ -100,9 +123,11 @@ class UnsafeSet:
     swept : callable (points, t0, t1) -> (M,), optional
         Negative wherever the set is at any time of [t0, t1] (it may be larger, never smaller).
     rate : float, optional
-        A bound on how fast the level-set function changes in time. Zero (default): the set is static. For a moving
-        set without `swept`, samples lowered by rate * gap / 2 take its place.
+        A bound on how fast the level-set function changes in time; a moving set needs one. Zero (default): the set
+        is static. For a moving set without `swept`, samples lowered by rate * gap / 2 take its place.
     name : str
+
+    The functions are called with the coordinates of periodic axes between the ends of the grid.
     """
 
     axes: tuple[int, ...]
@@ -112,9 +137,9 @@ class UnsafeSet:
     name: str = "unsafe"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", tuple(self.axes))
-        if not (np.isfinite(self.rate) and self.rate >= 0.0):
-            raise ValueError(f"rate of the unsafe set {self.name!r} must be finite and >= 0, got {self.rate}")
+        object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        if not (_number(self.rate) and self.rate >= 0.0):
+            raise ValueError(f"rate of the unsafe set {self.name!r} must be finite and >= 0, got {self.rate!r}")
 
     @property
     def moving(self) -> bool:
@@ -146,7 +171,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", tuple(self.axes))
+        object.__setattr__(self, "axes", _axes(self.axes, self.name))
 
 
 @dataclass(frozen=True)
@@ -186,13 +211,14 @@ class ReachAvoidProblem:
     recipe: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "unsafe", tuple(self.unsafe))
+        self._check_parts()
         if self.view_time not in VIEW_TIMES:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
-        if not (np.isfinite(self.delta) and self.delta > 0):
-            raise ValueError(f"delta must be a positive time in seconds, got {self.delta}")
-        if int(self.steps) != self.steps or self.steps < 1:
-            raise ValueError(f"steps must be a whole number of at least 1, got {self.steps}")
+        if not (_number(self.delta) and self.delta > 0):
+            raise ValueError(f"delta must be a positive time in seconds, got {self.delta!r}")
+        if not _number(self.steps) or int(self.steps) != self.steps or self.steps < 1:
+            raise ValueError(f"steps must be a whole number of at least 1, got {self.steps!r}")
+        object.__setattr__(self, "steps", int(self.steps))
         ndim, dynamics = self.grid.ndim, self.dynamics
         if not callable(dynamics.drift):
             _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))
@@ -204,11 +230,37 @@ class ReachAvoidProblem:
                 raise ValueError(
                     f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
                 )
+        for part in self.unsafe:
+            self._check_rate(part)
         if not any((self.goal(step) <= 0).any() for step in range(self.steps + 1)):
             raise ValueError(
                 "no grid node is in the target and safe at any step: the unsafe sets swallow the target, or it is "
                 "smaller than a cell or out of reach of the robot; move or enlarge it, or use more nodes"
             )
+
+    def _check_parts(self) -> None:
+        if not isinstance(self.target, TargetSet):
+            raise ValueError(f"target must be a TargetSet, got {self.target!r}")
+        unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
+        if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
+        object.__setattr__(self, "unsafe", unsafe)
+
+    def _check_rate(self, part: UnsafeSet) -> None:
+        """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
+        subgrid = self.grid.subgrid(part.axes)
+        nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, CHECKED)).astype(np.int64))
+        places = np.stack(np.unravel_index(nodes, subgrid.shape), axis=1)
+        points = np.array(subgrid.lower) + places * np.array(subgrid.spacing)
+        times = [0.0, 0.37 * self.delta, 0.61 * self.delta * self.steps, self.delta * self.steps]
+        values = [_finite(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
+        for k in range(1, len(times)):
+            changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
+            if changed > part.rate * span + 1e-9 * (1.0 + float(np.abs(values[k]).max())):
+                raise ValueError(
+                    f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, more than "
+                    f"its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
+                )
 
     @property
     def inputs(self) -> FloatArray:
@@ -222,8 +274,13 @@ class ReachAvoidProblem:
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
         subgrid = self.grid.subgrid(axes)
-        values = np.asarray(function(subgrid.points()), dtype=np.float64)
-        return _finite(f"level set of {name!r}", values, (subgrid.size,)).reshape(subgrid.shape)
+        values = _finite(f"level set of {name!r}", function(subgrid.points()), (subgrid.size,))
+        if (largest := float(np.abs(values).max())) > LARGEST:
+            raise ValueError(
+                f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
+                "from the boundary only the sign counts, so clip it"
+            )
+        return values.reshape(subgrid.shape)
 
     def _target_at(self, t: float) -> FloatArray:
         return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
@@ -254,13 +311,25 @@ class ReachAvoidProblem:
             values = np.maximum(values, -self.grid.lift(self._unsafe_at(part, t), part.axes))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
+    def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
+        return part.level_set(self.grid.wrapped(points)[:, part.axes], t)
+
+    def drift_at(self, points: FloatArray, j: int) -> FloatArray:
+        """`Dynamics.drift_at`, periodic axes wrapped."""
+        return self.dynamics.drift_at(self.grid.wrapped(points), j)
+
+    def gain_at(self, points: FloatArray) -> FloatArray:
+        """`Dynamics.gain_at`, periodic axes wrapped."""
+        return self.dynamics.gain_at(self.grid.wrapped(points))
+
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
-        return self.target.level_set(points[:, self.target.axes], t)
+        return self.value_of(self.target, points, t)
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        values = [part.level_set(points[:, part.axes], t) for part in self.unsafe]
+        values = [self.value_of(part, points, t) for part in self.unsafe]
         return np.minimum.reduce(values) if values else np.full(len(points), np.inf)
 
     @cached_property

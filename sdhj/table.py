@@ -3,7 +3,8 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from sdhj.problem import ReachAvoidProblem
 
 FORMAT = "sdhj look-up table"
 FORMAT_VERSION = 1
+BLOCK = 1 << 24  # bytes by which a file grows in memory
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 
 
@@ -152,7 +154,7 @@ class LookupTable:
         OSError
             Where the folder does not exist or cannot be written.
         """
-        with replaced_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        with written_whole(path) as file:
             self._write(file)
 
     def _write(self, file: h5py.File) -> None:
@@ -168,6 +170,20 @@ class LookupTable:
             array = getattr(self.avoid, name)
             data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
             data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
+
+
+@contextmanager
+def written_whole(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """An HDF5 file that is made in memory and put on disk at the end: the HDF5 library does not survive a full disk."""
+    with h5py.File("image", "w", driver="core", backing_store=False, block_size=BLOCK) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    with replaced_whole(path) as temporary:
+        try:
+            temporary.write_bytes(image)
+        except OSError as error:
+            raise OSError(f"cannot write {path}: {error.strerror}; free {len(image) / 1e6:.0f} MB") from error
 
 
 def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, details: Mapping[str, Any]) -> None:

@@ -682,3 +682,22 @@ def test_bounds_are_asked_for():
         certify(
             unicycle_problem(), bounds=LipschitzBounds(np.full((3, 3), 9.0), UNICYCLE.sets), parts=1, progress=False
         )
+
+
+@pytest.mark.parametrize("part", ["level set", "drift"])
+def test_no_lipschitz_bound_holds_across_a_jump_at_the_seam(part):
+    """A set written for angles as plain numbers ends where the axis closes; boxes of tubes reach across."""
+    jump = part == "level set"
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-np.pi], [np.pi], [40], [True]),
+        sdhj.Dynamics(
+            [[-1.0], [1.0]], lambda q, u: u + (0 if jump else 0.1) * q, lambda q: np.ones((len(q), 1, 1)), [0.1]
+        ),
+        sdhj.TargetSet((0,), lambda q, t: np.abs(q[:, 0]) - 1.0),
+        (sdhj.UnsafeSet((0,), lambda q, t: np.abs(q[:, 0] - (2.9 if jump else 0.0)) - 0.2 + 3.0 * (not jump)),),
+        0.2,
+        2,
+    )
+    bounds = LipschitzBounds(dynamics=[[0.1]], sets={"target": [1.0], "unsafe": [1.0]})
+    with pytest.raises(ValueError, match=f"{part}.*jumps by .* periodic axis 'x1' closes"):
+        certify(problem, cells=[50], bounds=bounds, progress=False)

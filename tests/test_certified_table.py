@@ -7,10 +7,12 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from toys import interval_problem
 
 import sdhj
-from sdhj.certified import certify
+from sdhj.certified import LipschitzBounds, certify
 from sdhj.certified_table import CertifiedController, CertifiedTable
+from sdhj.labels import LABELS, labels, shares
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +103,6 @@ def test_solve_makes_certified_tables(monkeypatch):
 
 
 def test_labels_part_the_states_of_a_tube(table):
-    from sdhj.labels import LABELS, labels, shares
-
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
     points = grid_table.grid.points()
     found = labels(grid_table, table, points, within=3)
@@ -115,6 +115,21 @@ def test_labels_part_the_states_of_a_tube(table):
     assert parts["certified"] == pytest.approx(table.fraction(start=0, within=3), abs=3 * 0.5 / 20_000**0.5)
     with pytest.raises(ValueError, match="different games"):
         shares(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, within=2)
+
+
+def test_labels_refuse_other_problems_of_ones_own():
+    """Nothing but the whole problem tells them apart, so it has to be the very same."""
+
+    def bounded(problem):
+        sets = {part.name: [1.0] for part in (problem.target, *problem.unsafe)}
+        return CertifiedTable(certify(problem, cells=[40], bounds=LipschitzBounds(sets=sets), progress=False))
+
+    problem = interval_problem(steps=2)
+    proved, other = bounded(problem), bounded(interval_problem(steps=2, wall=2.0))
+    claimed = sdhj.solve(problem, progress=False)
+    assert shares(claimed, proved, within=2, draws=2000)["certified"] > 0.3
+    with pytest.raises(ValueError, match="different problems"):
+        shares(claimed, other, within=2)
 
 
 def test_verify_from_the_command_line(table, tmp_path):

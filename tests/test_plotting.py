@@ -16,7 +16,6 @@ from toys import torus_problem
 import sdhj
 from sdhj import illustrations, plotting
 from sdhj.case_studies import scene
-from sdhj.files import replaced_whole
 from sdhj.plotting import games, looks, runs, slices, studies, surfaces
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
@@ -543,17 +542,6 @@ def test_bad_formats_and_folders_are_refused(tmp_path):
     blocked.write_text("in the way")
     with pytest.raises(OSError, match=r"cannot write in .*file.*choose a folder"):
         plotting.save(picture(), blocked / "inside", "p")
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path):
-    path = tmp_path / "p.png"
-    path.write_text("old")
-
-    with pytest.raises(KeyboardInterrupt), replaced_whole(path) as temporary:
-        temporary.write_text("half")
-        raise KeyboardInterrupt
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["p.png"]
 
 
 def test_the_style_leaves_no_trace():

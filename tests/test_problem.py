@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toys import interval_problem, torus_problem
 
-from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet, monte_carlo, simulate, solve
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
@@ -91,6 +91,19 @@ def test_subgrid_and_lift():
         ({"target": TargetSet((0,), lambda p, t: np.ones(len(p)))}, "swallow"),
         ({"unsafe": (UnsafeSet((0,), lambda p, t: -np.ones(len(p))),)}, "swallow"),
         ({"unsafe": (UnsafeSet((0, 0), lambda p, t: p[:, 0]),)}, "ascending"),
+        ({"steps": float("inf")}, "inf"),
+        ({"steps": "many"}, "many"),
+        ({"delta": "0.1"}, "delta.*'0.1'"),
+        ({"target": None}, "TargetSet.*None"),
+        ({"unsafe": UnsafeSet((0,), lambda p, t: p[:, 0])}, "sequence of UnsafeSet"),
+        ({"unsafe": None}, "sequence of UnsafeSet.*None"),
+        ({"target": TargetSet((0,), lambda p, t: np.abs(p[:, 0]) < 0.3)}, "real numbers.*bool"),
+        ({"target": TargetSet((0,), lambda p, t: np.where(p[:, 0] < 0, -1.0, 1e38))}, "1e.38.*clip"),
+        (
+            {"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - t - p[:, 0], name="wall"),)},
+            "'wall' changes.*rate of at least 1",
+        ),
+        ({"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - 2 * t - p[:, 0], rate=1.0),)}, "rate 1 allows.*at least 2"),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
         ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0], [2.0]], [0.1])}, "gain"),
     ],
@@ -107,6 +120,8 @@ def test_problems_refuse(change, named):
         (([[1.0]], [[np.inf]], [[1.0]], [0.1]), "infinity"),
         (([[1.0]], [[1.0]], [[1.0]], [-0.1]), "bounds"),
         (([1.0], [[1.0]], [[1.0]], [0.1]), "inputs"),
+        (([["fast"]], [[1.0]], [[1.0]], [0.1]), "inputs must be real numbers"),
+        (([[1.0]], [[1.0]], [[1.0]], [0.1j]), "bounds must be real numbers.*complex"),
         ((np.zeros((300, 1)), np.zeros((300, 1)), [[1.0]], [0.1]), "256"),
     ],
 )
@@ -120,8 +135,54 @@ def test_functions_that_answer_nonsense_are_caught_when_sampled():
     bad = Dynamics(problem.inputs, lambda p, u: np.full(p.shape, np.nan), np.eye(2), [0.1, 0.1])
     with pytest.raises(ValueError, match="drift has a NaN"):
         dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
-    with pytest.raises(ValueError, match="rate"):
-        UnsafeSet((0,), lambda p, t: p[:, 0], rate=float("nan"))
+    for rate in (float("nan"), -1.0, "fast", None):
+        with pytest.raises(ValueError, match="rate"):
+            UnsafeSet((0,), lambda p, t: p[:, 0], rate=rate)
+    for axes in (0, (0.0,), "x"):
+        with pytest.raises(ValueError, match="axes of 'target' must be a sequence of whole numbers"):
+            TargetSet(axes, lambda p, t: p[:, 0])
+
+
+def test_whole_numbers_may_come_as_floats_and_arrays_are_copied():
+    drift = np.array([[1.0]])
+    problem = dataclasses.replace(interval_problem(), steps=2.0)
+    assert problem.steps == 2 and isinstance(problem.steps, int)
+    dynamics = Dynamics(drift, drift, drift, drift[0])
+    drift *= 2
+    assert dynamics.inputs == dynamics.drift == dynamics.gain == dynamics.bounds == 1.0
+
+
+def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
+    """A run is followed beyond the ends of a periodic axis; the user's functions never are."""
+    grid = Grid([-np.pi, 0.0], [np.pi, 1.0], (64, 9), (True, False))
+
+    def on_the_grid(points):
+        assert (points[:, 0] >= -np.pi).all() and (points[:, 0] < np.pi).all()
+        return points
+
+    problem = ReachAvoidProblem(
+        grid,
+        Dynamics(
+            [[-2.0], [2.0]],
+            lambda p, u: np.stack([u[0] + 0 * on_the_grid(p)[:, 0], 0 * p[:, 0]], axis=1),
+            lambda p: np.broadcast_to(np.array([[1.0], [0.0]]), (len(on_the_grid(p)), 2, 1)),
+            [0.1],
+        ),
+        TargetSet((0,), lambda p, t: np.abs(on_the_grid(p)[:, 0] - 2.0) - 0.5),
+        (UnsafeSet((0,), lambda p, t: np.abs(on_the_grid(p)[:, 0]) - 0.3),),
+        0.2,
+        5,
+    )
+    controller = Controller(solve(problem, progress=False))
+    for adversary in ("random", "aggressive", "worst"):
+        report = monte_carlo(controller, 200, adversary, progress=False)
+        assert report.counts["reached"] == 200
+    run = simulate(controller, [-2.6, 0.5], "worst")
+    assert run.outcome == "reached" and run.states[-1, 0] < -np.pi
+    far = rng.uniform(-30, 30, (100, 2))
+    wrapped = grid.wrapped(far)
+    assert np.allclose(np.exp(1j * wrapped[:, 0]), np.exp(1j * far[:, 0])) and (wrapped[:, 1] == far[:, 1]).all()
+    assert (grid.wrapped(np.array([[np.nextafter(-np.pi, -4), 0.5]]))[:, 0] < np.pi).all()
 
 
 def test_swept_without_a_formula_bounds_every_time(rng):
