@@ -335,7 +335,7 @@ def _check_seams(problem: ReachAvoidProblem) -> None:
     for axis in np.flatnonzero(grid.periodic):
         points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
         other = points.copy()
-        other[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis])
+        other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
         functions: dict[str, Callable[[FloatArray], FloatArray]] = {}
         functions |= {f"level set of {part.name!r}": partial(problem.value_of, part, t=0.0) for part in problem.unsafe}
         for j in range(len(problem.inputs)) if not dynamics.constant else ():
