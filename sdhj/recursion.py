@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit, prange
@@ -15,6 +15,9 @@ from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.projections import ProjectedSolver
 from sdhj.schemes import Scheme
 from sdhj.table import AvoidTubes, LookupTable
+
+if TYPE_CHECKING:
+    from sdhj.certified import LipschitzBounds
 
 METHODS = ("hji", "projected", "lax", "certified")
 GAMES = ("decomposed", "joint")
@@ -68,6 +71,8 @@ def solve(
     interpolation: str = "limited",
     subspaces: Sequence[Sequence[int]] | None = None,
     inner: str = "hji",
+    cells: Sequence[int] | None = None,
+    bounds: "LipschitzBounds | None" = None,
     progress: bool | None = None,
 ) -> LookupTable:
     """Compute every S_k^i and, at every node, the inputs that are guaranteed to make progress (Algorithm 1).
@@ -77,7 +82,7 @@ def solve(
     problem : ReachAvoidProblem
     method : {"hji", "projected", "lax", "certified"}
         Finite differences on the whole grid; on lower-dimensional subspaces (Sec. 5.1); the Hopf-Lax formula; or cells
-        with a proof (`sdhj.certified.certify` has its options).
+        with a proof (`sdhj.certified.certify`).
     scheme : Scheme, optional
         How "hji" and "projected" discretise; "lax" takes its precision from it.
     games : {"decomposed", "joint"}
@@ -89,6 +94,10 @@ def solve(
         a time; for the case studies those are the paper's (0, 1, 2) and (0, 1, 3).
     inner : {"hji", "lax"}
         For "projected": how the games on the subspaces are solved.
+    cells : sequence of int, optional
+        For "certified": about how many cells each axis gets.
+    bounds : sdhj.certified.LipschitzBounds, optional
+        For "certified" and a problem of your own: how fast its functions can change with the state.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -113,7 +122,9 @@ def solve(
         from sdhj.certified import certify
         from sdhj.certified_table import CertifiedTable
 
-        return CertifiedTable(certify(problem, progress=progress))  # type: ignore[return-value]  # the same interface
+        return CertifiedTable(certify(problem, cells=cells, bounds=bounds, progress=progress))  # type: ignore[return-value]  # the same interface
+    if cells is not None or bounds is not None:
+        raise ValueError(f'cells and bounds go with method="certified", got method={method!r}')
     scheme = Scheme() if scheme is None else scheme
     if method != "projected" and (subspaces is not None or inner != "hji"):
         raise ValueError(f'subspaces and inner go with method="projected", got method={method!r}')

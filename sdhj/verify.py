@@ -529,8 +529,13 @@ def verify(
         Where the file holds no certified sets of a case study.
     """
     with h5py.File(path, "r") as file:
-        if group not in file or file[group].attrs.get("kind") != "arm":
-            raise ValueError(f"{path} holds no certified sets of a case study; solve it with method='certified'")
+        if group not in file:
+            raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
+        if file[group].attrs.get("kind") != "arm":
+            raise ValueError(
+                f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only "
+                "the arm's case study can be checked from a file alone"
+            )
         sets = Sets(file[group])
     return Report(tuple(Checker(sets, samples, np.random.default_rng(seed)).run()))
 

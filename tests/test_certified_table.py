@@ -102,6 +102,17 @@ def test_solve_makes_certified_tables(monkeypatch):
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
 
 
+def test_solve_certifies_a_problem_of_ones_own():
+    problem = interval_problem(steps=2)
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    table = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
+    with pytest.raises(ValueError, match="method=\"certified\", got method='hji'"):
+        sdhj.solve(problem, cells=[40])
+    with pytest.raises(ValueError, match=r"set 'wall': give LipschitzBounds"):
+        sdhj.solve(problem, method="certified")
+
+
 def test_labels_part_the_states_of_a_tube(table):
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
     points = grid_table.grid.points()
