@@ -33,6 +33,7 @@ from sdhj.simulation import admissible_states
 from sdhj.warmup import METHODS, compile_kernels
 
 NODES = (15, 20, 25, 30, 35, 40)
+LEAST_NODES = 9  # with fewer the walls reach every node
 BALL = ((0.4, -0.3, 0.05, -0.02), 1.6)  # centre in the units of the axes, radius in scaled ones
 HOLE = ((0.9, -0.6, 0.02, 0.03), 0.7)
 NEAR = 0.3  # errors are averaged where the solution is this small: elsewhere they move no set
@@ -225,9 +226,19 @@ def measure(nodes: Sequence[int] = NODES, *, repeats: int = 7, with_peer: bool =
     Returns
     -------
     Report
+
+    Raises
+    ------
+    ValueError
+        Before anything is measured, for numbers that leave nothing to measure.
     """
     if repeats < 1 or not nodes:
         raise ValueError(f"repeats must be at least 1 and nodes not empty, got {repeats} and {tuple(nodes)}")
+    if min(nodes) < LEAST_NODES:
+        raise ValueError(
+            f"nodes must be at least {LEAST_NODES} on each axis, got {min(nodes)}: errors are counted where no wall "
+            "can reach, which with fewer is nowhere"
+        )
     rows = []
     for n in nodes:
         problem = case(n)

@@ -3,7 +3,7 @@
 import functools
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,16 @@ import click
 import numpy as np
 
 import sdhj
+from sdhj.adversaries import ADVERSARIES
 from sdhj.files import writable_file, writable_folder
+from sdhj.table import header
 
 METHOD = click.Choice(["hji", "projected", "lax", "certified"])
 VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
 KINEMATICS = click.Choice(["relative", "printed"])
-ADVERSARIES = ("random", "aggressive", "worst")
+PICTURES = (".png", ".pdf", ".svg")
+RUNS = click.IntRange(1, 10**8)  # whose starts and ends are held in memory
+SEED = click.IntRange(0)
 
 
 class Refusal(click.ClickException):
@@ -40,6 +44,28 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
+def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> None:
+    """Check before long work that a picture can be written there, if one is asked for, and of that kind."""
+    if path is None:
+        return
+    writable_file(path)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which says what kind of picture to write")
+
+
+def loaded(path: Path) -> Any:
+    """The table in a file; of one's own problem, the lines of Python that take the place of the command."""
+    told = header(path)
+    if not told["recipe"]:
+        raise Refusal(
+            f"{path} was solved for your own problem {told['problem']!r}, whose functions are not in the file; the "
+            "command line knows the built-in case studies only. In Python, where `problem` is yours:\n"
+            f"    table = sdhj.load({str(path)!r}, problem=problem)\n"
+            "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))"
+        )
+    return sdhj.load(path)
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(sdhj.__version__, prog_name="sdhj")
 def main() -> None:
@@ -49,8 +75,8 @@ def main() -> None:
 @main.command()
 @click.option("--nodes", default=25, help="Nodes on each axis.")
 @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for figures and tables.")
-@click.option("--runs", default=10_000, help="Closed-loop runs for each method and adversary.")
-@click.option("--seed", default=0, help="Seed of everything random.")
+@click.option("--runs", default=10_000, type=RUNS, help="Closed-loop runs for each method and adversary.")
+@click.option("--seed", default=0, type=SEED, help="Seed of everything random.")
 @click.option("--certified", is_flag=True, help="A certified table too: minutes more, and 6 GB of memory.")
 @plainly
 def reproduce(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
@@ -81,14 +107,16 @@ def solve(nodes: int, steps: int, method: str, view_time: str, kinematics: str, 
 @main.command()
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
-@click.option("--runs", default=10_000, help="Without --start: runs from uniformly drawn admissible states.")
-@click.option("--adversary", default="worst", type=click.Choice(ADVERSARIES), help="Who plays against the controller.")
+@click.option("--runs", default=10_000, type=RUNS, help="Without --start: runs from uniformly drawn admissible states.")
+@click.option(
+    "--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="Who plays against the controller."
+)
 @click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, help="Seed of the adversary and the starts.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
 @plainly
 def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int) -> None:
     """Run the controller of a table against an adversary, in the true geometry."""
-    controller = sdhj.Controller(sdhj.load(table), rule=rule)
+    controller = sdhj.Controller(loaded(table), rule=rule)
     if start is None:
         click.echo(str(sdhj.monte_carlo(controller, runs=runs, adversary=adversary, seed=seed)))
         return
@@ -100,10 +128,10 @@ def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary:
 
 @main.command()
 @click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--runs", default=100_000, help="Closed-loop runs for each table and adversary.")
+@click.option("--runs", default=100_000, type=click.IntRange(1), help="Closed-loop runs for each table and adversary.")
 @click.option("--adversaries", default="random,aggressive,worst,search", help="Who plays: a list with commas.")
 @click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, help="Seed of the adversaries and the starts.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversaries and the starts.")
 @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for campaign.csv and .md.")
 @plainly
 def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
@@ -112,7 +140,7 @@ def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, s
     from sdhj.campaign import write_rows
 
     writable_folder(out)  # before long work
-    read = {path.stem: sdhj.load(path) for path in tables}
+    read = {path.stem: loaded(path) for path in tables}
     if len(read) < len(tables):
         raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
     rows = play(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)
@@ -125,27 +153,33 @@ def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, s
 @plainly
 def info(table: Path) -> None:
     """Say what a table holds and how it was computed."""
-    read = sdhj.load(table)
-    grid, problem = read.grid, read.problem
-    click.echo(f"{table}: {problem.name}, method {read.method}")
+    told = header(table)
+    grid, steps = told["grid"], told["steps"]
+    click.echo(f"{table}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}")
     for axis in range(grid.ndim):
         kind = "periodic" if grid.periodic[axis] else "bounded"
         click.echo(
             f"  {grid.names[axis]}: {grid.shape[axis]} nodes on [{grid.lower[axis]:g}, {grid.upper[axis]:g}], {kind}"
         )
-    click.echo(
-        f"  {problem.steps} steps of {problem.delta:g} s, {len(problem.inputs)} inputs, view-time {problem.view_time}"
-    )
-    click.echo(f"  details: {json.dumps(dict(read.details), sort_keys=True)}")
-    click.echo(f"  problem digest: {problem.digest}")
-    shares = [read.fraction(start=0, within=n) for n in range(problem.steps + 1)]
+    click.echo(f"  {steps} steps of {told['delta']:g} s, {len(told['inputs'])} inputs, view-time {told['view_time']}")
+    click.echo(f"  details: {json.dumps(told['details'], sort_keys=True)}")
+    click.echo(f"  problem digest: {told['digest']}")
+    if not told["recipe"]:
+        click.echo(
+            "  your own problem, whose functions are not in the file: sdhj.load(path, problem=...) reads the rest"
+        )
+        return
+    read = sdhj.load(table)
+    shares = [read.fraction(start=0, within=n) for n in range(steps + 1)]
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
 
 
 @main.command()
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--samples", default=2000, help="Claims of each kind to check; 0 checks all of them.")
-@click.option("--seed", default=0, help="Seed of the draw.")
+@click.option(
+    "--samples", default=2000, type=click.IntRange(0), help="Claims of each kind to check; 0 checks all of them."
+)
+@click.option("--seed", default=0, type=SEED, help="Seed of the draw.")
 @click.option(
     "--certified", type=click.Path(path_type=Path), help="Certified table to hold an interpolated one against."
 )
@@ -156,7 +190,8 @@ def verify(
     context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
 ) -> None:
     """Re-derive the claims of a certified table, or say what of another one is certified."""
-    read = sdhj.load(table)
+    writable_picture(output)
+    read = loaded(table)
     if read.method == "certified":
         from sdhj.verify import verify as check
 
@@ -168,10 +203,10 @@ def verify(
             f"{table} holds interpolated tubes, which prove nothing; make a certified table with `sdhj solve --method "
             "certified -o certified.h5` and hold it against that one: `sdhj verify --certified certified.h5 ...`"
         )
-    proof = sdhj.load(certified)
+    proof = loaded(certified)
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
-    _compare(read, proof, seed, None if output is None else writable_file(output))
+    _compare(read, proof, seed, output)
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
@@ -193,7 +228,9 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
 
 @main.command()
 @click.option("--nodes", default="15,20,25,30,35,40", help="Nodes on each axis, separated by commas.")
-@click.option("--repeats", default=5, help="Rounds in which all solvers take turns; medians are printed.")
+@click.option(
+    "--repeats", default=5, type=click.IntRange(1), help="Rounds in which all solvers take turns; medians are printed."
+)
 @click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
 @plainly
@@ -205,8 +242,7 @@ def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
         counts = [int(part) for part in nodes.split(",")]
     except ValueError:
         raise ValueError(f"--nodes must be whole numbers separated by commas, got {nodes!r}") from None
-    if output is not None:
-        writable_file(output)
+    writable_picture(output)
     report = bench.measure(counts, repeats=repeats, with_peer=peer)
     click.echo(bench.table(report) + "\n")
     case_study = bench.measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
@@ -217,10 +253,10 @@ def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
 
 @main.command()
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--runs", default=1000, help="Runs from uniformly drawn admissible states.")
-@click.option("--adversary", default="aggressive", type=click.Choice(ADVERSARIES), help="Who plays.")
+@click.option("--runs", default=1000, type=RUNS, help="Runs from uniformly drawn admissible states.")
+@click.option("--adversary", default="aggressive", type=click.Choice(list(ADVERSARIES)), help="Who plays.")
 @click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, help="Seed of the adversary and the starts.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Pictures of the longest run: a png file.")
 @click.pass_context
 @plainly
@@ -230,9 +266,8 @@ def physics(
     """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
     from sdhj.physics import check_runs, write_strip
 
-    if output is not None:
-        writable_file(output)
-    report = check_runs(sdhj.Controller(sdhj.load(table), rule=rule), runs, adversary, seed)
+    writable_picture(output, [".png"])
+    report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
     click.echo(str(report))
     if output is not None:
         write_strip(report, output)
@@ -259,7 +294,7 @@ def figure_command(which: int | str | None = None) -> click.Command:
     @click.command(help=f"{text}.", context_settings={"show_default": True})
     @click.option("--nodes", default=25, help="Nodes on each axis of the case study.")
     @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for the files.")
-    @click.option("--seed", default=0, help="Of the run that is shown.")
+    @click.option("--seed", default=0, type=SEED, help="Of the run that is shown.")
     @plainly
     def command(nodes: int, out: Path, seed: int) -> None:
         writable_folder(out)  # before long work

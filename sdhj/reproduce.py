@@ -13,6 +13,7 @@ import numpy as np
 
 import sdhj
 from sdhj.files import replaced_whole
+from sdhj.simulation import counted
 from sdhj.table import LookupTable
 from sdhj.warmup import METHODS, compile_kernels
 
@@ -35,8 +36,7 @@ def reproduce(
     """
     from sdhj.figures import draw_all
 
-    if runs < 1:
-        raise ValueError(f"runs must be at least 1, got {runs}")
+    runs, seed = counted("runs", runs, least=1), counted("seed", seed, least=0)
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
     tables: dict[str, LookupTable] = {}

@@ -226,11 +226,56 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         was solved for.
     """
     path = Path(path)
+    with _opened(path) as file:
+        return _read(file, path, problem)
+
+
+def header(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file says of its table, without the problem's functions; the arrays are not read.
+
+    Returns
+    -------
+    dict
+        "grid" (a Grid), "inputs" (L, m), "recipe" and "details" (mappings; an own problem has an empty recipe), and as
+        they are in the file: "problem", "digest", "method", "delta", "steps", "view_time", "sdhj_version".
+
+    Raises
+    ------
+    FileNotFoundError
+    TableFileError
+        As `load`.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        attrs, layout = file.attrs, file["grid"].attrs
+        told = {name: attrs[name] for name in ("problem", "digest", "method", "view_time", "sdhj_version")}
+        fields = [np.asarray(layout[name]).tolist() for name in ("lower", "upper", "shape", "periodic", "names")]
+        return told | {
+            "grid": Grid(*fields),
+            "inputs": file["inputs"][()],
+            "recipe": dict(json.loads(attrs["recipe"])),
+            "details": dict(json.loads(attrs["details"])),
+            "delta": float(attrs["delta"]),
+            "steps": int(attrs["steps"]),
+        }
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """The file, where it is a table of a known version; whatever else fails while it is read is damage to it."""
     if not path.is_file():
         raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`")
     try:
         with h5py.File(path, "r") as file:
-            return _read(file, path, problem)
+            attrs = file.attrs
+            if attrs.get("format") != FORMAT:
+                raise TableFileError(f"{path} is an HDF5 file but no look-up table of sdhj")
+            if attrs["format_version"] > FORMAT_VERSION:
+                raise TableFileError(
+                    f"{path} has format version {attrs['format_version']}, written by sdhj {attrs['sdhj_version']}; "
+                    f"this is sdhj {sdhj.__version__}, which reads up to version {FORMAT_VERSION}: upgrade sdhj"
+                )
+            yield file
     except TableFileError:
         raise
     except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
@@ -239,13 +284,6 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
 def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> LookupTable:
     attrs = file.attrs
-    if attrs.get("format") != FORMAT:
-        raise TableFileError(f"{path} is an HDF5 file but no look-up table of sdhj")
-    if attrs["format_version"] > FORMAT_VERSION:
-        raise TableFileError(
-            f"{path} has format version {attrs['format_version']}, written by sdhj {attrs['sdhj_version']}; this is "
-            f"sdhj {sdhj.__version__}, which reads up to version {FORMAT_VERSION}: upgrade sdhj"
-        )
     if problem is None:
         from sdhj.case_studies import rebuild
 

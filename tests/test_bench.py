@@ -60,6 +60,9 @@ def test_report_names_machine_versions_ratios_and_exponents(tmp_path):
 def test_nothing_to_measure_is_an_error():
     with pytest.raises(ValueError, match="repeats"):
         bench.measure((9,), repeats=0)
+    with pytest.raises(ValueError, match="nodes must be at least 9 on each axis, got 8"):
+        bench.measure((15, 8))
+    assert bench.case(bench.LEAST_NODES).free.any() and not bench.case(bench.LEAST_NODES - 1).free.any()
 
 
 def test_missing_peer_says_how_to_get_it(monkeypatch):

@@ -1,12 +1,16 @@
 """The command line: each command on a small grid, and one clear line for everything that is wrong."""
 
+import json
 import re
 
+import h5py
 import pytest
 from click.testing import CliRunner
+from toys import torus_problem
 
 import sdhj
 from sdhj.cli import main
+from sdhj.reproduce import reproduce
 
 
 def run(*arguments):
@@ -61,6 +65,13 @@ def test_simulate_plays_one_run_and_many(saved):
         (["simulate", "missing.h5"], "missing.h5"),
         (["reproduce", "--out", "/proc/nothing"], "folder"),
         (["reproduce", "--nodes", "many"], "many"),
+        (["reproduce", "--seed", -1, "--out", "results"], "-1"),
+        (["reproduce", "--runs", 0, "--out", "results"], "runs"),
+        (["solve", "--nodes", "9" * 400, "-o", "x.h5"], "nodes must be a number below 1e308"),
+        (["solve", "--steps", "9" * 400, "-o", "x.h5"], "steps must be a number below 1e308"),
+        (["bench", "-o", "x.txt"], "x.txt must end in .png or .pdf or .svg"),
+        (["bench", "--nodes", "15,7"], "nodes must be at least 9"),
+        (["verify", "missing.h5", "-o", "x.txt"], "x.txt must end in"),
         (["nonsense"], "nonsense"),
     ],
 )
@@ -88,3 +99,61 @@ def test_help_explains_each_command_in_a_line():
         (line,) = [line for line in result.output.splitlines() if line.strip().startswith(command + " ")]
         assert len(line.split()) > 4
         assert run(command, "--help").exit_code == 0
+
+
+def test_pictures_of_a_run_are_png_files(tmp_path):
+    pytest.importorskip("mujoco")
+    result = run("physics", tmp_path / "missing.h5", "-o", tmp_path / "x.txt")
+    assert result.exit_code == 2 and "x.txt must end in .png," in result.output
+
+
+def test_reproduce_checks_its_numbers_before_it_solves(tmp_path):
+    for bad in ({"runs": 1, "seed": -1}, {"runs": 0, "seed": 0}):
+        with pytest.raises(ValueError, match="must be a whole number of at least"):
+            reproduce(nodes=9, out=tmp_path, say=pytest.fail, **bad)
+
+
+def test_an_adversary_that_does_nothing(saved):
+    result = run("simulate", saved, "--runs", 20, "--adversary", "none")
+    assert result.exit_code == 0 and "none" in result.output
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tables") / "own.h5"
+    sdhj.solve(torus_problem(nodes=12, steps=2), progress=False).save(path)
+    return path
+
+
+def test_info_of_your_own_problem_needs_no_functions(own):
+    result = run("info", own)
+    assert result.exit_code == 0, result.output
+    table = sdhj.load(own, problem=torus_problem(nodes=12, steps=2))
+    told = (
+        "method hji",
+        "x1: 12 nodes on [-3.14159, 3.14159], periodic",
+        "2 steps of 0.2 s, 9 inputs",
+        sdhj.__version__,
+    )
+    for text in (*told, table.problem.digest, json.dumps(dict(table.details), sort_keys=True)):
+        assert text in result.output
+
+
+@pytest.mark.parametrize("command", ["simulate", "campaign", "verify"])
+def test_commands_on_your_own_problem_show_the_lines_of_python(own, command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    result = run(command, own)
+    assert result.exit_code == 2 and "built-in case studies only" in result.output
+    lines = [line.strip() for line in result.output.splitlines() if line.startswith("    ")]
+    assert len(lines) == 2
+    exec("\n".join(lines).replace("10_000", "10"), {"sdhj": sdhj, "problem": torus_problem(nodes=12, steps=2)})
+    assert "10 runs" in capsys.readouterr().out
+
+
+def test_a_header_with_a_hole_is_damage(own, tmp_path):
+    path = tmp_path / "own.h5"
+    path.write_bytes(own.read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file["grid"].attrs["upper"]
+    result = run("info", path)
+    assert result.exit_code == 2 and "damaged" in result.output
