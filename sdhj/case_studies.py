@@ -20,6 +20,7 @@ from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number, skele
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
 ALL_AXES = (0, 1, 2, 3)
+MOST = 1_000_000  # of anything that is counted
 BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
@@ -168,6 +169,8 @@ def arm_case_study(
     ------
     ValueError
         One line naming the argument that does not fit.
+    MemoryError
+        Where there is no room for that many nodes.
     """
     recipe = _recipe("arm_case_study", locals())  # nothing but the arguments exists yet
     scene = _scene(recipe)
@@ -212,6 +215,8 @@ def evader_case_study(
     ------
     ValueError
         One line naming the argument that does not fit.
+    MemoryError
+        Where there is no room for that many nodes.
     """
     recipe = _recipe("evader_case_study", locals())  # nothing but the arguments exists yet
     scene = _scene(recipe)
@@ -295,6 +300,8 @@ def _whole(name: str, value: Any, least: int) -> int:
     number = checked_number(name, value, least=least)
     if number != int(number):
         raise ValueError(f"{name} must be a whole number, got {value}")
+    if number > MOST:
+        raise ValueError(f"{name} must be at most {MOST:,}, got {number:.15g}")
     return int(number)
 
 
@@ -327,14 +334,16 @@ def _problem(
     given = recipe["arguments"]
     box, levels = scene.agent_box, np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = Grid(
+        lower=(-math.pi, -math.pi, -box, -box),
+        upper=(math.pi, math.pi, box, box),
+        shape=given["nodes"],
+        periodic=(True, True, False, False),
+        names=AXES,
+    )
+    grid.require_room()  # before the sets are sampled
     return ReachAvoidProblem(
-        grid=Grid(
-            lower=(-math.pi, -math.pi, -box, -box),
-            upper=(math.pi, math.pi, box, box),
-            shape=given["nodes"],
-            periodic=(True, True, False, False),
-            names=AXES,
-        ),
+        grid=grid,
         dynamics=Dynamics(
             inputs=inputs,
             drift=np.hstack([inputs, np.zeros_like(inputs)]),

@@ -18,6 +18,7 @@ import numpy as np
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
@@ -48,15 +49,8 @@ def velocities(problem: ReachAvoidProblem, j: int, axes: Sequence[int], *, drift
         f = dynamics.drift_at(np.zeros((1, grid.ndim)), j)[0][keep] * drift
         b = dynamics.gain_at(np.zeros((1, grid.ndim)))[0][keep] * dynamics.bounds
     else:
-        points = grid.points()
-        sampled = np.concatenate(
-            [
-                dynamics.drift_at(points, j)[:, keep, None] * drift,
-                dynamics.gain_at(points)[:, keep] * dynamics.bounds,
-            ],
-            axis=2,
-        )
-        field = np.moveaxis(sampled, 0, 2).reshape(len(keep), -1, *grid.shape)
+        field = sampled_velocities(problem, j, keep)
+        field[:, 0] *= drift
         for axis in sorted(set(range(grid.ndim)) - set(keep), reverse=True):
             first = field.take([0], axis=2 + axis)
             if not np.array_equal(np.broadcast_to(first, field.shape), field):
@@ -68,6 +62,22 @@ def velocities(problem: ReachAvoidProblem, j: int, axes: Sequence[int], *, drift
     if coupled:
         return Velocities(f - spread, f + spread, drift=f[None], gain=b[None])
     return Velocities(f - spread, f + spread)
+
+
+def velocity_bytes(problem: ReachAvoidProblem) -> int:
+    """Bytes that the velocities under one input take while they are sampled on the whole grid."""
+    return 8 * problem.grid.ndim * (2 * problem.dynamics.bounds.size + 6) * problem.grid.size
+
+
+def sampled_velocities(problem: ReachAvoidProblem, j: int, keep: list[int]) -> FloatArray:
+    """Drift under u_j and gain times bounds of some axes at all nodes, one behind the other: (axes, 1 + D, *shape)."""
+    require(velocity_bytes(problem), f"sampling the velocities on {problem.grid.size:.1e} nodes")
+    dynamics, grid, points = problem.dynamics, problem.grid, problem.grid.points()
+    field = np.empty((len(keep), 1 + dynamics.bounds.size, grid.size))
+    field[:, 0] = dynamics.drift_at(points, j).T[keep]
+    field[:, 1:] = np.moveaxis(dynamics.gain_at(points), 0, 2)[keep]
+    field[:, 1:] *= dynamics.bounds[:, None]
+    return field.reshape(*field.shape[:2], *grid.shape)
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
@@ -122,6 +132,7 @@ class HJISolver:
         self.problem, self.scheme, self.dtype = problem, scheme, scheme.dtype
         self.everything = tuple(range(problem.grid.ndim))
         self.solved = 0
+        self._steps: dict[tuple[int, ...], int] = {}
         if self.moving_frame:
             checked_travel(problem.grid, np.abs(np.asarray(problem.dynamics.drift)).max(axis=0), problem.delta)
 
@@ -145,9 +156,8 @@ class HJISolver:
                 yield j, self._evolve(values, j)
 
     def _evolve(self, values: FloatArray, j: int, drift: bool = True) -> FloatArray:
-        field = velocities(self.problem, j, self.everything, drift=drift)
-        assert field is not None  # all axes leave none out
         self.solved += 1
+        field = self.field(j, self.everything, drift)
         return evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
@@ -160,15 +170,30 @@ class HJISolver:
         if self.moving_frame:
             return LaxSolver(problem, SHIFT, self.dtype).avoid(part, step)
         axes = avoid_axes(problem, part)
-        grid = problem.grid.subgrid(axes)
-        fields = [field for j in range(len(problem.inputs)) if (field := velocities(problem, j, axes)) is not None]
-        steps = max(1, *(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields))
+        grid, steps = problem.grid.subgrid(axes), self.steps(axes)
         wall = walls(problem, part, axes, step, steps)
         held = wall if part.moving and problem.view_time == "instantaneous" else wall(0.0)
-        self.solved += len(fields)
-        return np.stack(
-            [evolve(grid, wall(0.0), field, problem.delta, self.scheme, obstacle=held, steps=steps) for field in fields]
-        )
+        tubes = np.empty((len(problem.inputs), *grid.shape), self.dtype)
+        for j, tube in enumerate(tubes):
+            tube[:] = evolve(
+                grid, wall(0.0), self.field(j, axes), problem.delta, self.scheme, obstacle=held, steps=steps
+            )
+            self.solved += 1
+        return tubes
+
+    def field(self, j: int, axes: Sequence[int], drift: bool = True) -> Velocities:
+        """The velocity set under u_j on axes that do not depend on others; sampled anew, as all at once need room."""
+        field = velocities(self.problem, j, axes, drift=drift)
+        assert field is not None
+        return field
+
+    def steps(self, axes: tuple[int, ...]) -> int:
+        """Time steps of an interval that are enough for every input."""
+        if axes not in self._steps:
+            grid, delta, cfl = self.problem.grid.subgrid(axes), self.problem.delta, self.scheme.cfl
+            counts = (self.field(j, axes).steps(grid, delta, cfl) for j in range(len(self.problem.inputs)))
+            self._steps[axes] = max(1, *counts)
+        return self._steps[axes]
 
 
 class JointSolver(HJISolver):
@@ -177,8 +202,7 @@ class JointSolver(HJISolver):
     def reach_avoid(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)), the level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.problem.grid
-        fields = [velocities(problem, j, self.everything) for j in range(len(problem.inputs))]
-        steps = max(1, *(field.steps(grid, problem.delta, self.scheme.cfl) for field in fields if field is not None))
+        steps = self.steps(self.everything)
         parts = [(walls(problem, part, part.axes, step, steps), part.axes) for part in problem.unsafe]
 
         @cache
@@ -189,9 +213,9 @@ class JointSolver(HJISolver):
             return np.ascontiguousarray(np.broadcast_to(wall, grid.shape), dtype=self.dtype)
 
         obstacle = None if not parts else union if problem.view_time == "instantaneous" else union(0.0)
-        for j, field in enumerate(fields):
-            assert field is not None
+        for j in range(len(problem.inputs)):
             self.solved += 1
+            field = self.field(j, self.everything)
             yield j, evolve(grid, values, field, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
 
 

@@ -4,6 +4,7 @@ A set is the zero sublevel set of a function sampled at the nodes: inside is neg
 the minimum, intersection the maximum, complement the negative.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.interpolation import interpolate
+from sdhj.memory import require
 
 FloatArray = NDArray[Any]
 
 MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_AXES = 6
+SMALL = 2**20  # nodes for which there is always room
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,12 @@ class Grid:
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)  # exact, however large
+
+    @property
+    def sampling_bytes(self) -> int:
+        """Bytes that it takes to sample functions at all nodes: coordinates and some values in double precision."""
+        return 8 * (2 * self.ndim + 5) * self.size
 
     @cached_property
     def spacing(self) -> tuple[float, ...]:
@@ -99,9 +107,23 @@ class Grid:
         return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
 
     def points(self) -> FloatArray:
-        """Coordinates of all nodes, shape (size, ndim), the last axis fastest."""
-        mesh = np.meshgrid(*(self.nodes(axis) for axis in range(self.ndim)), indexing="ij")
-        return np.stack([m.ravel() for m in mesh], axis=1)
+        """Coordinates of all nodes, shape (size, ndim), the last axis fastest.
+
+        Raises
+        ------
+        MemoryError
+            Where there is no room for them and functions of them.
+        """
+        self.require_room()
+        points = np.empty((*self.shape, self.ndim))
+        for axis in range(self.ndim):
+            points[..., axis] = self.lift(self.nodes(axis), [axis])
+        return points.reshape(self.size, self.ndim)
+
+    def require_room(self) -> None:
+        """Raise MemoryError where functions cannot be sampled at all nodes."""
+        if self.size > SMALL:
+            require(self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""

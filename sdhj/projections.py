@@ -30,10 +30,10 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads, njit, prange, set_num_threads
 
-from sdhj.games import HJISolver, LaxSolver, Solver, avoid_axes, unsafe_values, velocities, walls
+from sdhj.games import HJISolver, LaxSolver, Solver, avoid_axes, sampled_velocities, unsafe_values, velocities
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.schemes import Scheme, Velocities
 from sdhj.table import AvoidTubes, LookupTable
 
 INNER = ("hji", "lax")
@@ -140,12 +140,8 @@ def disturbed_velocities(problem: ReachAvoidProblem, j: int, axes: Axes) -> Velo
     alone = velocities(problem, j, axes)
     if alone is not None:
         return alone
-    dynamics, grid, keep = problem.dynamics, problem.grid, list(axes)
-    points = grid.points()
-    sampled = np.concatenate(
-        [dynamics.drift_at(points, j)[:, keep, None], dynamics.gain_at(points)[:, keep] * dynamics.bounds], axis=2
-    )
-    field = np.moveaxis(sampled, 0, 2).reshape(len(keep), -1, *grid.shape)
+    grid, keep = problem.grid, list(axes)
+    field = sampled_velocities(problem, j, keep)
     dropped = [axis for axis in range(grid.ndim) if axis not in axes]
     for axis in dropped:  # a coordinate that does not enter needs no samples
         first = field.take([0], axis=2 + axis)
@@ -175,27 +171,20 @@ class DisturbedSolver(HJISolver):
 
     def __init__(self, problem: ReachAvoidProblem, axes: Axes, scheme: Scheme) -> None:
         super().__init__(subproblem(problem, axes), scheme)
-        self.fields = [disturbed_velocities(problem, j, axes) for j in range(len(problem.inputs))]
+        self.whole, self.axes = problem, axes
+        self._boxes: dict[int, Velocities] = {}
 
-    def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """As `HJISolver.reach`."""
-        for j, field in enumerate(self.fields):
-            self.solved += 1
-            yield j, evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
+    def field(self, j: int, axes: Sequence[int], drift: bool = True) -> Velocities:
+        """As `HJISolver.field`, for all axes of the subspace and with the drift.
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
-        """As `HJISolver.avoid`, for a part on all axes of the subspace."""
-        sub, grid = self.problem, self.problem.grid
-        steps = max(1, *(field.steps(grid, sub.delta, self.scheme.cfl) for field in self.fields))
-        wall = walls(sub, part, part.axes, step, steps)
-        held = wall if part.moving and sub.view_time == "instantaneous" else wall(0.0)
-        self.solved += len(self.fields)
-        return np.stack(
-            [
-                evolve(grid, wall(0.0), field, sub.delta, self.scheme, obstacle=held, steps=steps)
-                for field in self.fields
-            ]
-        )
+        Boxes are kept, being small; modes, which take as much as the whole grid, are sampled anew.
+        """
+        if j in self._boxes:
+            return self._boxes[j]
+        field = disturbed_velocities(self.whole, j, self.axes)
+        if not field.coupled:
+            self._boxes[j] = field
+        return field
 
 
 class ProjectedSolver:

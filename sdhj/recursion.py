@@ -2,15 +2,15 @@
 
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit, prange
 from tqdm import tqdm
 
-from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes
+from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
 from sdhj.grid import FloatArray, Grid
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.projections import ProjectedSolver
 from sdhj.schemes import Scheme
@@ -110,7 +110,7 @@ def solve(
     ValueError
         For an unknown option, or a method that does not fit the dynamics.
     MemoryError
-        Where less memory is free than `memory_needed` says.
+        Where less memory is available than `memory_needed` says (not for "certified"); before anything is solved.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
@@ -126,6 +126,8 @@ def solve(
     if cells is not None or bounds is not None:
         raise ValueError(f'cells and bounds go with method="certified", got method={method!r}')
     scheme = Scheme() if scheme is None else scheme
+    remedy = 'use fewer nodes, fewer steps, or Scheme(dtype="float32")'
+    require(memory_needed(problem, scheme.dtype), "this solve", remedy)
     if method != "projected" and (subspaces is not None or inner != "hji"):
         raise ValueError(f'subspaces and inner go with method="projected", got method={method!r}')
     solver: Solver
@@ -135,7 +137,6 @@ def solve(
         solver = LaxSolver(problem, interpolation, scheme.dtype)
     else:
         solver = JointSolver(problem, scheme) if games == "joint" else HJISolver(problem, scheme)
-    _check_memory(problem, solver.dtype)
     started = time.perf_counter()
     details: dict[str, Any] = {"games": games}
     details |= {"interpolation": interpolation, "dtype": scheme.dtype} if method == "lax" else vars(scheme)
@@ -152,9 +153,9 @@ def solve(
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
-    """Bytes that `solve` takes at its peak, estimated, for every method but "certified".
+    """Bytes that `solve` takes at its peak, estimated from above, for every method but "certified".
 
-    The table, the avoid tubes, and what is sampled and solved at a time.
+    The table, the avoid tubes, and what is sampled and solved at a time; not what the problem's own functions take.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
     entries = (problem.steps + 1) * (problem.steps + 2) // 2
@@ -164,23 +165,12 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         axes = {axis for part in problem.unsafe if part.moving == moving for axis in avoid_axes(problem, part)}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
 
-    sampled = 8 * (2 * grid.ndim + 5) * grid.size  # coordinates and level-set functions in double precision
+    sampled = grid.sampling_bytes
     solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
+    if not problem.dynamics.constant:  # the velocities of one input at a time
+        sampled += velocity_bytes(problem)
+        solved += item * grid.ndim * (3 + problem.dynamics.bounds.size) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
-
-
-def _check_memory(problem: ReachAvoidProblem, dtype: str) -> None:
-    """Raise MemoryError where less is available than a solve needs; not every system says what is."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        free = next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration):
-        return
-    if (needed := memory_needed(problem, dtype)) > free:
-        raise MemoryError(
-            f"this solve needs about {needed / 1e9:.1f} GB, and {free / 1e9:.1f} GB are available; use fewer nodes, "
-            'fewer steps, or Scheme(dtype="float32")'
-        )
 
 
 def avoid_tubes(problem: ReachAvoidProblem, solver: Solver) -> AvoidTubes:

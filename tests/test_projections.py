@@ -434,7 +434,7 @@ def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
     problem = wind_problem(nodes=121)
     solver = ProjectedSolver(problem, DOUBLE, [(0,)])
     assert isinstance(solver.solver((0,)), DisturbedSolver)
-    assert not solver.solver((0,)).fields[0].coupled
+    assert not solver.solver((0,)).field(0, (0,)).coupled
     x = problem.grid.nodes(0)
     away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
     for j, phi in solver.reach(problem.goal(0)):
@@ -453,7 +453,7 @@ def test_coupled_modes_have_their_closed_form():
     for nodes in (21, 41):
         problem = current_problem(nodes=(nodes, nodes, 16))
         solver = ProjectedSolver(problem, DOUBLE, [(0, 1)])
-        assert solver.solver((0, 1)).fields[0].coupled
+        assert solver.solver((0, 1)).field(0, (0, 1)).coupled
         x, y = np.meshgrid(problem.grid.nodes(0), problem.grid.nodes(1), indexing="ij")
         ring = (np.hypot(x, y) > 0.5) & (np.hypot(x, y) < 1.2)
         target = np.broadcast_to((np.hypot(x, y) - 0.8)[..., None], problem.grid.shape)

@@ -1,6 +1,7 @@
 """What makes the solver fast must not change its answer: threads, copied tubes, the fused path, blocks of rows."""
 
 import dataclasses
+import tracemalloc
 
 import numba
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import Grid, Scheme, recursion, schemes
+from sdhj import Grid, Scheme, memory, recursion, schemes
 from sdhj.schemes import Velocities, evolve
 
 # The two paths compute the same differences in the same order; a fused multiply-add more or less is a rounding.
@@ -145,3 +146,56 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
     monkeypatch.setattr(recursion, "memory_needed", lambda problem, dtype: 10**18)
     with pytest.raises(MemoryError, match="fewer nodes"):
         sdhj.solve(problem)
+
+
+@pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")
+@pytest.mark.parametrize("gain", [np.eye(4), np.ones((4, 4))], ids=["boxes", "coupled"])
+@pytest.mark.parametrize(
+    "options", [{}, {"games": "joint"}, {"method": "projected", "subspaces": [(0, 2, 3)]}], ids=["hji", "joint", "proj"]
+)
+def test_velocities_of_all_inputs_are_never_in_memory_at_once(gain, options):
+    """State-dependent dynamics on 9^4 nodes, 25 inputs: the peak stays below what is stated in advance."""
+    levels = np.linspace(-1, 1, 5)
+    inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), -1).reshape(-1, 2)
+
+    def drift(q, u):
+        still = np.zeros(len(q))
+        return np.stack([u[0] * np.cos(q[:, 1]), u[1] + still, still, still], axis=1)
+
+    problem = sdhj.ReachAvoidProblem(
+        Grid([-1] * 4, [1] * 4, [9] * 4),
+        sdhj.Dynamics(inputs, drift, gain, [0.1] * 4),
+        sdhj.TargetSet((0, 1), lambda q, t: np.hypot(q[:, 0], q[:, 1]) - 0.4),
+        (sdhj.UnsafeSet((0, 1, 2, 3), lambda q, t: np.hypot(q[:, 0] - q[:, 2], q[:, 1] - q[:, 3]) - 0.2),),
+        0.1,
+        1,
+    )
+    sdhj.solve(problem, progress=False, **options)  # compiles
+    tracemalloc.start()
+    try:
+        sdhj.solve(problem, progress=False, **options)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    stated = recursion.memory_needed(problem) - recursion.PROCESS
+    print(f"peak {peak / 1e6:.1f} MB, stated {stated / 1e6:.1f} MB")
+    assert peak < stated
+
+
+def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
+    def sampled(points, t):
+        raise AssertionError("sampled")
+
+    with pytest.raises(MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes needs about .* GB.*fewer nodes"):
+        sdhj.arm_case_study(nodes=1000)
+    everywhere = sdhj.TargetSet((0, 1, 2, 3), sampled)
+    for nodes in (1000, 10**6):  # the product of the latter is more than 64 bits hold
+        grid, still = Grid([-1] * 4, [1] * 4, [nodes] * 4), np.zeros((1, 4))
+        with pytest.raises(MemoryError, match="fewer nodes"):
+            sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(still, still, np.eye(4), [0.0] * 4), everywhere, (), 0.1, 1)
+    with pytest.raises(ValueError, match="steps must be at most 1,000,000"):
+        sdhj.arm_case_study(nodes=9, steps=10**300)
+    with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):
+        sdhj.solve(dataclasses.replace(arm(), steps=10**8))
+    monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
+    memory.require(10**18, "anything")
