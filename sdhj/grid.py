@@ -5,6 +5,7 @@ the minimum, intersection the maximum, complement the negative.
 """
 
 import math
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +20,24 @@ from sdhj.memory import require
 FloatArray = NDArray[Any]
 
 MIN_NODES = 5  # the widest stencils reach two nodes to each side
+MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
 SMALL = 2**20  # nodes for which there is always room
+
+
+def _entries(label: str, given: Any) -> None:
+    if not isinstance(given, Sequence | np.ndarray) or getattr(given, "ndim", 1) == 0:
+        raise ValueError(f"{label} must be a sequence with one entry for each axis, for example a list, got {given!r}")
+
+
+def _finite(value: Any) -> bool:
+    """Whether a value is a number that a float holds."""
+    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return False
 
 
 @dataclass(frozen=True)
@@ -60,21 +77,26 @@ class Grid:
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
     ) -> None:
+        _entries("shape", shape)
         ndim = len(shape)
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
         periodic = [False] * ndim if periodic is None else periodic
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
+            _entries(label, given)
             if len(given) != ndim:
                 raise ValueError(f"{label} has {len(given)} entries for a grid of {ndim} axes")
         for axis in range(ndim):
-            if not (np.isfinite(lower[axis]) and np.isfinite(upper[axis]) and lower[axis] < upper[axis]):
-                raise ValueError(f"axis {axis} must have finite lower < upper, got [{lower[axis]}, {upper[axis]}]")
-            if int(shape[axis]) != shape[axis] or shape[axis] < MIN_NODES:
+            if not (_finite(lower[axis]) and _finite(upper[axis]) and lower[axis] < upper[axis]):
+                raise ValueError(f"axis {axis} must have finite lower < upper, got [{lower[axis]!r}, {upper[axis]!r}]")
+            if not _finite(shape[axis]) or int(shape[axis]) != shape[axis] or not MIN_NODES <= shape[axis] <= MAX_NODES:
                 raise ValueError(
-                    f"axis {axis} has {shape[axis]} nodes; the schemes need at least {MIN_NODES} on each axis"
+                    f"axis {axis} has {reprlib.repr(shape[axis])} nodes; the schemes need at least {MIN_NODES} on each "
+                    f"axis, a whole number of at most {MAX_NODES:,}"
                 )
+            if not isinstance(periodic[axis], bool | np.bool_):
+                raise ValueError(f"periodic[{axis}] must be True or False, got {periodic[axis]!r}")
         object.__setattr__(self, "lower", tuple(float(x) for x in lower))
         object.__setattr__(self, "upper", tuple(float(x) for x in upper))
         object.__setattr__(self, "shape", tuple(int(n) for n in shape))

@@ -23,7 +23,7 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 """
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -78,11 +78,20 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
     Raises
     ------
     ValueError
-        Where it is empty, or one of them is not made of distinct axes of the grid, or comes twice.
+        Where it is empty or no collection, or one of them is not made of distinct axes of the grid, or comes twice.
     """
     if subspaces is None:
         return default_subspaces(problem)
     ndim = problem.grid.ndim
+    whole = all(
+        isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
+        for axes in (subspaces if isinstance(subspaces, Sequence | np.ndarray) else [None])
+    )
+    if not whole or any(isinstance(axis, bool | np.bool_) for axes in subspaces for axis in axes):
+        raise ValueError(
+            "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
+            f"[(0, 1, 2), (0, 1, 3)], got {subspaces!r}"
+        )
     chosen = [tuple(sorted(int(axis) for axis in axes)) for axes in subspaces]
     for axes in chosen:
         if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(range(ndim)):
@@ -222,9 +231,8 @@ class ProjectedSolver:
         self.subspaces = checked_subspaces(problem, subspaces)
         self.inner, self.interpolation = inner, interpolation
         self._solvers: dict[Axes, Solver] = {}
-        self._free: dict[
-            str, float
-        ] = {}  # largest share of a subspace that the outer projection of each set leaves free
+        # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
+        self._free: dict[int, float] = {}
         self._sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
     @property
@@ -288,7 +296,7 @@ class ProjectedSolver:
         self._sampled.clear()  # of an earlier step
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
             g = unsafe_values(problem, part, axes, problem.time(step), problem.time(step + 1), problem.view_time)
-            self._free[part.name] = max(float(g.min() > 0), self._free.get(part.name, 0.0))
+            self._note_free(part, float(g.min() > 0))
             return np.full((count, *grid.shape), -g.min(), self.dtype)
         tubes = []
         for keep in kept:
@@ -332,9 +340,19 @@ class ProjectedSolver:
         projected = {}
         for keep in self._kept(axes):
             projected[keep] = g.min(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
-            free = self.problem.grid.subgrid(keep).fraction(projected[keep] > 0)
-            self._free[part.name] = max(free, self._free.get(part.name, 0.0))
+            self._note_free(part, self.problem.grid.subgrid(keep).fraction(projected[keep] > 0))
         return projected
+
+    def _note_free(self, part: UnsafeSet, share: float) -> None:
+        place = next(i for i, known in enumerate(self.problem.unsafe) if known is part)
+        self._free[place] = max(share, self._free.get(place, 0.0))
+
+    def _name(self, place: int) -> str:
+        """The name of an unsafe set; of several with one name, its place too."""
+        names = [part.name for part in self.problem.unsafe]
+        return (
+            names[place] if names.count(names[place]) == 1 else f"{names[place]}, number {place + 1} of problem.unsafe"
+        )
 
     # -- the recursion -----------------------------------------------------------------------------------------------
 
@@ -383,17 +401,18 @@ class ProjectedSolver:
             max(self._share_kept(table.value_array(k, 0), axes) for k in range(table.steps + 1))
             for axes in self.subspaces
         ]
-        found = self._findings(table, kept)
+        free = {self._name(place): share for place, share in sorted(self._free.items())}
+        found = self._findings(table, kept, free)
         for sentence in found:
             warnings.warn(sentence, ProjectionWarning, stacklevel=3)
-        return {"target_kept": kept, "free": dict(self._free), "warnings": found}
+        return {"target_kept": kept, "free": free, "warnings": found}
 
     def _share_kept(self, goal: FloatArray, axes: Axes) -> float:
         grid = self.problem.grid
         whole = grid.fraction(goal <= 0)
         return grid.subgrid(axes).fraction(self.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
-    def _findings(self, table: LookupTable, kept: Sequence[float]) -> list[str]:
+    def _findings(self, table: LookupTable, kept: Sequence[float], free: Mapping[str, float]) -> list[str]:
         problem, names = self.problem, self.problem.grid.names
         found = []
         for axes, share in zip(self.subspaces, kept, strict=True):
@@ -409,8 +428,8 @@ class ProjectedSolver:
                     f"dropping {_listed(names, dropped)} leaves nothing of the target: the projected target has to be "
                     f"reached for every value of what was dropped, but {cause}; keep it, or use method='hji'"
                 )
-        for name, free in self._free.items():
-            if free == 0.0:
+        for name, share in free.items():
+            if share == 0.0:
                 found.append(
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
                     "what was dropped is unsafe, so no input counts as safe; keep more of the axes it depends on"

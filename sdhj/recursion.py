@@ -10,9 +10,10 @@ from tqdm import tqdm
 
 from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
 from sdhj.grid import FloatArray, Grid
+from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.projections import ProjectedSolver
+from sdhj.projections import INNER, ProjectedSolver
 from sdhj.schemes import Scheme
 from sdhj.table import AvoidTubes, LookupTable
 
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
 
 METHODS = ("hji", "projected", "lax", "certified")
 GAMES = ("decomposed", "joint")
+OPTIONS = {  # what each stands for where it is not given, and the methods that read it
+    "scheme": (None, ("hji", "projected", "lax")),
+    "games": ("decomposed", ("hji",)),
+    "interpolation": ("limited", ("hji", "projected", "lax")),
+    "subspaces": (None, ("projected",)),
+    "inner": ("hji", ("projected",)),
+    "cells": (None, ("certified",)),
+    "bounds": (None, ("certified",)),
+}
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
 
 
@@ -112,24 +122,16 @@ def solve(
     MemoryError
         Where less memory is available than `memory_needed` says (not for "certified"); before anything is solved.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if games not in GAMES:
-        raise ValueError(f"games must be one of {', '.join(GAMES)}, got {games!r}")
-    if games == "joint" and method != "hji":
-        raise ValueError(f'games="joint" goes with method="hji", got method={method!r}')
+    told = {"scheme": scheme, "games": games, "interpolation": interpolation, "subspaces": subspaces, "inner": inner}
+    _check_options(problem, method, told | {"cells": cells, "bounds": bounds})
     if method == "certified":
         from sdhj.certified import certify
         from sdhj.certified_table import CertifiedTable
 
         return CertifiedTable(certify(problem, cells=cells, bounds=bounds, progress=progress))  # type: ignore[return-value]  # the same interface
-    if cells is not None or bounds is not None:
-        raise ValueError(f'cells and bounds go with method="certified", got method={method!r}')
     scheme = Scheme() if scheme is None else scheme
     remedy = 'use fewer nodes, fewer steps, or Scheme(dtype="float32")'
     require(memory_needed(problem, scheme.dtype), "this solve", remedy)
-    if method != "projected" and (subspaces is not None or inner != "hji"):
-        raise ValueError(f'subspaces and inner go with method="projected", got method={method!r}')
     solver: Solver
     if method == "projected":
         solver = ProjectedSolver(problem, scheme, subspaces, inner=inner, interpolation=interpolation)
@@ -150,6 +152,23 @@ def solve(
     if isinstance(solver, ProjectedSolver):
         details["projection"] = solver.diagnose(table)
     return table
+
+
+def _check_options(problem: ReachAvoidProblem, method: str, given: dict[str, Any]) -> None:
+    """Raise ValueError for what is unknown, or does not go with the method and so would be passed over."""
+    if not isinstance(problem, ReachAvoidProblem):
+        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    closed = {"method": METHODS, "games": GAMES, "interpolation": INTERPOLATIONS, "inner": INNER}
+    for name, allowed in closed.items():
+        if (value := method if name == "method" else given[name]) not in allowed:
+            raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+    if not isinstance(given["scheme"], Scheme | None):
+        raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {given['scheme']!r}")
+    for name, (usual, methods) in OPTIONS.items():
+        changed = given[name] is not None if usual is None else given[name] != usual
+        if changed and method not in methods:
+            fitting = " or ".join(f'"{one}"' for one in methods)
+            raise ValueError(f"{name}={given[name]!r} goes with method={fitting}, got method={method!r}")
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:

@@ -21,7 +21,7 @@ with few arrays in it, which the compiler vectorises; other axes find their neig
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -82,10 +82,11 @@ class Scheme:
             ("frame", ("moving", "fixed")),
             ("dtype", DTYPES),
         ):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {getattr(self, name)!r}")
-        if not 0.0 < self.cfl <= 1.0:
-            raise ValueError(f"cfl must be in (0, 1], got {self.cfl}: a larger step is unstable")
+            if (given := getattr(self, name)) not in allowed or type(given) is not type(allowed[0]):
+                raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {given!r}")
+        cfl: Any = self.cfl
+        if not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
+            raise ValueError(f"cfl must be a number in (0, 1], got {cfl!r}: a larger step is unstable")
 
 
 @dataclass(frozen=True)

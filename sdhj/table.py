@@ -87,8 +87,10 @@ class LookupTable:
 
     def entry(self, start: int, within: int) -> int:
         """Checked place of (start, within); `within` beyond N - start means N - start."""
-        for name, value, most in (("start", start, self.steps), ("within", within, None)):
-            if isinstance(value, bool) or int(value) != value or value < 0 or (most is not None and value > most):
+        given: list[tuple[str, Any, int | None]] = [("start", start, self.steps), ("within", within, None)]
+        for name, value, most in given:
+            whole = isinstance(value, int | np.integer) or (isinstance(value, float) and value.is_integer())
+            if not whole or isinstance(value, bool) or value < 0 or (most is not None and value > most):
                 bound = f"from 0 to {most}" if most is not None else "of at least 0"
                 raise ValueError(f"{name} must be a whole number {bound}, got {value!r}")
         return entry(self.steps, int(start), min(int(within), self.steps - int(start)))

@@ -122,6 +122,12 @@ def test_where_inputs_drive_every_axis_each_is_dropped():
         ([(0, 0)], "distinct axes"),
         ([(0, 3)], "0 to 2"),
         ([(0, 1), (1, 0)], "different"),
+        ([0, 1], r"sequence of sequences of axes, .* got \[0, 1\]"),
+        ("01", "sequence of sequences of axes, .* got '01'"),
+        (["01"], "sequence of sequences of axes"),
+        ([[0.5]], r"sequence of sequences of axes, .* got \[\[0.5\]\]"),
+        ([[True]], "sequence of sequences of axes"),
+        (7, "sequence of sequences of axes, .* got 7"),
     ],
 )
 def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
@@ -512,6 +518,27 @@ def test_a_good_choice_is_not_warned_about(recwarn):
     notes = table.details["projection"]
     assert notes["warnings"] == [] and all(0 < share <= 1 for share in notes["target_kept"])
     assert 0 < notes["free"]["pursuer"] < 1
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("a", "b"), ["a", "b"]),
+        (("unsafe", "unsafe"), ["unsafe, number 1 of problem.unsafe", "unsafe, number 2 of problem.unsafe"]),
+    ],
+)
+def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names, told):
+    """The first is a cross on the axes dropped in turn, so all of every projection; the second a ball in a corner."""
+    cross = UnsafeSet((1, 2), lambda p, t: np.abs(p).min(axis=1) - 0.1, name=names[0])
+    ball = UnsafeSet((0, 1, 2), lambda p, t: np.linalg.norm(p - 0.7, axis=1) - 0.3, name=names[1])
+    inputs = np.array([[-1.0], [1.0]])
+    dynamics = Dynamics(inputs, np.hstack([inputs, 0 * inputs, 0 * inputs]), np.eye(3), [0.1] * 3)
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4)
+    problem = ReachAvoidProblem(Grid([-1] * 3, [1] * 3, [9] * 3), dynamics, target, (cross, ball), 0.2, 2)
+    with pytest.warns(ProjectionWarning, match=rf"the unsafe set '{told[0]}' fills every subspace"):
+        table = sdhj.solve(problem, method="projected", progress=False)
+    free = table.details["projection"]["free"]
+    assert list(free) == told and free[told[0]] == 0.0 < free[told[1]] < 1.0
 
 
 def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():

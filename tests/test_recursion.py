@@ -168,8 +168,26 @@ def test_single_precision_moves_the_shares_by_little():
         ({"method": "magic"}, "magic"),
         ({"games": "both"}, "both"),
         ({"games": "joint", "method": "lax"}, "joint"),
+        ({"method": ["hji"]}, r"method must be one of .*\['hji'\]"),
+        ({"scheme": "hji"}, "scheme must be a sdhj.Scheme, .* got 'hji'"),
+        ({"scheme": {"order": 2}}, "scheme must be a sdhj.Scheme"),
+        ({"interpolation": "foo"}, "interpolation must be one of linear, limited, got 'foo'"),
+        ({"inner": "foo"}, "inner must be one of hji, lax, got 'foo'"),
+        ({"subspaces": [(0,)]}, "subspaces=.* goes with method=\"projected\", got method='hji'"),
+        ({"cells": np.array([5])}, "cells=.* goes with method=\"certified\", got method='hji'"),
+        (
+            {"method": "certified", "scheme": Scheme(order=1)},
+            'scheme=Scheme.* goes with method="hji" or "projected" or',
+        ),
+        ({"method": "certified", "subspaces": [[0]]}, 'subspaces=.* goes with method="projected", got'),
+        ({"method": "certified", "interpolation": "linear"}, "interpolation='linear' goes with"),
     ],
 )
 def test_unknown_options_are_named(options, named):
     with pytest.raises(ValueError, match=named):
         sdhj.solve(interval_problem(), **options)
+
+
+def test_something_else_than_a_problem_is_named():
+    with pytest.raises(ValueError, match="problem must be a ReachAvoidProblem, got None"):
+        sdhj.solve(None)

@@ -158,6 +158,11 @@ def test_values_cannot_be_modified_and_indices_are_checked(table):
         {"start": -1, "within": 0},
         {"start": 0, "within": -1},
         {"start": 0.5, "within": 1},
+        {"start": 0, "within": float("nan")},
+        {"start": 0, "within": np.inf},
+        {"start": 0, "within": None},
+        {"start": 0, "within": "1"},
+        {"start": True, "within": 1},
     ):
         with pytest.raises(ValueError, match="whole number"):
             table.values(**bad)
