@@ -126,3 +126,6 @@ class CertifiedController(Controller):
             successors = clip_to_walls(self.problem.grid, moved)
             margins[rows, inputs] = self.table.steps_to_go(successors, step + 1) - (to_go[rows] - 1)
         return margins
+
+
+Controller.kinds[GROUP] = CertifiedController

@@ -21,7 +21,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -110,13 +110,10 @@ class Controller:
         For an unknown rule.
     """
 
-    def __new__(cls, table: LookupTable, rule: str | Rule = "deepest") -> "Controller":
-        """A certified table is played by a controller of its own kind."""
-        if cls is Controller and table.method == "certified":
-            from sdhj.certified_table import CertifiedController
+    kinds: ClassVar[dict[str, type["Controller"]]] = {}  # by the method of tables that have a controller of their own
 
-            return super().__new__(CertifiedController)
-        return super().__new__(cls)
+    def __new__(cls, table: LookupTable, rule: str | Rule = "deepest") -> "Controller":
+        return super().__new__(Controller.kinds.get(table.method, cls) if cls is Controller else cls)
 
     def __init__(self, table: LookupTable, rule: str | Rule = "deepest") -> None:
         self._set_up(table, rule)
