@@ -11,6 +11,7 @@ from toys import torus_problem
 import sdhj
 from sdhj.cli import main
 from sdhj.reproduce import reproduce
+from sdhj.warmup import CELLS
 
 
 def run(*arguments):
@@ -157,3 +158,13 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
         del file["grid"].attrs["upper"]
     result = run("info", path)
     assert result.exit_code == 2 and "damaged" in result.output
+
+
+def test_warmup_covers_every_method():
+    """The tubes of its certified table grow, so that their kernels run too, and its controller plays."""
+    result = run("warmup")
+    assert result.exit_code == 0, result.output
+    for method in ("hji", "projected", "lax", "certified"):
+        assert f"compiling {method}" in result.output
+    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method="certified", cells=CELLS, progress=False)
+    assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
