@@ -16,12 +16,13 @@ __version__ = "0.1.0"
 from sdhj.case_studies import arm_case_study, evader_case_study
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import Grid
+from sdhj.loading import load
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme
 from sdhj.search import search_losing
 from sdhj.simulation import monte_carlo, simulate
-from sdhj.table import LookupTable, TableFileError, load
+from sdhj.table import LookupTable, TableFileError
 
 __all__ = [
     "Controller",

@@ -13,7 +13,7 @@ import numpy as np
 import sdhj
 from sdhj.adversaries import ADVERSARIES
 from sdhj.files import writable_file, writable_folder
-from sdhj.table import header
+from sdhj.loading import header
 
 METHOD = click.Choice(["hji", "projected", "lax", "certified"])
 VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])

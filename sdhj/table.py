@@ -173,6 +173,22 @@ class LookupTable:
             data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
             data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
+    @classmethod
+    def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "LookupTable":
+        """The table in an open file of this problem; TableFileError where it is damaged."""
+        axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
+        avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
+        tubes, masks = file["tubes"][()], file["masks"][()]
+        entries = entry(problem.steps, problem.steps, 0) + 1
+        if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
+            raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
+        table = cls(problem, str(file.attrs["method"]), tubes, masks, avoid, json.loads(file.attrs["details"]))
+        if table._checksum() != file.attrs["checksum"]:
+            raise TableFileError(
+                f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
+            )
+        return table
+
 
 @contextmanager
 def written_whole(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
@@ -208,111 +224,3 @@ def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, detail
     layout = file.create_group("grid")
     layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
     file["inputs"] = problem.inputs
-
-
-def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> LookupTable:
-    """Read a table that `LookupTable.save` wrote.
-
-    Parameters
-    ----------
-    path : path
-    problem : ReachAvoidProblem, optional
-        The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds
-        functions that no file can hold, so give it here. It must have the digest that the file records.
-
-    Raises
-    ------
-    FileNotFoundError
-    TableFileError
-        Where the file is damaged, cut short, of another kind or of a newer version, or the problem is not the one it
-        was solved for.
-    """
-    path = Path(path)
-    with _opened(path) as file:
-        return _read(file, path, problem)
-
-
-def header(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file says of its table, without the problem's functions; the arrays are not read.
-
-    Returns
-    -------
-    dict
-        "grid" (a Grid), "inputs" (L, m), "recipe" and "details" (mappings; an own problem has an empty recipe), and as
-        they are in the file: "problem", "digest", "method", "delta", "steps", "view_time", "sdhj_version".
-
-    Raises
-    ------
-    FileNotFoundError
-    TableFileError
-        As `load`.
-    """
-    path = Path(path)
-    with _opened(path) as file:
-        attrs, layout = file.attrs, file["grid"].attrs
-        told = {name: attrs[name] for name in ("problem", "digest", "method", "view_time", "sdhj_version")}
-        fields = [np.asarray(layout[name]).tolist() for name in ("lower", "upper", "shape", "periodic", "names")]
-        return told | {
-            "grid": Grid(*fields),
-            "inputs": file["inputs"][()],
-            "recipe": dict(json.loads(attrs["recipe"])),
-            "details": dict(json.loads(attrs["details"])),
-            "delta": float(attrs["delta"]),
-            "steps": int(attrs["steps"]),
-        }
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    """The file, where it is a table of a known version; whatever else fails while it is read is damage to it."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`")
-    try:
-        with h5py.File(path, "r") as file:
-            attrs = file.attrs
-            if attrs.get("format") != FORMAT:
-                raise TableFileError(f"{path} is an HDF5 file but no look-up table of sdhj")
-            if attrs["format_version"] > FORMAT_VERSION:
-                raise TableFileError(
-                    f"{path} has format version {attrs['format_version']}, written by sdhj {attrs['sdhj_version']}; "
-                    f"this is sdhj {sdhj.__version__}, which reads up to version {FORMAT_VERSION}: upgrade sdhj"
-                )
-            yield file
-    except TableFileError:
-        raise
-    except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
-        raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
-
-
-def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> LookupTable:
-    attrs = file.attrs
-    if problem is None:
-        from sdhj.case_studies import rebuild
-
-        recipe = json.loads(attrs["recipe"])
-        if not recipe:
-            raise TableFileError(
-                f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
-            )
-        problem = rebuild(recipe)
-    if problem.digest != (digest := str(attrs["digest"])):
-        raise TableFileError(
-            f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
-            f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
-        )
-    if attrs["method"] == "certified":
-        from sdhj.certified_table import CertifiedTable
-
-        return CertifiedTable.read(file, path, problem)  # type: ignore[return-value]  # the same interface
-    axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
-    avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
-    tubes, masks = file["tubes"][()], file["masks"][()]
-    entries = entry(problem.steps, problem.steps, 0) + 1
-    if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
-        raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
-    table = LookupTable(problem, str(attrs["method"]), tubes, masks, avoid, json.loads(attrs["details"]))
-    if table._checksum() != attrs["checksum"]:
-        raise TableFileError(
-            f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
-        )
-    return table
