@@ -113,7 +113,8 @@ class Controller:
     kinds: ClassVar[dict[str, type["Controller"]]] = {}  # by the method of tables that have a controller of their own
 
     def __new__(cls, table: LookupTable, rule: str | Rule = "deepest") -> "Controller":
-        return super().__new__(Controller.kinds.get(table.method, cls) if cls is Controller else cls)
+        kind = Controller.kinds.get(getattr(table, "method", ""), cls)
+        return super().__new__(kind if cls is Controller else cls)
 
     def __init__(self, table: LookupTable, rule: str | Rule = "deepest") -> None:
         self._set_up(table, rule)
@@ -136,6 +137,8 @@ class Controller:
         self._local = threading.local()
 
     def _set_up(self, table: LookupTable, rule: str | Rule) -> None:
+        if not hasattr(table, "method"):
+            raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and rule not in RULES:
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of a Choice, got {rule!r}")
         self.table, self.problem, self.rule = table, table.problem, rule

@@ -38,8 +38,9 @@ def _finite(name: str, values: FloatArray, shape: tuple[int, ...] | None = None)
 
 
 def _number(value: Any) -> bool:
-    """Whether a value is one finite real number."""
-    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
+    """Whether a value is one real number of a size that means something; NaN is not."""
+    number: Any = value
+    return isinstance(value, int | float | np.integer | np.floating) and bool(-LARGEST < number < LARGEST)
 
 
 def _axes(axes: Any, name: str) -> tuple[int, ...]:
@@ -212,6 +213,7 @@ class ReachAvoidProblem:
 
     def __post_init__(self) -> None:
         self._check_parts()
+        self.grid.require_room()
         if self.view_time not in VIEW_TIMES:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
         if not (_number(self.delta) and self.delta > 0):

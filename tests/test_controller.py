@@ -365,3 +365,9 @@ def test_rules_report_a_level_set_that_is_not_a_number() -> None:
 def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
     avoid = free_table().avoid
     assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
+
+
+@pytest.mark.parametrize("wrong", [None, toys.interval_problem(), "table.h5"])
+def test_what_is_no_table_is_refused(wrong: object) -> None:
+    with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
+        Controller(wrong)  # type: ignore[arg-type]
