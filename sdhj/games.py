@@ -22,6 +22,7 @@ from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
+KEPT = 256_000_000  # bytes of sampled velocities that a solver keeps
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 
 
@@ -133,6 +134,8 @@ class HJISolver:
         self.everything = tuple(range(problem.grid.ndim))
         self.solved = 0
         self._steps: dict[tuple[int, ...], int] = {}
+        self._fields: dict[tuple[tuple[int, ...], int], Velocities] = {}
+        self._room = KEPT
         if self.moving_frame:
             checked_travel(problem.grid, np.abs(np.asarray(problem.dynamics.drift)).max(axis=0), problem.delta)
 
@@ -182,9 +185,15 @@ class HJISolver:
         return tubes
 
     def field(self, j: int, axes: Sequence[int], drift: bool = True) -> Velocities:
-        """The velocity set under u_j on axes that do not depend on others; sampled anew, as all at once need room."""
+        """The velocity set under u_j on axes that do not depend on others; kept while there is room."""
+        known = self._fields.get((tuple(axes), j)) if drift else None
+        if known is not None:
+            return known
         field = velocities(self.problem, j, axes, drift=drift)
         assert field is not None
+        if drift and field.nbytes <= self._room:
+            self._fields[tuple(axes), j] = field
+            self._room -= field.nbytes
         return field
 
     def steps(self, axes: tuple[int, ...]) -> int:

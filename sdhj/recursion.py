@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 from tqdm import tqdm
 
-from sdhj.games import HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
+from sdhj.games import KEPT, HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.memory import require
@@ -187,7 +187,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     sampled = grid.sampling_bytes
     solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
     if not problem.dynamics.constant:  # the velocities of one input at a time
-        sampled += velocity_bytes(problem)
+        sampled += velocity_bytes(problem) + min(KEPT, count * velocity_bytes(problem))
         solved += item * grid.ndim * (3 + problem.dynamics.bounds.size) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 

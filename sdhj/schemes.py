@@ -107,6 +107,10 @@ class Velocities:
     def coupled(self) -> bool:
         return self.drift is not None
 
+    @property
+    def nbytes(self) -> int:
+        return sum(part.nbytes for part in (self.lower, self.upper, self.drift, self.gain) if part is not None)
+
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
         """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl asks for.
 
