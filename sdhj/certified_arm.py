@@ -19,6 +19,7 @@ from sdhj.case_studies import ArmScene, scene
 from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import ArmMotion, Cells
 from sdhj.grid import FloatArray
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
 
@@ -218,6 +219,14 @@ class ArmRecursion:
         self.stage = scene(problem)
         self.n1, self.n2, nx, ny = (axis.count for axis in axes)
         self.words = -(-nx * ny // 64)
+        held = (
+            len(problem.inputs) + problem.steps + 4
+        )  # sets of cells at a time: clear ones, one for each step, scratch
+        require(
+            8 * held * self.n1 * self.n2 * self.words,
+            f"certifying {nx * ny * self.n1 * self.n2:.1e} cells",
+            "use fewer cells",
+        )
         self.shifts, self.passes = packed_window(motion.window, nx, ny)
         self.chunks = [np.zeros((1, self.words), np.uint64)]  # of the pool; its first block is empty
         self.blocks = 1

@@ -66,6 +66,14 @@ def loaded(path: Path) -> Any:
     return sdhj.load(path)
 
 
+def whole_numbers(option: str, text: str) -> list[int]:
+    """What was typed as whole numbers with commas."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(f"--{option} must be whole numbers separated by commas, got {text!r}") from None
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(sdhj.__version__, prog_name="sdhj")
 def main() -> None:
@@ -92,13 +100,17 @@ def reproduce(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> N
 @click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
 @click.option("--view-time", default="swept", type=VIEW_TIME, help="How moving obstacles enter an interval.")
 @click.option("--kinematics", default="relative", type=KINEMATICS, help="Textbook arm, or Eq. (8) as printed.")
+@click.option("--cells", help="With --method certified: cells of each axis, separated by commas.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
 @plainly
-def solve(nodes: int, steps: int, method: str, view_time: str, kinematics: str, output: Path) -> None:
+def solve(
+    nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
+) -> None:
     """Solve the arm case study and write its look-up table."""
+    counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
-    table = sdhj.solve(problem, method=method)
+    table = sdhj.solve(problem, method=method, cells=counts)
     table.save(output)
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
     click.echo(f"{output}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
@@ -238,10 +250,7 @@ def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
     """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
     from sdhj import bench
 
-    try:
-        counts = [int(part) for part in nodes.split(",")]
-    except ValueError:
-        raise ValueError(f"--nodes must be whole numbers separated by commas, got {nodes!r}") from None
+    counts = whole_numbers("nodes", nodes)
     writable_picture(output)
     report = bench.measure(counts, repeats=repeats, with_peer=peer)
     click.echo(bench.table(report) + "\n")

@@ -102,6 +102,12 @@ def test_solve_makes_certified_tables(monkeypatch):
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
 
 
+def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
+    monkeypatch.setattr("sdhj.memory.available", lambda: 10_000_000)
+    with pytest.raises(MemoryError, match="cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
+        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), method="certified", cells=(210, 210, 36, 36))
+
+
 def test_solve_certifies_a_problem_of_ones_own():
     problem = interval_problem(steps=2)
     bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})

@@ -32,6 +32,17 @@ def test_solve_writes_a_table_that_loads(saved):
     assert table.method == "hji" and table.grid.shape == (9,) * 4 and table.steps == 3
 
 
+def test_cells_go_with_the_certified_method(tmp_path):
+    path = tmp_path / "certified.h5"
+    options = ["--nodes", 9, "--steps", 1, "-o", path]
+    result = run("solve", *options, "--method", "certified", "--cells", "42,42,12,12")
+    assert result.exit_code == 0, result.output
+    assert sdhj.load(path).sets.shape == (42, 42, 12, 12)
+    for wrong in (["--cells", "42,42,12,12"], ["--method", "certified", "--cells", "many"]):
+        refused = run("solve", *options, *wrong)
+        assert refused.exit_code == 2 and "cells" in refused.output and "Traceback" not in refused.output
+
+
 def test_info_tells_what_the_file_holds(saved):
     result = run("info", saved)
     assert result.exit_code == 0
