@@ -219,14 +219,9 @@ class ArmRecursion:
         self.stage = scene(problem)
         self.n1, self.n2, nx, ny = (axis.count for axis in axes)
         self.words = -(-nx * ny // 64)
-        held = (
-            len(problem.inputs) + problem.steps + 4
-        )  # sets of cells at a time: clear ones, one for each step, scratch
-        require(
-            8 * held * self.n1 * self.n2 * self.words,
-            f"certifying {nx * ny * self.n1 * self.n2:.1e} cells",
-            "use fewer cells",
-        )
+        held = len(problem.inputs) + problem.steps + 4  # where each input is clear, the set of each step, scratch
+        needed = 8 * held * self.n1 * self.n2 * self.words
+        require(needed, f"certifying {self.n1 * self.n2 * nx * ny:.1e} cells", "use fewer cells")
         self.shifts, self.passes = packed_window(motion.window, nx, ny)
         self.chunks = [np.zeros((1, self.words), np.uint64)]  # of the pool; its first block is empty
         self.blocks = 1
