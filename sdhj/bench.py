@@ -12,6 +12,7 @@ controller's answers.
 """
 
 import importlib.metadata
+import itertools
 import os
 import platform
 import time
@@ -356,23 +357,35 @@ def table(report: Report) -> str:
     return "\n".join(lines)
 
 
+LOOKS = (
+    ("#a8330f", "--", "s"),
+    ("#0b3c5d", "-", "o"),
+    ("#46ab9f", "-.", "^"),
+    ("#8c8c8c", ":", "D"),
+    ("#000000", "-", "x"),
+)
+
+
 def plot(report: Report, path: str | os.PathLike[str]) -> Path:
     """Draw time against nodes and error against time, both logarithmic, to a file; returns its path."""
-    from matplotlib.figure import Figure
+    from sdhj import plotting
 
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for name, threads in dict.fromkeys((row.solver, row.threads) for row in report.rows):
-        rows = [row for row in report.rows if (row.solver, row.threads) == (name, threads)]
-        label = f"{name}, {threads} thread{'s' if threads > 1 else ''}"
-        left.loglog([row.nodes**4 for row in rows], [row.seconds for row in rows], "o-", label=label)
-        right.loglog([row.seconds for row in rows], [row.error for row in rows], "o-", label=label)
-    left.set(xlabel="nodes", ylabel="time of one reach problem, s", title="Time")
-    right.set(xlabel="time, s", ylabel="mean error near the boundary", title="Error for the time")
-    left.legend(fontsize="small")
-    figure.suptitle(report.machine, fontsize="small")
-    with replaced_whole(path) as temporary:
-        figure.savefig(temporary)
+    with plotting.style():
+        figure = plotting.new_figure(7.0, 3.8)
+        left, right = figure.subplots(1, 2)
+        pairs = dict.fromkeys((row.solver, row.threads) for row in report.rows)
+        for (name, threads), (colour, line, marker) in zip(pairs, itertools.cycle(LOOKS), strict=False):
+            rows = [row for row in report.rows if (row.solver, row.threads) == (name, threads)]
+            label = f"{name}, {threads} thread{'s' if threads > 1 else ''}"
+            looks = {"color": colour, "linestyle": line, "marker": marker, "label": label}
+            left.loglog([row.nodes**4 for row in rows], [row.seconds for row in rows], **looks)
+            right.loglog([row.seconds for row in rows], [row.error for row in rows], **looks)
+        left.set(xlabel="nodes", ylabel="time of one reach problem (s)")
+        right.set(xlabel="time of one reach problem (s)", ylabel="mean error near the boundary")
+        figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        left.set_title(report.machine, fontsize=7, loc="left")
+        with replaced_whole(path) as temporary:
+            figure.savefig(temporary)
     return Path(path)
 
 
