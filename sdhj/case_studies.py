@@ -9,6 +9,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -255,6 +256,11 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
     return _scene(dict(zip(("builder", "arguments"), _checked_recipe(problem.recipe), strict=True)))
 
 
+@cache
+def _parameters(builder: str) -> frozenset[str]:
+    return frozenset(inspect.signature(BUILDERS[builder]).parameters)
+
+
 def _checked_recipe(recipe: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
     """Builder and arguments of a recipe, complete and known."""
     if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
@@ -262,7 +268,7 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
     builder, arguments = recipe["builder"], recipe["arguments"]
     if builder not in BUILDERS:
         raise ValueError(f"unknown builder {builder!r}; this version knows {', '.join(BUILDERS)}")
-    odd = set(arguments) ^ set(inspect.signature(BUILDERS[builder]).parameters)
+    odd = set(arguments) ^ _parameters(builder)
     if odd:
         raise ValueError(
             f"the recipe and {builder} disagree about {', '.join(sorted(odd))}: it was written by another version; "
