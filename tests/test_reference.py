@@ -45,4 +45,6 @@ def test_tubes_are_sharp_and_within_the_reference(reference, name):
         shares = f"{inside.mean():.4f} {truth.mean():.4f}"
         print(f"  {n} {shares} {wrong:.1e} {(inside & ~truth).mean():.1e} {missed:.1e}")
         assert wrong <= WRONG
+    volume = [table.grid.fraction(bits.reshape(table.grid.shape)) for bits in (inside, truth)]
+    print(f"  share of the volume: {volume[0]:.4f}, in truth {volume[1]:.4f}")
     assert inside.mean() >= least
