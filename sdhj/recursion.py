@@ -25,7 +25,7 @@ GAMES = ("decomposed", "joint")
 OPTIONS = {  # what each stands for where it is not given, and the methods that read it
     "scheme": (None, ("hji", "projected", "lax")),
     "games": ("decomposed", ("hji",)),
-    "interpolation": ("limited", ("hji", "projected", "lax")),
+    "interpolation": ("limited", ("lax", "projected")),
     "subspaces": (None, ("projected",)),
     "inner": ("hji", ("projected",)),
     "cells": (None, ("certified",)),
@@ -98,7 +98,7 @@ def solve(
     games : {"decomposed", "joint"}
         For "hji": reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
     interpolation : {"limited", "linear"}
-        For "lax".
+        For "lax", and for "projected" with inner="lax".
     subspaces : sequence of sequence of int, optional
         For "projected": the axes that each subspace keeps. By default each axis that no input drives is dropped, one at
         a time; for the case studies those are the paper's (0, 1, 2) and (0, 1, 3).
@@ -169,6 +169,9 @@ def _check_options(problem: ReachAvoidProblem, method: str, given: dict[str, Any
         if changed and method not in methods:
             fitting = " or ".join(f'"{one}"' for one in methods)
             raise ValueError(f"{name}={given[name]!r} goes with method={fitting}, got method={method!r}")
+    other = given["interpolation"] != OPTIONS["interpolation"][0]
+    if other and method == "projected" and given["inner"] != "lax":
+        raise ValueError(f'interpolation={given["interpolation"]!r} goes with inner="lax", got {given["inner"]!r}')
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:

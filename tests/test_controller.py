@@ -22,7 +22,8 @@ FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
 def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
     """With linear interpolation "lax" is the operator the controller looks ahead with, and exact on the interval."""
-    return sdhj.solve(problem, method=method, scheme=DOUBLE, interpolation="linear", progress=False)
+    options = {"interpolation": "linear"} if method == "lax" else {}
+    return sdhj.solve(problem, method=method, scheme=DOUBLE, progress=False, **options)
 
 
 @cache

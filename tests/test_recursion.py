@@ -181,6 +181,8 @@ def test_single_precision_moves_the_shares_by_little():
         ),
         ({"method": "certified", "subspaces": [[0]]}, 'subspaces=.* goes with method="projected", got'),
         ({"method": "certified", "interpolation": "linear"}, "interpolation='linear' goes with"),
+        ({"interpolation": "linear"}, "interpolation='linear' goes with method=\"lax\" or .*, got method='hji'"),
+        ({"method": "projected", "interpolation": "linear"}, "goes with inner=\"lax\", got 'hji'"),
     ],
 )
 def test_unknown_options_are_named(options, named):
