@@ -394,7 +394,7 @@ def _advance_lax_friedrichs4(out, first, phi, count, here, near, low, high, whol
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_constant(phi, first, out, wall, flux, layout, dt, keep):
+def stage_constant(phi, first, out, wall, flux, scratch, layout, dt, keep):
     """One Runge-Kutta stage for a box of velocities that does not depend on the state.
 
     out = keep * first + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
@@ -402,15 +402,15 @@ def stage_constant(phi, first, out, wall, flux, layout, dt, keep):
     phi, first, out : (planes, plane) values as `Layout` has them; `out` is written, ghost nodes included.
     wall : the obstacle, likewise, or (0, 0) for none.
     flux : (ndim, 5) coefficients of `flux_coefficients`, divided by dx.
+    scratch : (blocks, 1, longest run), to be overwritten.
     """
     tasks = layout.near.shape[0] * layout.chunks
     blocks = min(tasks, BLOCKS)
     for block in prange(blocks):
-        scratch = np.empty(phi.shape[1], phi.dtype)
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            rhs = scratch[: stop - start]
+            rhs = scratch[block, 0, : stop - start]
             rhs[:] = 0.0
             for axis in range(flux.shape[0]):
                 _add_axis(rhs, phi, layout, plane, axis, start, stop, flux[axis])
@@ -419,26 +419,27 @@ def stage_constant(phi, first, out, wall, flux, layout, dt, keep):
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, layout, dt, keep, godunov):
+def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, godunov, scratch, layout, dt, keep):
     """As `stage_constant`, for velocities that depend on the state or are coupled.
 
     low, high : (ndim, planes, plane), the extreme velocities of each axis.
     drift, gain : (modes, ndim, planes, plane) and (modes, ndim, D, planes, plane): H = max over modes of
         p . drift + sum_d |p . gain_d|, by Lax-Friedrichs; no modes where the velocities are the box [low, high].
     Any of the four has one plane instead of all where it does not depend on the state.
+    scratch : as for `stage_constant`, (blocks, ndim + 5, longest run).
     """
     ndim = low.shape[0]
     tasks = layout.near.shape[0] * layout.chunks
     blocks = min(tasks, BLOCKS)
     for block in prange(blocks):
-        scratch = np.empty((ndim + 5, phi.shape[1]), phi.dtype)
+        own = scratch[block]
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            rhs, up = scratch[ndim, : stop - start], scratch[ndim + 1, : stop - start]
+            rhs, up = own[ndim, : stop - start], own[ndim + 1, : stop - start]
             rhs[:] = 0.0
             for axis in range(ndim):
-                down = scratch[axis, : stop - start]
+                down = own[axis, : stop - start]
                 a = low[axis, min(plane, low.shape[1] - 1), start:stop]
                 b = high[axis, min(plane, high.shape[1] - 1), start:stop]
                 _differences(down, up, phi, layout, plane, axis, start, stop)
@@ -447,7 +448,7 @@ def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, layout
                 else:
                     _mean_and_dissipation(rhs, down, up, a, b, inverse[axis])
             if drift.shape[0] > 0:
-                _add_coupled(rhs, scratch, drift, gain, plane, start, stop)
+                _add_coupled(rhs, own, drift, gain, plane, start, stop)
             _advance(out[plane, start:stop], first[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
             _finish(out, wall, layout, span)
 
@@ -469,7 +470,7 @@ def stage_constant4(phi, first, out, wall, flux, layout, dt, keep):
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_box4(phi, first, out, wall, low, high, inverse, layout, dt, keep, godunov):
+def stage_box4(phi, first, out, wall, low, high, inverse, godunov, layout, dt, keep):
     """`stage_general` in four dimensions at second order, for boxes; low and high have all planes."""
     size = phi.shape[1]
     flat = out.ravel(), first.ravel(), phi.ravel()

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.scheme_kernels import Layout, stage_box4, stage_constant, stage_constant4, stage_general, to_planes
+from sdhj.scheme_kernels import BLOCKS, Layout, stage_box4, stage_constant, stage_constant4, stage_general, to_planes
 
 FLUXES = ("godunov", "lax-friedrichs")
 ORDERS = (1, 2, 3)
@@ -198,28 +198,38 @@ def _field(layout: Layout, values: FloatArray, leading: int, dtype: str) -> Floa
 
 def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -> Callable[..., None]:
     """The kernel that fits the velocities, with all it reads of them: stage(phi, first, out, wall, dt, keep)."""
-    inverse, kind = 1.0 / np.array(grid.spacing), np.dtype(scheme.dtype).type
-    lower, upper, fused = velocities.lower, velocities.upper, (grid.ndim, scheme.order) == (4, 2)
-    if lower.ndim == 1 and not velocities.coupled:
-        flux = (flux_coefficients(lower, upper, scheme.flux) * inverse).T.astype(scheme.dtype, order="C")
-        constant = stage_constant4 if fused else stage_constant
-        return lambda phi, first, out, wall, dt, keep: constant(
-            phi, first, out, wall, flux, layout, kind(dt), kind(keep)
-        )
-    none = np.empty((0, grid.ndim))
-    drift = none if velocities.drift is None else velocities.drift
-    gain = none[..., None] if velocities.gain is None else velocities.gain
-    low, high, drift, gain = (
-        _field(layout, part, leading, scheme.dtype) for part, leading in ((lower, 1), (upper, 1), (drift, 2), (gain, 3))
-    )
-    inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
-    if fused and not velocities.coupled:
-        return lambda phi, first, out, wall, dt, keep: stage_box4(
-            phi, first, out, wall, low, high, inverse, layout, kind(dt), kind(keep), godunov
-        )
-    return lambda phi, first, out, wall, dt, keep: stage_general(
-        phi, first, out, wall, low, high, drift, gain, inverse, layout, kind(dt), kind(keep), godunov
-    )
+    kind, fused = np.dtype(scheme.dtype).type, (grid.ndim, scheme.order) == (4, 2)
+    inverse = 1.0 / np.array(grid.spacing)
+    kernel: Any
+    reads: tuple[Any, ...]
+    if velocities.lower.ndim == 1 and not velocities.coupled:
+        flux = flux_coefficients(velocities.lower, velocities.upper, scheme.flux) * inverse
+        kernel, reads = stage_constant4, (flux.T.astype(scheme.dtype, order="C"),)
+        if not fused:
+            kernel, reads = stage_constant, (*reads, _scratch(layout, 1, scheme.dtype))
+    else:
+        none = np.empty((0, grid.ndim))
+        drift = none if velocities.drift is None else velocities.drift
+        gain = none[..., None] if velocities.gain is None else velocities.gain
+        parts = ((velocities.lower, 1), (velocities.upper, 1), (drift, 2), (gain, 3))
+        fields = [_field(layout, part, leading, scheme.dtype) for part, leading in parts]
+        inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
+        if fused and not velocities.coupled:
+            kernel, reads = stage_box4, (*fields[:2], inverse, godunov)
+        else:
+            scratch = _scratch(layout, grid.ndim + 5, scheme.dtype)
+            kernel, reads = stage_general, (*fields, inverse, godunov, scratch)
+
+    def stage(phi: FloatArray, first: FloatArray, out: FloatArray, wall: FloatArray, dt: float, keep: float) -> None:
+        kernel(phi, first, out, wall, *reads, layout, kind(dt), kind(keep))
+
+    return stage
+
+
+def _scratch(layout: Layout, rows: int, dtype: str) -> FloatArray:
+    """Room for every block of a stage to work in: (blocks, rows, longest run)."""
+    blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
+    return np.empty((blocks, rows, -(-layout.rows // layout.chunks) * layout.width), dtype)
 
 
 def evolve(
