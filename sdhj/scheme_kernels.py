@@ -293,18 +293,13 @@ def _finish(out, wall, layout, span):
 
 @njit(cache=True, inline="always")
 def _around(layout, plane, axis, start, size):
-    """Where, in all planes behind one another, the nodes -2, -1, 1, 2 along an axis from `start` in a plane lie."""
+    """Where the nodes -2, -1, 1, 2 along an axis from `start` in a plane are, in all planes behind one another."""
     if axis < 2:
         n = layout.near[plane, axis]
         m2, m1, p1, p2 = n[0] * size, n[1] * size, n[3] * size, n[4] * size
     else:
-        stride = layout.strides[axis - 2]
-        m2, m1, p1, p2 = (
-            plane * size - 2 * stride,
-            plane * size - stride,
-            plane * size + stride,
-            plane * size + 2 * stride,
-        )
+        here, stride = plane * size, layout.strides[axis - 2]
+        m2, m1, p1, p2 = here - 2 * stride, here - stride, here + stride, here + 2 * stride
     return np.uint64(m2 + start), np.uint64(m1 + start), np.uint64(p1 + start), np.uint64(p2 + start)
 
 
