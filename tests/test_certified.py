@@ -86,7 +86,8 @@ def test_image_holds_the_worst_adversary(periodic, extent, cells, drift, push, d
     """The ends of the cell, moved by the extreme and the middle velocities, are in the cells of the image."""
     length = Fraction(extent, 100)
     width = length / cells if not periodic else length * 7 / (7 * cells - 3)  # a seam cell of 4/7 of the others
-    axis = CellAxis(Fraction(0), (length - doubt * length / 2**49, length + doubt * length / 2**49), width, periodic)
+    error = doubt * periodic * length / 2**49  # only a period may be known to some digits
+    axis = CellAxis(Fraction(0), (length - error, length + error), width, periodic)
     slow, fast = Fraction(drift - push, 100), Fraction(drift + push, 100)
     first, number = axis.image(slow, fast, Fraction(1))
     edges = axis.edges()
