@@ -306,10 +306,14 @@ class Controller:
         return batch
 
     def _by_cell(self, states: FloatArray) -> FloatArray:
-        """The order that brings states of one cell together: they read the same nodes."""
+        """The order that brings states of neighbouring cells together: they read the same nodes.
+
+        Which cells count as one follows from their places fitting in 16 bits, which are sorted ten times as fast.
+        """
         lower, spacing, shape, _ = self.problem.grid.arrays
         cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
-        return np.argsort(np.ravel_multi_index(tuple(cells.T), tuple(shape)), kind="stable")
+        places = np.ravel_multi_index(tuple(cells.T), tuple(shape))
+        return np.argsort((places // (self.problem.grid.size // 2**16 + 1)).astype(np.uint16), kind="stable")
 
     def _decide_rows(self, batch: Batch, rows: FloatArray) -> None:
         reach = self._reach or _own_intervals(*reachable_boxes(self.problem, batch.states[rows]))
@@ -345,8 +349,11 @@ def _shared_intervals(low: FloatArray, high: FloatArray) -> tuple[Any, ...]:
     filled = np.zeros((2, 1, number.max(), ndim))
     for axis in range(ndim):
         filled[:, 0, : number[axis], axis] = intervals[axis].T
-    kinds = np.ascontiguousarray(places[:, order])
-    return filled[0], filled[1], (number[order], order, kinds, np.lexsort(kinds.T[::-1]))
+    sequence = np.lexsort(places[:, order[::-1]].T)
+    kinds = np.ascontiguousarray(places[np.ix_(sequence, order)])
+    agree = np.zeros(inputs, dtype=np.int64)
+    agree[1:] = np.cumprod(kinds[1:] == kinds[:-1], axis=1).sum(axis=1)
+    return filled[0], filled[1], (number[order], order, kinds, sequence, agree)
 
 
 def _own_intervals(low: FloatArray, high: FloatArray) -> tuple[Any, ...]:
@@ -354,12 +361,12 @@ def _own_intervals(low: FloatArray, high: FloatArray) -> tuple[Any, ...]:
     inputs, ndim = low.shape[1:]
     every = np.arange(inputs)
     kinds = np.ascontiguousarray(np.broadcast_to(every[:, None], (inputs, ndim)))
-    return low, high, (np.full(ndim, inputs), np.arange(ndim), kinds, every)
+    return low, high, (np.full(ndim, inputs), np.arange(ndim), kinds, every, np.zeros(inputs, dtype=np.int64))
 
 
 def _room(grid: Grid, reach: tuple[Any, ...]) -> int:
     """How many nodes, at most, the boxes of one state touch, all inputs together."""
-    low, high, (number, order, _, _) = reach
+    low, high, (number, order, _, _, _) = reach
     room = np.ones(low.shape[0])
     for a, axis in enumerate(order):
         extent = high[:, : number[a], axis].max(axis=1) - low[:, : number[a], axis].min(axis=1)

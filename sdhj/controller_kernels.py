@@ -1,7 +1,9 @@
 """Compiled look-ups behind the controller: how many steps to go, which inputs are safe, and by how much.
 
 Serial, without allocation and without Python's lock (`nogil`): a query may run in a thread beside a solve, and a batch
-is shared out over threads.
+is shared out over threads. `_nrt=False` leaves out Numba's counting of references to arrays: every view would raise and
+lower a count that all threads share, which takes as long as the work on it. Whatever would allocate, the compiler then
+refuses.
 
 A *span* is the stretch of consecutive nodes on one axis that an interval of coordinates touches; a *block* holds the
 values at a product of spans. `grid` is the tuple (lower, spacing, shape, periodic) of `Grid.arrays`.
@@ -15,7 +17,7 @@ SLACK = 1e-6  # cells beyond a wall that still count as on it, as in `sdhj.inter
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False, inline="always")
 def _span(low, high, origin, spacing, nodes, periodic):
     """(first node, count of nodes, weight of the second node at `low`, weight of the last node at `high`).
 
@@ -35,7 +37,7 @@ def _span(low, high, origin, spacing, nodes, periodic):
     return base, top - base + 2, first - base, last - top
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _on_grid(state, grid):
     """Whether a state is finite and within the walls."""
     lower, spacing, shape, periodic = grid
@@ -48,7 +50,7 @@ def _on_grid(state, grid):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _corners(state, axes, grid, index, weight):
     """Flat indices and weights of the nodes around a state on the subgrid of `axes`; returns how many.
 
@@ -81,7 +83,7 @@ def _corners(state, axes, grid, index, weight):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _interpolated(values, index, weight, count):
     total = 0.0
     for c in range(count):
@@ -89,7 +91,7 @@ def _interpolated(values, index, weight, count):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _fewest_steps(tubes, first, most, index, weight, count):
     """Fewest n in 0..most with an interpolated tubes[first + n] <= 0, or -1. Tubes grow with n: bisection."""
     if not (_interpolated(tubes[first + most], index, weight, count) <= 0.0):
@@ -105,10 +107,10 @@ def _fewest_steps(tubes, first, most, index, weight, count):
     return low
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _spans(state, low, high, boxes, grid, spans):
     """Spans of every interval around a state, and on each axis their union; `spans` is written, see `decide`."""
-    number, order, _, _ = boxes
+    number, order, _, _, _ = boxes
     lower, spacing, shape, periodic = grid
     first, counts, near, far, begin, width, _, _ = spans
     for a in range(order.size):
@@ -128,7 +130,7 @@ def _spans(state, low, high, boxes, grid, spans):
         width[a] = end - begin[a]
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _gather(values, order, begin, width, shape, offsets, block):
     """Copy flat `values` at the union of the spans to the front of `block`, the axis order[0] slowest."""
     offsets[0] = 0
@@ -144,60 +146,81 @@ def _gather(values, order, begin, width, shape, offsets, block):
             node = start + i
             while node >= nodes:
                 node -= nodes
+            copy = offsets[i * size : (i + 1) * size]
             for c in range(size):
-                offsets[i * size + c] = offsets[c] + node * stride
+                copy[c] = offsets[c] + node * stride
         size *= width[a]
     for c in range(size):
         block[c] = values[offsets[c]]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def _reduce(block, source, target, nodes, rest, near, far):
     """Maximum over an interval along the leading axis of block[source:] (nodes, rest), to block[target:] (rest,).
 
-    near and far: weight of the second node at the interval's low end, of the last node at its high end.
+    near and far: weight of the second node at the interval's low end, of the last node at its high end. Views, because
+    loops over them vectorise.
     """
-    second = source + rest
     last = source + (nodes - 1) * rest
+    first = block[source : source + rest]
+    second = block[source + rest : source + 2 * rest]
+    before_last = block[last - rest : last]
+    final = block[last : last + rest]
+    out = block[target : target + rest]
     for i in range(rest):
-        low = (1.0 - near) * block[source + i] + near * block[second + i]
-        high = (1.0 - far) * block[last - rest + i] + far * block[last + i]
-        block[target + i] = max(low, high)
+        low = (1.0 - near) * first[i] + near * second[i]
+        high = (1.0 - far) * before_last[i] + far * final[i]
+        out[i] = max(low, high)
     for node in range(1, nodes - 1):
+        within = block[source + node * rest : source + (node + 1) * rest]
         for i in range(rest):
-            block[target + i] = max(block[target + i], block[source + node * rest + i])
+            out[i] = max(out[i], within[i])
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False, inline="always")
+def _largest(block, source, nodes, near, far):
+    """`_reduce` along the last axis, where one value stands behind each node; without a branch up to four nodes."""
+    last = source + nodes - 1
+    second = block[source + 1]
+    before_last = block[last - 1]
+    low = (1.0 - near) * block[source] + near * second
+    high = (1.0 - far) * before_last + far * block[last]
+    ends = max(low, high)
+    within = max(second, before_last)
+    value = max(ends, within) if nodes > 2 else ends
+    for node in range(source + 2, last - 1):
+        value = max(value, block[node])
+    return value
+
+
+@njit(cache=True, _nrt=False)
 def _worst_values(values, boxes, shape, spans, offsets, block, out):
     """out[j] = maximum of the interpolated `values` over the box of input j, whose spans are given.
 
     The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side. Inputs come in an order in
     which neighbours agree on the leading axes, and share the work there.
     """
-    _, order, kinds, sequence = boxes
+    _, order, kinds, sequence, agree = boxes
     first, counts, near, far, begin, width, rest, source = spans
-    ndim = order.size
+    final = order.size - 1
     _gather(values, order, begin, width, shape, offsets, block)
-    rest[ndim - 1] = 1
-    for a in range(ndim - 1, 0, -1):
+    rest[final] = 1
+    for a in range(final, 0, -1):
         rest[a - 1] = rest[a] * width[a]
     source[0] = 0  # where in `block` the values lie that axis order[a] is reduced from
-    for a in range(ndim):
+    for a in range(final):
         source[a + 1] = source[a] + rest[a] * width[a]
     for place in range(sequence.size):
-        j = sequence[place]
-        fresh = place == 0
-        for a in range(ndim):
-            g = kinds[j, a]
-            fresh = fresh or g != kinds[sequence[place - 1], a]
-            if fresh:
-                start = source[a] + (first[a, g] - begin[a]) * rest[a]
-                _reduce(block, start, source[a + 1], counts[a, g], rest[a], near[a, g], far[a, g])
-        out[j] = block[source[ndim]]
+        for a in range(agree[place], final):
+            g = kinds[place, a]
+            start = source[a] + (first[a, g] - begin[a]) * rest[a]
+            _reduce(block, start, source[a + 1], counts[a, g], rest[a], near[a, g], far[a, g])
+        g = kinds[place, final]
+        start = source[final] + first[final, g] - begin[final]
+        out[sequence[place]] = _largest(block, start, counts[final, g], near[final, g], far[final, g])
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _marked(mask, index, count, marked):
     """marked[j] = whether every node around a state marks u_j; `mask` (bytes, size) as in the look-up table."""
     for byte in range(mask.shape[0]):
@@ -208,14 +231,14 @@ def _marked(mask, index, count, marked):
             marked[j] = (bits >> np.uint8(j - 8 * byte)) & 1
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _avoid_value(static, moving, j, index, weight, counts):
     """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
     still = _interpolated(static[j], index[0], weight[0], counts[0])
     return max(still, _interpolated(moving[j], index[1], weight[1], counts[1]))
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _take_marked(margin, marked, safe):
     """safe[j] where every node marks u_j, whose interpolated avoid tube is then <= 0 too; whether any input is safe."""
     found = False
@@ -225,7 +248,7 @@ def _take_marked(margin, marked, safe):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _judge(margin, static, moving, index, weight, counts, safe):
     """safe[j] from the worst values in `margin` where no marked input is; see the docstring of `sdhj.controller`."""
     found = False
@@ -239,7 +262,7 @@ def _judge(margin, static, moving, index, weight, counts, safe):
     safe[np.argmin(margin)] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, _nrt=False, nogil=True)
 def decide(states, rows, step, table, reach, grid, scratch, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
@@ -251,8 +274,9 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
         Of the look-up table; static (L, size of its subgrid), moving (steps, L, size of its subgrid).
     reach : (low, high (1 or R, G, ndim), boxes)
         Intervals on each axis, relative to the state, and which of them make up the box of states that each input can
-        lead to: boxes = (number (ndim,), order (ndim,), kinds (L, ndim), sequence (L,)). Axis order[a] has number[a]
-        different intervals and input j takes the one at kinds[j, a]; `sequence` sorts the inputs by `kinds`.
+        lead to: boxes = (number (ndim,), order (ndim,), kinds (L, ndim), sequence (L,), agree (L,)). Axis order[a] has
+        number[a] different intervals. Inputs come in the order of `sequence`; there, input sequence[i] takes the
+        interval at kinds[i, a], the same one as the input before it on the first agree[i] of the axes.
     scratch : (index, weight, everything, avoid_index, avoid_weight, spans, offsets, block, marked)
         Room to work in, from `sdhj.controller`.
     out : (to_go (M,), safe (M, L), margin (M, L))
@@ -290,7 +314,7 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
             _judge(margin[m], static, moving[step], avoid_index, avoid_weight, counts, safe[m])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, _nrt=False, nogil=True)
 def tube_values(points, places, tubes, grid, scratch, out):
     """out[m, v] = the interpolated tube tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 
