@@ -9,14 +9,14 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number, skeleton_distance
+from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number, skeleton_clearance
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
@@ -34,6 +34,8 @@ OBSTACLES = (
 
 def _in_blocks(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
     """function(points) (M,) for points (M, n), in blocks of rows so that intermediate results stay small."""
+    if len(points) <= BLOCK:
+        return function(points)
     out = np.empty(len(points))
     for start in range(0, len(points), BLOCK):
         out[start : start + BLOCK] = function(points[start : start + BLOCK])
@@ -76,12 +78,18 @@ class ArmScene:
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
         elbow, tip = self.arm.joints(q)  # once for all obstacles: the costly part
-        return np.minimum.reduce(
-            [
-                skeleton_distance(elbow, tip, disk.centre(t)) - disk.radius - self.arm.half_width
-                for disk in self.obstacles
-            ]
-        )
+        centres, radii = self._disks(t)
+        return skeleton_clearance(elbow, tip, centres, radii) - self.arm.half_width
+
+    @cached_property
+    def _disks(self) -> Callable[[float], tuple[FloatArray, FloatArray]]:
+        """Centres and radii of the obstacles at a time; kept, as questions come in numbers for few times."""
+
+        @lru_cache(maxsize=64)
+        def disks(t: float) -> tuple[FloatArray, FloatArray]:
+            return np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
+
+        return disks
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""

@@ -103,6 +103,7 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"} or callable (Choice) -> int
         Which safe input `select` takes: the one of least margin; the smallest in norm; the one whose successor is
         nearest to the target, or farthest from the unsafe sets, without an adversary; or what your function returns.
+        "target" and "clearance" call the problem's own level-set functions, and last as long as those do.
 
     Raises
     ------
@@ -222,23 +223,22 @@ class Controller:
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""
-        chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
-        some = np.flatnonzero(batch.safe.any(axis=1))
+        some = batch.safe.any(axis=1)
         if callable(self.rule):
-            for row in some:
+            chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
+            for row in np.flatnonzero(some):
                 chosen[row] = self._own_rule(batch, int(row))
             return chosen
         if self.rule == "deepest":
             score = np.where(batch.safe, batch.margins, np.inf)
         else:
             score = np.full(batch.safe.shape, np.inf)
-            score[batch.safe] = self._score(batch)
-            if np.isnan(score).any():
+            score[batch.safe] = scores = self._score(batch)
+            if np.isnan(scores).any():
                 raise ValueError(f"rule {self.rule!r} met a NaN in the level-set functions of the problem")
             best = score.min(axis=1, keepdims=True)
             score = np.where(score <= best, batch.margins, np.inf)  # the deeper of two equals
-        chosen[some] = score[some].argmin(axis=1)
-        return chosen
+        return np.where(some, score.argmin(axis=1), NOT_ADMISSIBLE)
 
     def _own_rule(self, batch: Batch, row: int) -> int:
         candidates = np.flatnonzero(batch.safe[row])

@@ -1,13 +1,13 @@
 """Compiled look-ups behind the controller: how many steps to go, which inputs are safe, and by how much.
 
 Serial, without allocation and without Python's lock (`nogil`): a query may run in a thread beside a solve, and a batch
-is shared out over threads. `_nrt=False` leaves out Numba's counting of references to arrays: every view would raise and
-lower a count that all threads share, which takes as long as the work on it. Whatever would allocate, the compiler then
-refuses.
+is shared out over threads.
 
 A *span* is the stretch of consecutive nodes on one axis that an interval of coordinates touches; a *block* holds the
 values at a product of spans. `grid` is the tuple (lower, spacing, shape, periodic) of `Grid.arrays`.
 """
+
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,9 +15,12 @@ from numba import njit
 FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it in a cell
 SLACK = 1e-6  # cells beyond a wall that still count as on it, as in `sdhj.interpolation`
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
+# Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
+# share, and many loops here are shorter. Without the counts the compiler also refuses whatever would allocate.
+UNCOUNTED: Any = {"_nrt": False}
 
 
-@njit(cache=True, _nrt=False, inline="always")
+@njit(cache=True, inline="always", **UNCOUNTED)
 def _span(low, high, origin, spacing, nodes, periodic):
     """(first node, count of nodes, weight of the second node at `low`, weight of the last node at `high`).
 
@@ -37,7 +40,7 @@ def _span(low, high, origin, spacing, nodes, periodic):
     return base, top - base + 2, first - base, last - top
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _on_grid(state, grid):
     """Whether a state is finite and within the walls."""
     lower, spacing, shape, periodic = grid
@@ -50,7 +53,7 @@ def _on_grid(state, grid):
     return True
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _corners(state, axes, grid, index, weight):
     """Flat indices and weights of the nodes around a state on the subgrid of `axes`; returns how many.
 
@@ -83,7 +86,7 @@ def _corners(state, axes, grid, index, weight):
     return count
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _interpolated(values, index, weight, count):
     total = 0.0
     for c in range(count):
@@ -91,7 +94,7 @@ def _interpolated(values, index, weight, count):
     return total
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _fewest_steps(tubes, first, most, index, weight, count):
     """Fewest n in 0..most with an interpolated tubes[first + n] <= 0, or -1. Tubes grow with n: bisection."""
     if not (_interpolated(tubes[first + most], index, weight, count) <= 0.0):
@@ -107,7 +110,7 @@ def _fewest_steps(tubes, first, most, index, weight, count):
     return low
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _spans(state, low, high, boxes, grid, spans):
     """Spans of every interval around a state, and on each axis their union; `spans` is written, see `decide`."""
     number, order, _, _, _ = boxes
@@ -130,7 +133,7 @@ def _spans(state, low, high, boxes, grid, spans):
         width[a] = end - begin[a]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _gather(values, order, begin, width, shape, offsets, block):
     """Copy flat `values` at the union of the spans to the front of `block`, the axis order[0] slowest."""
     offsets[0] = 0
@@ -154,7 +157,7 @@ def _gather(values, order, begin, width, shape, offsets, block):
         block[c] = values[offsets[c]]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _reduce(block, source, target, nodes, rest, near, far):
     """Maximum over an interval along the leading axis of block[source:] (nodes, rest), to block[target:] (rest,).
 
@@ -177,7 +180,7 @@ def _reduce(block, source, target, nodes, rest, near, far):
             out[i] = max(out[i], within[i])
 
 
-@njit(cache=True, _nrt=False, inline="always")
+@njit(cache=True, inline="always", **UNCOUNTED)
 def _largest(block, source, nodes, near, far):
     """`_reduce` along the last axis, where one value stands behind each node; without a branch up to four nodes."""
     last = source + nodes - 1
@@ -193,7 +196,7 @@ def _largest(block, source, nodes, near, far):
     return value
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _worst_values(values, boxes, shape, spans, offsets, block, out):
     """out[j] = maximum of the interpolated `values` over the box of input j, whose spans are given.
 
@@ -220,7 +223,7 @@ def _worst_values(values, boxes, shape, spans, offsets, block, out):
         out[sequence[place]] = _largest(block, start, counts[final, g], near[final, g], far[final, g])
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _marked(mask, index, count, marked):
     """marked[j] = whether every node around a state marks u_j; `mask` (bytes, size) as in the look-up table."""
     for byte in range(mask.shape[0]):
@@ -231,14 +234,14 @@ def _marked(mask, index, count, marked):
             marked[j] = (bits >> np.uint8(j - 8 * byte)) & 1
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _avoid_value(static, moving, j, index, weight, counts):
     """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
     still = _interpolated(static[j], index[0], weight[0], counts[0])
     return max(still, _interpolated(moving[j], index[1], weight[1], counts[1]))
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _take_marked(margin, marked, safe):
     """safe[j] where every node marks u_j, whose interpolated avoid tube is then <= 0 too; whether any input is safe."""
     found = False
@@ -248,7 +251,7 @@ def _take_marked(margin, marked, safe):
     return found
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **UNCOUNTED)
 def _judge(margin, static, moving, index, weight, counts, safe):
     """safe[j] from the worst values in `margin` where no marked input is; see the docstring of `sdhj.controller`."""
     found = False
@@ -262,7 +265,7 @@ def _judge(margin, static, moving, index, weight, counts, safe):
     safe[np.argmin(margin)] = True
 
 
-@njit(cache=True, _nrt=False, nogil=True)
+@njit(cache=True, nogil=True, **UNCOUNTED)
 def decide(states, rows, step, table, reach, grid, scratch, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
@@ -314,7 +317,7 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
             _judge(margin[m], static, moving[step], avoid_index, avoid_weight, counts, safe[m])
 
 
-@njit(cache=True, _nrt=False, nogil=True)
+@njit(cache=True, nogil=True, **UNCOUNTED)
 def tube_values(points, places, tubes, grid, scratch, out):
     """out[m, v] = the interpolated tube tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 

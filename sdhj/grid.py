@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.interpolation import interpolate
+from sdhj.interpolation import interpolate, wrap
 from sdhj.memory import require
 
 FloatArray = NDArray[Any]
@@ -163,12 +163,13 @@ class Grid:
         """Points (M, ndim) with the coordinates of periodic axes between the ends, the upper one left out."""
         if not any(self.periodic):
             return points
-        points = np.array(points, dtype=np.float64)
-        for axis in np.flatnonzero(self.periodic):
-            low, high = self.lower[axis], self.upper[axis]
-            turned = low + np.mod(points[:, axis] - low, high - low)
-            points[:, axis] = np.where(turned < high, turned, low)  # rounding may reach the end
+        points = np.array(points, dtype=np.float64, order="C")
+        wrap(points, *self._ends)
         return points
+
+    @cached_property
+    def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
         """Interpolate multilinearly.
@@ -198,6 +199,12 @@ class Grid:
             np.array(self.shape, dtype=np.int64),
             np.array(self.periodic, dtype=np.bool_),
         )
+
+    @cached_property
+    def walls(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinate of each axis, both (ndim,); infinite where it is periodic."""
+        free = np.array(self.periodic)
+        return np.where(free, -np.inf, self.lower), np.where(free, np.inf, self.upper)
 
     @cached_property
     def weights(self) -> FloatArray:

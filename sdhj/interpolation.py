@@ -75,3 +75,13 @@ def interpolate(values, points, lower, spacing, shape, periodic):
             else:
                 out[m] = OUTSIDE
     return out
+
+
+@njit(cache=True, nogil=True)
+def wrap(points, lower, upper, periodic):
+    """Turn the coordinates of periodic axes to where they are between the ends, upper left out; `points` is written."""
+    for m in range(points.shape[0]):
+        for axis in range(points.shape[1]):
+            if periodic[axis]:
+                turned = lower[axis] + (points[m, axis] - lower[axis]) % (upper[axis] - lower[axis])
+                points[m, axis] = turned if turned < upper[axis] else lower[axis]  # rounding may reach the end

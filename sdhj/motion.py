@@ -8,8 +8,8 @@ from sdhj.problem import ReachAvoidProblem
 
 def clip_to_walls(grid: Grid, states: FloatArray) -> FloatArray:
     """States (M, ndim) with the coordinates of bounded axes clipped to the walls, as `Grid` says."""
-    free = np.array(grid.periodic)
-    return np.clip(states, np.where(free, -np.inf, grid.lower), np.where(free, np.inf, grid.upper))
+    low, high = grid.walls
+    return np.minimum(np.maximum(states, low), high)
 
 
 def drift(problem: ReachAvoidProblem, states: FloatArray, inputs: FloatArray) -> FloatArray:

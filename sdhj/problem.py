@@ -7,7 +7,7 @@ that a `ReachAvoidProblem` samples on its grid.
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -315,7 +315,7 @@ class ReachAvoidProblem:
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
-        return part.level_set(self.grid.wrapped(points)[:, part.axes], t)
+        return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def drift_at(self, points: FloatArray, j: int) -> FloatArray:
         """`Dynamics.drift_at`, periodic axes wrapped."""
@@ -331,8 +331,9 @@ class ReachAvoidProblem:
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        values = [self.value_of(part, points, t) for part in self.unsafe]
-        return np.minimum.reduce(values) if values else np.full(len(points), np.inf)
+        points = self.grid.wrapped(points)
+        values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
+        return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
 
     @cached_property
     def digest(self) -> str:

@@ -1,8 +1,8 @@
 """The planar workspace of the case study: a two-link arm and disks that move on known paths (Sec. 5.2 and 5.3).
 
-NumPy, one compiled loop, and nothing about grids. Lengths in metres, angles in radians, times in seconds. Distances are
-from the arm's *skeleton* (its two links as segments) to a point or to the trace of a moving point; an arm of half-width
-w is clear of a disk of radius r where ``distance - r - w > 0``.
+NumPy, short compiled loops, and nothing about grids. Lengths in metres, angles in radians, times in seconds. Distances
+are from the arm's *skeleton* (its two links as segments) to a point or to the trace of a moving point; an arm of
+half-width w is clear of a disk of radius r where ``distance - r - w > 0``.
 """
 
 import math
@@ -92,28 +92,59 @@ def skeleton_distance(elbow: FloatArray, tip: FloatArray, points: FloatArray) ->
     The smaller `point_segment_distance` of the two to the last bit, in one pass: runs spend most of their time here.
     """
     out = np.empty(len(elbow))
-    _skeleton_distance(elbow, tip, np.broadcast_to(points, elbow.shape), out)
+    _skeleton_distance(elbow, tip, points if points.ndim == 2 else np.broadcast_to(points, elbow.shape), out)
     return out
+
+
+def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
+    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks (D, 2), (D,); shape (M,)."""
+    out = np.empty(len(elbow))
+    _skeleton_clearance(elbow, tip, centres, radii, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
+    """Positions (M, 2) of the joints of arms whose links point to (cos, sin), each (M,); both are overwritten."""
+    for m in range(cos_1.size):
+        elbow[m, 0], elbow[m, 1] = lengths[0] * cos_1[m], lengths[0] * sin_1[m]
+        tip[m, 0], tip[m, 1] = elbow[m, 0] + lengths[1] * cos_2[m], elbow[m, 1] + lengths[1] * sin_2[m]
 
 
 @njit(cache=True, nogil=True)
 def _skeleton_distance(elbow, tip, points, out):
     """`skeleton_distance` into out (M,), overwritten."""
     for m in range(out.size):
-        x, y = points[m, 0], points[m, 1]
-        least = np.inf
-        for link in range(2):
-            from_x, from_y = (0.0, 0.0) if link == 0 else (elbow[m, 0], elbow[m, 1])
-            to_x, to_y = (elbow[m, 0], elbow[m, 1]) if link == 0 else (tip[m, 0], tip[m, 1])
-            along_x, along_y = to_x - from_x, to_y - from_y
-            square = along_x * along_x + along_y * along_y
-            foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
-            s = min(max(foot, 0.0), 1.0)
-            dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
-            distance = math.sqrt(dx * dx + dy * dy)
-            if not distance >= least:  # so that a NaN comes out as one
-                least = distance
-        out[m] = least
+        out[m] = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], points[m, 0], points[m, 1])
+
+
+@njit(cache=True, nogil=True)
+def _skeleton_clearance(elbow, tip, centres, radii, out):
+    """`skeleton_clearance` into out (M,), overwritten."""
+    for m in range(out.size):
+        out[m] = np.inf
+        for d in range(radii.size):
+            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[d, 0], centres[d, 1])
+            if not distance - radii[d] >= out[m]:  # so that a NaN comes out as one
+                out[m] = distance - radii[d]
+
+
+@njit(cache=True, inline="always")
+def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
+    """Distance from one point to the links of one arm."""
+    least = np.inf
+    for link in range(2):
+        from_x, from_y = (0.0, 0.0) if link == 0 else (elbow_x, elbow_y)
+        to_x, to_y = (elbow_x, elbow_y) if link == 0 else (tip_x, tip_y)
+        along_x, along_y = to_x - from_x, to_y - from_y
+        square = along_x * along_x + along_y * along_y
+        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
+        s = min(max(foot, 0.0), 1.0)
+        dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
+        distance = math.sqrt(dx * dx + dy * dy)
+        if not distance >= least:  # so that a NaN comes out as one
+            least = distance
+    return least
 
 
 @dataclass(frozen=True)
@@ -309,10 +340,13 @@ class Arm:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
         l1, l2 = self.lengths
         relative = self.kinematics == "relative"
-        second = q[..., 0] + q[..., 1] if relative else q[..., 1]
-        elbow = l1 * np.stack([np.cos(q[..., 0]), np.sin(q[..., 0])], axis=-1)
         reach = l2 if relative else l1 + l2
-        return elbow, elbow + reach * np.stack([np.cos(second), np.sin(second)], axis=-1)
+        first, second = q[..., 0].ravel(), q[..., 1].ravel()
+        if relative:
+            second = first + second
+        elbow, tip = np.empty((first.size, 2)), np.empty((first.size, 2))
+        _joints(np.cos(first), np.sin(first), np.cos(second), np.sin(second), (l1, reach), elbow, tip)
+        return elbow.reshape(q.shape), tip.reshape(q.shape)
 
     def tip(self, q: FloatArray) -> FloatArray:
         """The end-effector's position E[q] of Eq. (4), shape (..., 2)."""

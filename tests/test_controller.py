@@ -130,6 +130,21 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     assert seen
 
 
+def test_inputs_that_lead_to_the_same_box_have_one_margin(rng: np.random.Generator) -> None:
+    """In whatever order the inputs come, and however many share a box."""
+    problem = toys.torus_problem()
+    picked = [3, 1, 3, 8, 3, 0, 8]
+    moves = replace(problem.dynamics, inputs=problem.inputs[picked], drift=problem.inputs[picked])
+    table, states = solved(replace(problem, dynamics=moves)), random_states(problem, 200, rng)
+    batch = Controller(table).batch(states, 1)
+    assert batch.safe.any()
+    for q, n, margins in zip(states, batch.steps_to_go, batch.margins, strict=True):
+        if n >= 0:
+            to_go, safe, expected = twin(table, q, 1)
+            assert to_go == n and len(set(margins[[0, 2, 4]])) == len(set(margins[[3, 6]])) == 1 and safe
+            np.testing.assert_allclose(margins, expected, rtol=0, atol=1e-12)
+
+
 def torus_avoid(rng: np.random.Generator) -> AvoidTubes:
     return AvoidTubes((1,), rng.normal(-1.0, 1.0, (9, 24)), (0, 1), rng.normal(-1.0, 1.0, (2, 9, 24, 24)))
 

@@ -19,6 +19,7 @@ from sdhj.workspace import (
     checked_number,
     point_segment_distance,
     segment_segment_distance,
+    skeleton_clearance,
     skeleton_distance,
 )
 
@@ -248,6 +249,9 @@ def test_the_compiled_distance_is_the_plain_one_to_the_last_bit(kinematics, rng)
             point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip)
         )
         np.testing.assert_array_equal(skeleton_distance(elbow, tip, points), plain)
+    centres, radii = everywhere[:3, :2], np.array([0.05, 0.0, 0.2])
+    least = np.min([skeleton_distance(elbow, tip, centre) for centre in centres] - radii[:, None], axis=0)
+    np.testing.assert_array_equal(skeleton_clearance(elbow, tip, centres, radii), least)
 
 
 @pytest.mark.parametrize("bad", [0, 1])
