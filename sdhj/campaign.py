@@ -14,10 +14,11 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES
+from sdhj.checks import whole
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
 from sdhj.search import search_losing
-from sdhj.simulation import OUTCOMES, counted, monte_carlo
+from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.table import LookupTable
 
 SEARCH = "search"
@@ -71,7 +72,7 @@ def campaign(
     ValueError
         For an option that does not fit, or an empty tube.
     """
-    counted("runs", runs, least=1)
+    whole("runs", runs, least=1)
     if not set(adversaries) <= set(PLAYERS) or not adversaries:
         raise ValueError(f"adversaries must be some of {', '.join(PLAYERS)}, got {list(adversaries)}")
     rows = []

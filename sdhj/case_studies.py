@@ -9,19 +9,21 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
+from sdhj.checks import number, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.workspace import Arm, Circle, Disk, Line, Still, checked_number, skeleton_clearance
+from sdhj.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
 ALL_AXES = (0, 1, 2, 3)
 MOST = 1_000_000  # of anything that is counted
+KEPT = 64  # times at which the places of the obstacles are remembered
 BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
@@ -81,15 +83,19 @@ class ArmScene:
         centres, radii = self._disks(t)
         return skeleton_clearance(elbow, tip, centres, radii) - self.arm.half_width
 
-    @cached_property
-    def _disks(self) -> Callable[[float], tuple[FloatArray, FloatArray]]:
+    def _disks(self, t: float) -> tuple[FloatArray, FloatArray]:
         """Centres and radii of the obstacles at a time; kept, as questions come in numbers for few times."""
+        known = self._known.get(t)
+        if known is None:
+            if len(self._known) >= KEPT:
+                self._known.clear()
+            known = np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
+            self._known[t] = known
+        return known
 
-        @lru_cache(maxsize=64)
-        def disks(t: float) -> tuple[FloatArray, FloatArray]:
-            return np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
-
-        return disks
+    @cached_property
+    def _known(self) -> dict[float, tuple[FloatArray, FloatArray]]:
+        return {}
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""
@@ -292,7 +298,7 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
         if name == "nodes":
             plain[name] = _node_counts(value)
         elif name in ("steps", "input_levels"):
-            plain[name] = _whole(name, value, least=1 if name == "steps" else 2)
+            plain[name] = whole(name, value, least=1 if name == "steps" else 2, most=MOST)
         elif name in ("view_time", "kinematics"):
             plain[name] = str(value)
         elif name == "lengths":
@@ -304,19 +310,10 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
                 raise ValueError(f"obstacles must be a list of disks, got {value!r}")
             plain[name] = [Disk.of(disk).describe() for disk in value]
         elif name in ("delta", "u_max") or name.endswith("_box"):
-            plain[name] = checked_number(name, value, above=0.0)
+            plain[name] = number(name, value, above=0.0)
         else:
-            plain[name] = checked_number(name, value, least=0.0)
+            plain[name] = number(name, value, least=0.0)
     return {"builder": builder, "arguments": plain}
-
-
-def _whole(name: str, value: Any, least: int) -> int:
-    number = checked_number(name, value, least=least)
-    if number != int(number):
-        raise ValueError(f"{name} must be a whole number, got {value}")
-    if number > MOST:
-        raise ValueError(f"{name} must be at most {MOST:,}, got {number:.15g}")
-    return int(number)
 
 
 def _node_counts(nodes: int | Sequence[int]) -> list[int]:
@@ -324,7 +321,7 @@ def _node_counts(nodes: int | Sequence[int]) -> list[int]:
     counts = [nodes] * len(AXES) if np.ndim(nodes) == 0 else list(nodes)  # type: ignore[arg-type]
     if len(counts) != len(AXES):
         raise ValueError(f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {nodes!r}")
-    return [_whole("nodes", n, least=1) for n in counts]
+    return [whole("nodes", n, least=1, most=MOST) for n in counts]
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:

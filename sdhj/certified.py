@@ -54,6 +54,7 @@ from sdhj.certified_arm import ArmProof, is_arm
 from sdhj.certified_cells import CellAxis, aligned_width, exact, measured, period_bounds
 from sdhj.certified_general import GeneralProof, LipschitzBounds
 from sdhj.certified_kernels import Cells, contains, count_bits, fewest_steps
+from sdhj.checks import whole
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
@@ -100,12 +101,9 @@ class CertifiedSets:
         return tuple(axis.count for axis in self.axes)
 
     def _entry(self, start: int, within: int) -> int:
-        for name, value in (("start", start), ("within", within)):
-            if isinstance(value, bool) or int(value) != value or value < 0:
-                raise ValueError(f"{name} must be a whole number of at least 0, got {value!r}")
-        if start > self.problem.steps:
-            raise ValueError(f"start must be at most {self.problem.steps}, the number of steps, got {start}")
-        return entry(self.problem.steps, int(start), min(int(within), self.problem.steps - int(start)))
+        steps = self.problem.steps
+        start = whole("start", start, least=0, most=steps)
+        return entry(steps, start, min(whole("within", within, least=0), steps - start))
 
     def _states(self, states: FloatArray) -> FloatArray:
         states = np.ascontiguousarray(np.atleast_2d(states), dtype=np.float64)
@@ -309,15 +307,14 @@ def certify(
     ValueError
         Where `cells` or `parts` do not fit, or a bound is missing.
     """
-    if isinstance(parts, bool) or int(parts) != parts or parts < 1:
-        raise ValueError(f"parts must be a whole number of at least 1, got {parts!r}")
+    parts = whole("parts", parts, least=1)
     started = time.perf_counter()
     axes = cell_axes(problem, cells)
     proof: ArmProof | GeneralProof
     if bounds is None and is_arm(problem):
-        proof = ArmProof.prepare(problem, axes, int(parts))
+        proof = ArmProof.prepare(problem, axes, parts)
     else:
-        proof = GeneralProof.prepare(problem, axes, bounds, int(parts))
+        proof = GeneralProof.prepare(problem, axes, bounds, parts)
     index, pool = proof.recursion(problem, axes, progress)
-    details = {"parts": int(parts), "cells": [axis.count for axis in axes], "seconds": time.perf_counter() - started}
+    details = {"parts": parts, "cells": [axis.count for axis in axes], "seconds": time.perf_counter() - started}
     return CertifiedSets(problem, axes, index, pool, proof, details)

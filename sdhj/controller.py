@@ -25,6 +25,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdhj.checks import whole
 from sdhj.controller_kernels import decide, tube_values
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements, reachable_boxes
@@ -279,10 +280,7 @@ class Controller:
     # ---- the kernel
 
     def _checked_step(self, step: int) -> int:
-        whole = isinstance(step, int | np.integer) and not isinstance(step, bool)
-        if not whole or not 0 <= step <= self.table.steps:
-            raise ValueError(f"step must be a whole number from 0 to {self.table.steps}, got {step!r}")
-        return int(step)
+        return whole("step", step, least=0, most=self.table.steps)
 
     @staticmethod
     def _refuse_nan(states: FloatArray) -> None:

@@ -18,11 +18,12 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.checks import whole
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import SUBSTEPS, Trajectory, admissible_states, counted, named, simulate
+from sdhj.simulation import SUBSTEPS, Trajectory, admissible_states, named, simulate
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # draws without a screen; read when mujoco is imported
@@ -329,8 +330,8 @@ def check_runs(
     ValueError
         Where no case study built the problem, an option does not fit, or the tube of step 0 is empty.
     """
-    runs, finer = counted("runs", runs, least=1), counted("finer", finer, least=1)
-    world, rng = World(controller.problem), np.random.default_rng(counted("seed", seed, least=0))
+    runs, finer = whole("runs", runs, least=1), whole("finer", finer, least=1)
+    world, rng = World(controller.problem), np.random.default_rng(whole("seed", seed, least=0))
     starts = admissible_states(controller, runs, rng)
     trajectories, replays = [], []
     for i in tqdm(range(runs), desc="MuJoCo", unit="run", disable=None if progress is None else not progress):

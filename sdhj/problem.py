@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.checks import number, whole
 from sdhj.grid import FloatArray, Grid
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
@@ -35,12 +36,6 @@ def _finite(name: str, values: FloatArray, shape: tuple[int, ...] | None = None)
     if not np.isfinite(values).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
     return values
-
-
-def _number(value: Any) -> bool:
-    """Whether a value is one real number of a size that means something; NaN is not."""
-    number: Any = value
-    return isinstance(value, int | float | np.integer | np.floating) and bool(-LARGEST < number < LARGEST)
 
 
 def _axes(axes: Any, name: str) -> tuple[int, ...]:
@@ -139,8 +134,8 @@ class UnsafeSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", _axes(self.axes, self.name))
-        if not (_number(self.rate) and self.rate >= 0.0):
-            raise ValueError(f"rate of the unsafe set {self.name!r} must be finite and >= 0, got {self.rate!r}")
+        rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
+        object.__setattr__(self, "rate", rate)
 
     @property
     def moving(self) -> bool:
@@ -216,11 +211,8 @@ class ReachAvoidProblem:
         self.grid.require_room()
         if self.view_time not in VIEW_TIMES:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
-        if not (_number(self.delta) and self.delta > 0):
-            raise ValueError(f"delta must be a positive time in seconds, got {self.delta!r}")
-        if not _number(self.steps) or int(self.steps) != self.steps or self.steps < 1:
-            raise ValueError(f"steps must be a whole number of at least 1, got {self.steps!r}")
-        object.__setattr__(self, "steps", int(self.steps))
+        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
+        object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
         ndim, dynamics = self.grid.ndim, self.dynamics
         if not callable(dynamics.drift):
             _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))

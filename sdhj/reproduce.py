@@ -12,8 +12,8 @@ import numba
 import numpy as np
 
 import sdhj
+from sdhj.checks import whole
 from sdhj.files import replaced_whole
-from sdhj.simulation import counted
 from sdhj.table import LookupTable
 from sdhj.warmup import METHODS, compile_kernels
 
@@ -36,7 +36,7 @@ def reproduce(
     """
     from sdhj.figures import draw_all
 
-    runs, seed = counted("runs", runs, least=1), counted("seed", seed, least=0)
+    runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
     tables: dict[str, LookupTable] = {}

@@ -81,7 +81,7 @@ class Scheme:
             if (given := getattr(self, name)) not in allowed or type(given) is not type(allowed[0]):
                 raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {given!r}")
         cfl: Any = self.cfl
-        if not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
+        if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {cfl!r}: a larger step is unstable")
 
 

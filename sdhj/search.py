@@ -19,9 +19,10 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.checks import whole
 from sdhj.controller import CHUNK, NOT_ADMISSIBLE, Controller, NotAdmissible, threads
 from sdhj.grid import FloatArray
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, counted, named, rollouts
+from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, named, rollouts
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from
@@ -128,9 +129,9 @@ def search_losing(
     ValueError
         For an option that does not fit, or where the tube of step 0 is empty.
     """
-    size = _Size(counted("population", population, least=len(SCOUTS) + 2), counted("generations", generations, least=1))
-    seed, began = counted("seed", seed, least=0), time.perf_counter()
-    if counted("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
+    size = _Size(whole("population", population, least=len(SCOUTS) + 2), whole("generations", generations, least=1))
+    seed, began = whole("seed", seed, least=0), time.perf_counter()
+    if whole("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
         raise ValueError(f"switches must divide {SUBSTEPS}, the instants of an interval, got {switches}")
     shape = (controller.problem.steps, switches, controller.problem.dynamics.bounds.size)
     drawing, *streams = np.random.SeedSequence(seed).spawn(2)
@@ -200,7 +201,7 @@ class _Size:
 
 def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Generator) -> FloatArray:
     if np.ndim(starts) == 0:
-        return admissible_states(controller, counted("starts", starts, least=1), rng)
+        return admissible_states(controller, whole("starts", starts, least=1), rng)
     states = np.array(starts, dtype=np.float64)
     outside = np.flatnonzero(controller.batch(states, 0).steps_to_go == NOT_ADMISSIBLE)
     if not len(states):

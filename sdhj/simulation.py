@@ -22,6 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.checks import whole
 from sdhj.controller import CHUNK, Controller, threads
 from sdhj.grid import FloatArray
 from sdhj.motion import advance
@@ -174,7 +175,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     ValueError
         For a state that is not one, an unknown adversary, or one that leaves its bounds.
     """
-    play, seed = _adversary(adversary), counted("seed", seed, least=0)
+    play, seed = _adversary(adversary), whole("seed", seed, least=0)
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     record = _Record()
@@ -216,7 +217,7 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     play = _adversary(adversary)
-    runs, seed = counted("runs", runs, least=1), counted("seed", seed, least=0)
+    runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
     began = time.perf_counter()
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
@@ -245,12 +246,6 @@ def monte_carlo(
         steps=steps,
         seconds=time.perf_counter() - began,
     )
-
-
-def counted(name: str, value: object, *, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
-    return int(value)
 
 
 def named(option: object) -> str:

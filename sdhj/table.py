@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 import sdhj
+from sdhj.checks import whole
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
@@ -87,13 +88,8 @@ class LookupTable:
 
     def entry(self, start: int, within: int) -> int:
         """Checked place of (start, within); `within` beyond N - start means N - start."""
-        given: list[tuple[str, Any, int | None]] = [("start", start, self.steps), ("within", within, None)]
-        for name, value, most in given:
-            whole = isinstance(value, int | np.integer) or (isinstance(value, float) and value.is_integer())
-            if not whole or isinstance(value, bool) or value < 0 or (most is not None and value > most):
-                bound = f"from 0 to {most}" if most is not None else "of at least 0"
-                raise ValueError(f"{name} must be a whole number {bound}, got {value!r}")
-        return entry(self.steps, int(start), min(int(within), self.steps - int(start)))
+        start = whole("start", start, least=0, most=self.steps)
+        return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
 
     def value_array(self, start: int, within: int) -> FloatArray:
         return self.tubes[self.entry(start, within)]

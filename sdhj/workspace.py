@@ -6,7 +6,6 @@ half-width w is clear of a disk of radius r where ``distance - r - w > 0``.
 """
 
 import math
-import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,35 +14,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from sdhj.checks import number, pair
+
 FloatArray = NDArray[Any]
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
 TINY = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
-
-
-def checked_number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf) -> float:
-    """`value` as a finite float with value >= least and value > above; ValueError naming it otherwise."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
-    except OverflowError:
-        raise ValueError(f"{name} must be a number below 1e308, got {reprlib.repr(value)}") from None
-    if not np.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {value}")
-    if number < least:
-        raise ValueError(f"{name} must be at least {least:g}, got {value}")
-    if number <= above:
-        raise ValueError(f"{name} must be greater than {above:g}, got {value}")
-    return number
-
-
-def checked_pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value` as two finite floats; ValueError naming it otherwise."""
-    if np.shape(value) != (2,):
-        raise ValueError(f"{name} must be two numbers, got {value!r}")
-    return (checked_number(f"{name}[0]", value[0], above=above), checked_number(f"{name}[1]", value[1], above=above))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -154,7 +131,7 @@ class Still:
     centre: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", checked_pair("centre", self.centre))
+        object.__setattr__(self, "centre", pair("centre", self.centre))
 
     @property
     def speed(self) -> float:
@@ -178,8 +155,8 @@ class Line:
     velocity: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checked_pair("start", self.start))
-        object.__setattr__(self, "velocity", checked_pair("velocity", self.velocity))
+        object.__setattr__(self, "start", pair("start", self.start))
+        object.__setattr__(self, "velocity", pair("velocity", self.velocity))
 
     @property
     def speed(self) -> float:
@@ -205,10 +182,10 @@ class Circle:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", checked_pair("centre", self.centre))
-        object.__setattr__(self, "radius", checked_number("radius of the circle", self.radius, least=0.0))
-        object.__setattr__(self, "rate", checked_number("rate", self.rate))
-        object.__setattr__(self, "phase", checked_number("phase", self.phase))
+        object.__setattr__(self, "centre", pair("centre", self.centre))
+        object.__setattr__(self, "radius", number("radius of the circle", self.radius, least=0.0))
+        object.__setattr__(self, "rate", number("rate", self.rate))
+        object.__setattr__(self, "phase", number("phase", self.phase))
 
     @property
     def speed(self) -> float:
@@ -269,7 +246,7 @@ class Disk:
     def __post_init__(self) -> None:
         if not isinstance(self.path, Still | Line | Circle):
             raise ValueError(f"path of a disk must be a Still, Line or Circle, got {self.path!r}")
-        object.__setattr__(self, "radius", checked_number("radius of the disk", self.radius, least=0.0))
+        object.__setattr__(self, "radius", number("radius of the disk", self.radius, least=0.0))
 
     @property
     def speed(self) -> float:
@@ -328,8 +305,8 @@ class Arm:
     kinematics: str = "relative"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lengths", checked_pair("lengths", self.lengths, above=0.0))
-        object.__setattr__(self, "half_width", checked_number("half_width", self.half_width, least=0.0))
+        object.__setattr__(self, "lengths", pair("lengths", self.lengths, above=0.0))
+        object.__setattr__(self, "half_width", number("half_width", self.half_width, least=0.0))
         if self.kinematics not in KINEMATICS:
             raise ValueError(f"kinematics must be one of {', '.join(KINEMATICS)}, got {self.kinematics!r}")
 

@@ -521,7 +521,7 @@ def test_outside_is_said(small):
         small.contains(np.full((1, 4), np.nan), start=0, within=2)
     with pytest.raises(ValueError, match=r"shape \(M, 4\)"):
         small.contains(np.zeros((1, 3)), start=0, within=2)
-    with pytest.raises(ValueError, match="start must be at most 2"):
+    with pytest.raises(ValueError, match="start must be a whole number from 0 to 2"):
         small.contains(far, start=3, within=0)
     with pytest.raises(ValueError, match="within must be a whole number"):
         small.contains(far, start=0, within=-1)

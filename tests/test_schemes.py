@@ -266,6 +266,7 @@ def test_cfl_counts_steps_and_instability_shows_beyond_it():
         ({"cfl": 1.2}, "1.2"),
         ({"cfl": "x"}, r"cfl must be a number in \(0, 1\], got 'x'"),
         ({"cfl": None}, "cfl must be a number"),
+        ({"cfl": True}, "cfl must be a number"),
         ({"order": 2.0}, "order must be one of 1, 2, 3, got 2.0"),
         ({"order": True}, "order must be one of 1, 2, 3, got True"),
         ({"cfl": 0.0}, "0.0"),

@@ -1,0 +1,43 @@
+"""Numbers that users give: taken if they fit, else refused with what was expected."""
+
+import reprlib
+from typing import Any
+
+import numpy as np
+
+
+def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
+    """`value` as a finite float with least <= value <= most and value > above; ValueError naming it otherwise."""
+    try:
+        if isinstance(value, bool | np.bool_ | str | bytes):
+            raise TypeError
+        converted = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number, got {value!r}") from None
+    except OverflowError:
+        raise ValueError(f"{name} must be a number below 1e308, got {reprlib.repr(value)}") from None
+    if not np.isfinite(converted):
+        raise ValueError(f"{name} must be finite, got {value}")
+    if converted < least:
+        raise ValueError(f"{name} must be at least {least:g}, got {value}")
+    if converted <= above:
+        raise ValueError(f"{name} must be greater than {above:g}, got {value}")
+    if converted > most:
+        raise ValueError(f"{name} must be at most {most:g}, got {value}")
+    return converted
+
+
+def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
+    """`value` as two finite floats; ValueError naming it otherwise."""
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name} must be two numbers, got {value!r}")
+    return number(f"{name}[0]", value[0], above=above), number(f"{name}[1]", value[1], above=above)
+
+
+def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
+    """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
+    fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
+    if not fits or isinstance(value, bool) or value < least or (most is not None and value > most):
+        bounds = f"of at least {least:,}" if most is None else f"from {least:,} to {most:,}"
+        raise ValueError(f"{name} must be a whole number {bounds}, got {reprlib.repr(value)}")
+    return int(value)
