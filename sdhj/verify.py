@@ -29,11 +29,13 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import h5py
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -335,29 +337,31 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
     sets = Sets(file.steps, file.index, file.pool, eroded, file.allowed, *ends)
     failed = np.zeros((len(rows), file.steps + 2), np.int64)
     example = np.zeros_like(failed)
-    with tqdm(total=len(rows), desc="verify", unit="row", disable=None if progress is None else not progress) as bar:
-        for begin in range(0, len(rows), CHUNK):
-            chunk = slice(begin, begin + CHUNK)
-            check_rows(rows[chunk], file.shape, world, sets, failed[chunk], example[chunk])
-            bar.update(len(rows[chunk]))
+    chunks = [slice(begin, begin + CHUNK) for begin in range(0, len(rows), CHUNK)]
+
+    def check_chunk(at: slice) -> int:
+        check_rows(rows[at], file.shape, world, sets, failed[at], example[at])
+        return len(rows[at])
+
+    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=None if progress is None else not progress)
+    with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        for done in threads.map(check_chunk, chunks):
+            bar.update(done)
     return [grow, *claims(file, rows, counts, failed, example)]
 
 
 def counted(file: File) -> tuple[Array, Claim]:
     """How many cells of each row the sets add, (rows, steps + 1, 2), all and those at the boundary; and that sets grow."""
-    alone = [np.arange(n)[:, None] for n in file.shape[2:]]
-    beside = [np.clip(cells + [-1, 0, 1], 0, len(cells) - 1) for cells in alone]
-    inner, other = np.empty_like(file.pool), np.empty_like(file.pool)
-    erode(file.pool, beside[0], alone[1], inner)
-    erode(file.pool, alone[0], beside[1], other)
-    inner &= other
+    beside = [np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:]]
+    inner = np.empty_like(file.pool)
+    erode(file.pool, *beside, inner)
     entries, rows = file.index.shape
-    counts, shrinks = np.zeros((rows, file.steps + 1, 2), np.int64), np.zeros((entries, rows), np.bool_)
+    counts, shrinks = np.zeros((rows, file.steps + 1, 2), np.int64), np.zeros((rows, entries), np.bool_)
     survey(file.steps, file.shape, file.index, file.pool, inner, counts, shrinks)
     pairs = [(start, within) for start in range(file.steps + 1) for within in range(file.steps - start + 1)]
     failures = tuple(
         f"start {start}: the set within {within - 1} is not inside the one within {within}"
-        for (start, within), bad in zip(pairs, shrinks.any(axis=1), strict=True)
+        for (start, within), bad in zip(pairs, shrinks.any(axis=0), strict=True)
         if bad
     )
     made = entries - file.steps - 1

@@ -34,6 +34,7 @@ ROUNDING = 1e-11  # m: see above
 STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
 DIRECTIONS = 24  # tried for a whole row, beside the links' normals
 TIME_HALVINGS = 6
+TURNS = 20
 GRANTED = 2000  # boxes for one question; then it is not proved
 STACK = 160
 ONE = np.uint64(1)
@@ -76,12 +77,12 @@ class Sets(NamedTuple):
 # --------------------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def has(block, bit):
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != NONE
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def drop(block, bit):
     """Clear a bit, in place."""
     block[bit >> 6] &= ~(ONE << np.uint64(bit & 63))
@@ -108,20 +109,38 @@ def any_bit(block):
 
 
 @njit(cache=True)
-def count(block):
-    """Set bits of a block."""
+def count(word):
+    """Set bits of a word."""
     total = 0
-    for word in block:
-        while word != NONE:
-            word &= word - ONE
-            total += 1
+    while word != NONE:
+        word &= word - ONE
+        total += 1
     return total
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def entry(steps, start, within):
     """Which entry of the index holds S_start^within."""
     return start * (steps + 1) - start * (start - 1) // 2 + within
+
+
+@njit(cache=True)
+def bits_from(block, start, number):
+    """The bits start..start+number-1, at most 64, as one word."""
+    word, shift = start >> 6, np.uint64(start & 63)
+    value = block[word] >> shift
+    if (start & 63) + number > 64:
+        value |= block[word + 1] << (np.uint64(64) - shift)
+    return value & (~NONE >> np.uint64(64 - number))
+
+
+@njit(cache=True)
+def add_bits(block, start, value):
+    """Set the bits of one word from a bit on, in place."""
+    word, shift = start >> 6, np.uint64(start & 63)
+    block[word] |= value << shift
+    if start & 63 and value >> (np.uint64(64) - shift) != NONE:
+        block[word + 1] |= value >> (np.uint64(64) - shift)
 
 
 @njit(cache=True, parallel=True)
@@ -131,56 +150,70 @@ def erode(pool, along_x, along_y, out):
     along_x (nx, most), along_y (ny, most) : cells, the last one repeated
     """
     nx, ny = along_x.shape[0], along_y.shape[0]
+    words = (ny + 63) // 64
+    wanted = np.zeros((ny, words), np.uint64)
+    for y in range(ny):
+        for other in along_y[y]:
+            wanted[y, other >> 6] |= ONE << np.uint64(other & 63)
     for number in prange(pool.shape[0]):
         block, kept = pool[number], out[number]
         kept[:] = NONE
-        if not any_bit(block):
-            continue
-        cells = np.empty((nx, ny), np.bool_)
-        for bit in range(nx * ny):
-            cells[bit // ny, bit % ny] = has(block, bit)
-        column = np.empty(ny, np.bool_)
+        columns, column = np.empty((nx, words), np.uint64), np.empty(words, np.uint64)
         for x in range(nx):
-            column[:] = True
+            for word in range(words):
+                columns[x, word] = bits_from(block, x * ny + 64 * word, min(64, ny - 64 * word))
+        for x in range(nx):
+            column[:] = ~NONE
             for other in along_x[x]:
-                column &= cells[other]
-            for y in range(ny):
-                inside = True
-                for other in along_y[y]:
-                    inside &= column[other]
-                if inside:
-                    bit = x * ny + y
-                    kept[bit >> 6] |= ONE << np.uint64(bit & 63)
+                for word in range(words):
+                    column[word] &= columns[other, word]
+            if not any_bit(column):
+                continue
+            for first in range(0, ny, 64):
+                value = NONE
+                for y in range(first, min(first + 64, ny)):
+                    inside = True
+                    for word in range(words):
+                        inside &= column[word] & wanted[y, word] == wanted[y, word]
+                    value |= np.uint64(inside) << np.uint64(y - first)
+                add_bits(kept, x * ny + first, value)
+
+
+@njit(cache=True)
+def survey_row(row, steps, shape, index, pool, inner, counts, shrinks):
+    """`survey` of one row; counts (steps + 1, 2), shrinks (entries,)."""
+    n1, n2 = shape[0], shape[1]
+    i1, i2 = row // n2, row % n2
+    after, before = (i1 + 1) % n1 * n2, (i1 + n1 - 1) % n1 * n2
+    beside = (after + i2, before + i2, i1 * n2 + (i2 + 1) % n2, i1 * n2 + (i2 + n2 - 1) % n2)
+    for start in range(steps + 1):
+        for within in range(steps - start + 1):
+            place = entry(steps, start, within)
+            here = index[place, row]
+            less = index[place - 1, row] if within > 0 else here
+            for word in range(pool.shape[1]):
+                new = pool[here, word]
+                if within > 0:
+                    shrinks[place] |= pool[less, word] & ~new != NONE
+                    new &= ~pool[less, word]
+                if new == NONE:
+                    continue
+                counts[within, 0] += count(new)
+                deep = inner[here, word]
+                for other in beside:
+                    deep &= pool[index[place, other], word]
+                counts[within, 1] += count(new & ~deep)
 
 
 @njit(cache=True, parallel=True)
 def survey(steps, shape, index, pool, inner, counts, shrinks):
     """Count what the sets of each row add to those with a step less, and find rows where they shrink instead.
 
-    inner (blocks, words) : cells whose neighbours are in the block. counts (rows, steps + 1, 2), added to : cells that
-    the sets within n add, and how many of them are at the boundary. shrinks (entries, rows), where set : bool.
+    inner (blocks, words) : cells whose neighbours are in the block, those across a corner included. counts (rows, steps + 1, 2), added to : cells that
+    the sets within n add, and how many of them are at the boundary. shrinks (rows, entries) bool, set where they do.
     """
-    n1, n2 = shape[0], shape[1]
-    for row_ in prange(n1 * n2):
-        row = np.int64(row_)
-        i1, i2 = row // n2, row % n2
-        beside = ((i1 + 1) % n1 * n2 + i2, (i1 + n1 - 1) % n1 * n2 + i2, i1 * n2 + (i2 + 1) % n2, i1 * n2 + (i2 + n2 - 1) % n2)
-        new = np.empty(pool.shape[1], np.uint64)
-        for start in range(steps + 1):
-            for within in range(steps - start + 1):
-                place = entry(steps, start, within)
-                new[:] = pool[index[place, row]]
-                if within > 0:
-                    before = pool[index[place - 1, row]]
-                    shrinks[place, row] = any_bit(before & ~new)
-                    new &= ~before
-                if any_bit(new):
-                    counts[row, within, 0] += count(new)
-                    new &= inner[index[place, row]]
-                    for other in beside:
-                        new &= pool[index[place, other]]
-                    counts[row, within, 1] -= count(new)
-        counts[row, :, 1] += counts[row, :, 0]
+    for row in prange(len(counts)):
+        survey_row(np.int64(row), steps, shape, index, pool, inner, counts[row], shrinks[row])
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -203,7 +236,7 @@ def moved(cell, velocity, tau0, tau1, world, box):
     box[8], box[9] = tau0, tau1
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def pose_of(box, arm):
     """Elbow E, forearm F and half widths (d1, d2) of the joints of a box."""
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
@@ -218,7 +251,7 @@ def pose_of(box, arm):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def farthest(nx, ny, link, pose, turn):
     """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
     ex, ey, fx, fy, d1, d2 = pose
@@ -233,7 +266,7 @@ def farthest(nx, ny, link, pose, turn):
     return max(elbow, tip + bend + max(-b, 0.0) * d * d / 2 + abs(side_b) * d * d * d / 6)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def place_of(disk, t):
     """Centre and velocity at time t of a disk whose centre is (x, y) + (vx, vy) t + radius (cos, sin)(rate t + phase).
 
@@ -243,14 +276,14 @@ def place_of(disk, t):
     return disk[0] + disk[2] * t + c, disk[1] + disk[3] * t + s, disk[2] - disk[5] * s, disk[3] + disk[5] * c
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def body_of(box, body, start, world):
     """What a link must not meet: centre, half sizes of the box it is in, moves around it, and distance at contact.
 
-    body : -1 is the agent, others are disks. A disk's centre is within h v + bend of the one in the middle of the time,
+    body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the one in the middle of the time,
     h being half its length, v the velocity there, and bend = h^2 / 2 times the acceleration on a circle.
     """
-    if body < 0:
+    if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
         return x, y, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2, 0.0, 0.0, 0.0, world.agent[1]
     disk = world.disks[body]
@@ -264,7 +297,7 @@ def body_of(box, body, start, world):
 # --------------------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def nearest(px, py, ax, ay, fx, fy):
     """The vector to a point from the nearest point of the segment that leads from (ax, ay) along (fx, fy)."""
     s = ((px - ax) * fx + (py - ay) * fy) / (fx * fx + fy * fy)
@@ -295,16 +328,34 @@ def gap_of(link, pose, body):
 
 
 @njit(cache=True)
+def ahead(nx, ny, link, pose, body, turn):
+    """How far a body is at least ahead of a link along n, for everything in the box."""
+    x, y, hx, hy, move_x, move_y, bend, _ = body
+    behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend
+    return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
+
+
+@njit(cache=True)
 def separated(link, pose, body, turn):
-    """Whether one direction proves that a link stays clear of a body."""
+    """Whether one direction proves that a link stays clear of a body: the shortest gap's, turned while that helps."""
+    needed = body[7] + ROUNDING
     nx, ny = gap_of(link, pose, body)
     length = math.sqrt(nx * nx + ny * ny)
     if length < 1e-6:
         return False
     nx, ny = nx / length, ny / length
-    x, y, hx, hy, move_x, move_y, bend, contact = body
-    behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend
-    return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn) > contact + ROUNDING
+    best, step = ahead(nx, ny, link, pose, body, turn), 0.2
+    for _ in range(TURNS):
+        if best > needed:
+            return True
+        length = math.sqrt(1.0 + step * step)
+        tx, ty = (nx - step * ny) / length, (ny + step * nx) / length
+        gap = ahead(tx, ty, link, pose, body, turn)
+        if gap > best:
+            nx, ny, best = tx, ty, gap
+        else:  # try the other way, less far
+            step *= -0.6
+    return best > needed
 
 
 @njit(cache=True)
@@ -325,9 +376,9 @@ def halve(box, arm, agent, first, second):
         if size > widest:
             axis, widest = k, size
     middle = (box[2 * axis] + box[2 * axis + 1]) / 2
-    first[:], second[:] = box, box
-    first[2 * axis + 1] = middle
-    second[2 * axis] = middle
+    for k in range(box.size):
+        first[k] = second[k] = box[k]
+    first[2 * axis + 1] = second[2 * axis] = middle
 
 
 @njit(cache=True)
@@ -356,7 +407,7 @@ def link_clear(link, body, cell, velocity, start, duration, world, stack):
         elif touching(link, pose, bounds):
             return False
         else:
-            halve(box, world.arm, body < 0, stack[size], stack[size + 1])
+            halve(box, world.arm, body == len(world.disks), stack[size], stack[size + 1])
         size += 2
     return False
 
@@ -364,15 +415,16 @@ def link_clear(link, body, cell, velocity, start, duration, world, stack):
 @njit(cache=True)
 def clear(body, cell, velocity, start, duration, world, stack):
     """`link_clear` for both links."""
-    return link_clear(0, body, cell, velocity, start, duration, world, stack) and link_clear(
-        1, body, cell, velocity, start, duration, world, stack
-    )
+    for link in range(2):
+        if not link_clear(link, body, cell, velocity, start, duration, world, stack):
+            return False
+    return True
 
 
 @njit(cache=True)
 def disks_clear(cell, velocity, start, duration, world, stack):
     """`clear` for every obstacle."""
-    for body in range(world.disks.shape[0]):
+    for body in range(len(world.disks)):
         if not clear(body, cell, velocity, start, duration, world, stack):
             return False
     return True
@@ -462,11 +514,11 @@ def drop_unproved(low, high, edges_y, bits):
 
 
 @njit(cache=True)
-def sweep(cell, velocity, duration, parts, world, low, high, bits):
+def sweep(cell, j, duration, world, low, high, bits):
     """Keep of the bits only those of the agent's cells that a few directions prove clear for the whole interval."""
-    box = np.empty(10)
+    box, parts = np.empty(10), world.parts[j] if duration > 0.0 else 1
     for part in range(parts):
-        moved(cell, velocity, duration * part / parts, duration * (part + 1) / parts, world, box)
+        moved(cell, world.inputs[j], duration * part / parts, duration * (part + 1) / parts, world, box)
         pose = pose_of(box, world.arm)
         grow = world.agent[0] * box[9] + STATE_ERROR
         for link in range(2):
@@ -493,7 +545,7 @@ def settle(cell, velocity, duration, world, stack, bits):
         for bit in range(64 * word, 64 * word + 64):
             if bits[word] != NONE and has(bits, bit):
                 agent_cell(bit, world, cell)
-                if not clear(-1, cell, velocity, 0.0, duration, world, stack):
+                if not clear(len(world.disks), cell, velocity, 0.0, duration, world, stack):
                     drop(bits, bit)
 
 
@@ -513,8 +565,8 @@ def agent_cell(bit, world, cell):
 
 
 @njit(cache=True)
-def note(kind, number, many, failed, example):
-    failed[kind] += many
+def note(kind, number, failed, example):
+    failed[kind] += 1
     example[kind] = number
 
 
@@ -526,7 +578,7 @@ def check_flags(i1, i2, cell, world, sets, stack, failed, example):
             if sets.allowed[start, j, i1, i2] and not disks_clear(
                 cell, world.inputs[j], start * world.delta, world.delta, world, stack
             ):
-                note(0, start * len(world.inputs) + j, 1, failed, example)
+                note(0, start * len(world.inputs) + j, failed, example)
 
 
 @njit(cache=True)
@@ -539,7 +591,7 @@ def check_goals(cell, world, sets, stack, low, high, todo):
         return
     if world.chased:
         near[:] = need
-        sweep(cell, world.inputs[0], 0.0, 1, world, low, high, near)
+        sweep(cell, 0, 0.0, world, low, high, near)
         need &= ~near
         settle(cell, world.inputs[0], 0.0, world, stack, need)
         need |= near
@@ -592,34 +644,39 @@ def check_steps(i1, i2, n2, cell, world, sets, stack, low, high, todo):
             if world.chased and careful:
                 settle(cell, world.inputs[j], world.delta, world, stack, need)
             elif world.chased:
-                sweep(cell, world.inputs[j], world.delta, world.parts[j], world, low, high, need)
+                sweep(cell, j, world.delta, world, low, high, need)
             for place in range(len(todo)):
                 todo[place] &= ~(able[place] & need)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
+def check_row(row, shape, world, sets, failed, example):
+    """Check all claims of a row; failed, example (kinds,)."""
+    i1, i2 = row // shape[1], row % shape[1]
+    low, high = np.empty(shape[2]), np.empty(shape[2])
+    stack, cell = np.empty((STACK, 10)), np.zeros(8)
+    cell[0], cell[1] = world.q1[i1], world.q1[i1 + 1]
+    cell[2], cell[3] = world.q2[i2], world.q2[i2 + 1]
+    todo = np.empty((sets.index.shape[0], sets.pool.shape[1]), np.uint64)
+    for start in range(sets.steps + 1):
+        for within in range(sets.steps - start + 1):
+            place = entry(sets.steps, start, within)
+            todo[place] = sets.pool[sets.index[place, row]]
+            if within > 0:
+                todo[place] &= ~sets.pool[sets.index[place - 1, row]]
+    check_flags(i1, i2, cell, world, sets, stack, failed, example)
+    check_goals(cell, world, sets, stack, low, high, todo)
+    check_steps(i1, i2, shape[1], cell, world, sets, stack, low, high, todo)
+    for start in range(sets.steps + 1):
+        for within in range(sets.steps - start + 1):
+            left = todo[entry(sets.steps, start, within)]
+            for bit in range(64 * left.size):
+                if has(left, bit):
+                    note(1 + within, start * 64 * left.size + bit, failed, example)
+
+
+@njit(cache=True, nogil=True)
 def check_rows(rows, shape, world, sets, failed, example):
-    """Check all claims of some rows; failed and example (R, kinds) are modified in place."""
-    n2 = shape[1]
-    for number in prange(len(rows)):
-        i1, i2 = rows[number] // n2, rows[number] % n2
-        low, high = np.empty(shape[2]), np.empty(shape[2])
-        stack, cell = np.empty((STACK, 10)), np.zeros(8)
-        cell[0], cell[1] = world.q1[i1], world.q1[i1 + 1]
-        cell[2], cell[3] = world.q2[i2], world.q2[i2 + 1]
-        todo = np.empty((sets.index.shape[0], sets.pool.shape[1]), np.uint64)
-        for start in range(sets.steps + 1):
-            for within in range(sets.steps - start + 1):
-                place = entry(sets.steps, start, within)
-                todo[place] = sets.pool[sets.index[place, rows[number]]]
-                if within > 0:
-                    todo[place] &= ~sets.pool[sets.index[place - 1, rows[number]]]
-        check_flags(i1, i2, cell, world, sets, stack, failed[number], example[number])
-        check_goals(cell, world, sets, stack, low, high, todo)
-        check_steps(i1, i2, n2, cell, world, sets, stack, low, high, todo)
-        for start in range(sets.steps + 1):
-            for within in range(sets.steps - start + 1):
-                left = todo[entry(sets.steps, start, within)]
-                for bit in range(64 * left.size):
-                    if has(left, bit):
-                        note(1 + within, start * 64 * left.size + bit, 1, failed[number], example[number])
+    """`check_row` for some rows; failed and example (R, kinds) are modified in place. Threads may share the rows out."""
+    for number in range(len(rows)):
+        check_row(rows[number], shape, world, sets, failed[number], example[number])
