@@ -189,7 +189,10 @@ def info(table: Path) -> None:
 @main.command()
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
-    "--samples", default=2000, type=click.IntRange(0), help="Claims of each kind to check; 0 checks all of them."
+    "--samples",
+    default=0,
+    type=click.IntRange(0),
+    help="Pairs of joint cells to check; 0, the default, is every claim.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the draw.")
 @click.option(

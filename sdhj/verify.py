@@ -4,21 +4,21 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
 
 1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`cells_cover`)
 2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`survey`)
-3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. Which cells of
-    an axis the image of a cell may overlap is worked out in fractions (`overlapped`), walls included; a cell counts if
-    the whole product of the four lists is in the set. Along the agent's axes that product lies within one block of the
-    file's pool, so each block is eroded once (`erode`), and along the joints' axes eroded blocks are intersected
+3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. The cells
+    of an axis that the image of a cell may overlap are worked out in fractions, walls included (`overlapped`), and the
+    whole product of the four lists has to be in the set. Along the agent's axes that product stays in one block of the
+    file's pool, so each block is eroded once (`erode`); along the joints' axes eroded blocks are intersected
     (`reaching`).
 4.  *Clearance*: under the same input the arm meets neither the pursuer nor a known obstacle at any time of the closed
     interval. A link and a disk, or a cell of the pursuer grown by what it can move, are further apart than r if along
-    some unit vector n every point of the body is more than r ahead of every point of the link. How far the link
-    extends along n is bounded by Taylor's theorem for all joint angles of a box at once (`farthest`). For a whole row of the
-    pursuer's cells some directions are tried in every part of the interval: each proves a half plane of cells
-    (`sweep`). The cells which that leaves are asked about one by one, each with a direction of its own, halving
-    time, angles and cell where one direction does not do (`link_clear`).
+    some unit vector n every point of the body is more than r ahead of every point of the link. How far a link extends
+    along n is bounded by Taylor's theorem for all joint angles of a box at once (`farthest`). For all of the pursuer's
+    cells in a row some directions are tried in every part of the interval, and each proves a half plane of cells
+    (`sweep`). The cells that this leaves are asked about one by one, each with a direction of its own; where one
+    direction does not do, time, angles and cell are halved (`link_clear`).
 5.  *Goals*: the cells of S_k^0 are inside the target at t_k (`tip_inside`), and clear of everything at that instant.
-6.  *Rounding* is bounded once for all numbers that are let in (`sdhj.verify_kernels`), and states count as in a cell up to
-    1e-10 from it.
+6.  *Rounding* is bounded once for all numbers that are let in (`sdhj.verify_kernels`), and a state counts as in a cell
+    up to 1e-10 from it (`moved`).
 
 A row is the cells of the agent for one pair of joint cells; it is checked with all its claims, for all starts, steps
 and inputs. The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more
@@ -28,7 +28,7 @@ halving than is granted.
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
@@ -47,6 +47,7 @@ Array = NDArray[Any]
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
 LARGEST = 10.0  # lengths, moves and places: the bound on rounding rests on it
 LARGEST_ANGLE = 100.0  # of a disk on its circle
+MOST_PARTS = 64  # that an interval is cut into at once
 SHOWN = 5  # failures listed for each claim
 CHUNK = 256  # rows between two signs of life
 
@@ -118,7 +119,7 @@ class Scene:
             x=edges[2],
             y=edges[3],
             compass=np.stack([np.cos(angles), np.sin(angles)], axis=1),
-            parts=1 + (travel / (edges[2][1] - edges[2][0])).astype(np.int64),
+            parts=np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64),
         )
         refuse_large(world, given["steps"])
         return world
@@ -139,15 +140,21 @@ def refuse_large(world: World, steps: int) -> None:
     end = world.delta * steps
     disks = np.vstack([world.disks, world.goal[None]])
     moves = [(float(np.abs(world.inputs).max()) + world.push) * world.delta, world.agent[0] * world.delta]
-    lengths = [*world.arm, world.agent[1], *moves, *(float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y))]
+    lengths = [
+        *world.arm,
+        world.agent[1],
+        *moves,
+        *(float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)),
+    ]
     places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
     angles = np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])
     sizes = np.array([*lengths, *places.ravel(), *(angles * LARGEST / LARGEST_ANGLE)])
-    if not (sizes <= LARGEST).all() or min(world.arm[:2]) < 1e-3:
+    least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
+    if not (sizes <= LARGEST).all() or not least >= 0.0:
         raise ValueError(
             f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
-            f"interval of at most {LARGEST:g} (metres, radians); this file has links of {world.arm[0]:g} and "
-            f"{world.arm[1]:g} m and a largest number of {sizes.max():g}"
+            f"interval from 0 to {LARGEST:g} (metres, radians); this file has links of {world.arm[0]:g} and "
+            f"{world.arm[1]:g} m and numbers up to {sizes.max():g}"
         )
 
 
@@ -191,12 +198,12 @@ class File:
         )
         return first, second, third, fourth
 
-    def ends(self, axis: int, drift: Fraction = Fraction(0)) -> Array:
-        """Cells that each cell of an axis may end in after one interval, (n, most), the last one repeated."""
+    def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
+        """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""
         push = decimal(self.scene.given["v_d_max"] if axis < 2 else self.scene.agent_speed)
-        lists = overlapped(axis, self, drift - push, drift + push)
-        most = max(len(found) for found in lists)
-        return np.array([found + found[-1:] * (most - len(found)) for found in lists])
+        lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
+        most = max(len(found) for of_drift in lists.values() for found in of_drift)
+        return np.array([[found + found[-1:] * (most - len(found)) for found in lists[drift]] for drift in drifts])
 
 
 def overlapped(axis: int, file: File, slow: Fraction, fast: Fraction) -> list[list[int]]:
@@ -332,8 +339,9 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
     world = file.scene.world(file.edges())
     counts, grow = counted(file)
     eroded = np.empty_like(file.pool)
-    erode(file.pool, file.ends(2), file.ends(3), eroded)
-    ends = [np.stack([file.ends(axis, pair[axis]) for pair in file.scene.inputs()]) for axis in (0, 1)]
+    still = [Fraction(0)]
+    erode(file.pool, file.ends(2, still)[0], file.ends(3, still)[0], eroded)
+    ends = [file.ends(axis, [pair[axis] for pair in file.scene.inputs()]) for axis in (0, 1)]
     sets = Sets(file.steps, file.index, file.pool, eroded, file.allowed, *ends)
     failed = np.zeros((len(rows), file.steps + 2), np.int64)
     example = np.zeros_like(failed)
@@ -351,17 +359,17 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
 
 
 def counted(file: File) -> tuple[Array, Claim]:
-    """How many cells of each row the sets add, (rows, steps + 1, 2), all and those at the boundary; and that sets grow."""
-    beside = [np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:]]
+    """Cells that the sets add to each row, (rows, steps + 1, 2): all, those at the boundary. And whether sets grow."""
+    beside_x, beside_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:])
     inner = np.empty_like(file.pool)
-    erode(file.pool, *beside, inner)
+    erode(file.pool, beside_x, beside_y, inner)
     entries, rows = file.index.shape
     counts, shrinks = np.zeros((rows, file.steps + 1, 2), np.int64), np.zeros((rows, entries), np.bool_)
     survey(file.steps, file.shape, file.index, file.pool, inner, counts, shrinks)
     pairs = [(start, within) for start in range(file.steps + 1) for within in range(file.steps - start + 1)]
     failures = tuple(
         f"start {start}: the set within {within - 1} is not inside the one within {within}"
-        for (start, within), bad in zip(pairs, shrinks.any(axis=0), strict=True)
+        for (start, within), bad in zip(pairs, np.any(shrinks, axis=0, keepdims=True)[0], strict=True)
         if bad
     )
     made = entries - file.steps - 1
@@ -371,11 +379,11 @@ def counted(file: File) -> tuple[Array, Claim]:
 def claims(file: File, rows: Array, counts: Array, failed: Array, example: Array) -> list[Claim]:
     """What came out of the rows; failed, example (R, kinds) as `check_rows` left them."""
     _, n2, nx, ny = file.shape
-    bits = -(-nx * ny // 64) * 64
+    bits, inputs = nx * ny, len(file.scene.inputs())
     checked = int(file.allowed.reshape(-1, file.index.shape[1])[:, rows].sum())
     bad = np.flatnonzero(failed[:, 0])[:SHOWN]
     names = [
-        f"start {what // len(file.scene.inputs())}, input {what % len(file.scene.inputs())}, joints {row // n2}, {row % n2}"
+        f"start {what // inputs}, input {what % inputs}, joints {row // n2}, {row % n2}"
         for row, what in zip(rows[bad], example[bad, 0], strict=True)
     ]
     out = [Claim("clear of the obstacles", int(file.allowed.sum()), checked, tuple(names), int(failed[:, 0].sum()))]
@@ -385,7 +393,8 @@ def claims(file: File, rows: Array, counts: Array, failed: Array, example: Array
             f"start {what // bits}, within {within}, cell {row // n2, row % n2, what % bits // ny, what % bits % ny}"
             for row, what in zip(rows[bad].tolist(), example[bad, 1 + within].tolist(), strict=True)
         ]
-        (made, outer), (seen, seen_outer) = counts[:, within].sum(axis=0).tolist(), counts[rows, within].sum(axis=0).tolist()
+        made, outer = counts[:, within].sum(axis=0).tolist()
+        seen, seen_outer = counts[rows, within].sum(axis=0).tolist()
         name = f"one step nearer, within {within}" if within else "in the target, and safe"
         out.append(Claim(name, made, seen, tuple(names), int(failed[:, 1 + within].sum()), (outer, seen_outer)))
     return out

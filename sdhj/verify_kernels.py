@@ -9,16 +9,16 @@ a unit vector n it measures
 
     n.V cos s + n.V' sin s = n.V + s n.V' + n.V (cos s - 1) + n.V' (sin s - s),
 
-V' being V turned by a right angle. With |s| <= d the last two terms are at most max(0, -n.V) d^2 / 2 and |n.V'| d^3 / 6,
-since cos s is in [1 - s^2 / 2, 1] and sin s within |s|^3 / 6 of s. The linear terms of E and F are added before their
-size is taken (`farthest`).
+V' being V turned by a right angle. With |s| <= d the last two terms are at most max(0, -n.V) d^2 / 2 and
+|n.V'| d^3 / 6, since cos s is in [1 - s^2 / 2, 1] and sin s within |s|^3 / 6 of s. The linear terms of E and F are
+added before their size is taken (`farthest`).
 
-Rounding. `sdhj.verify` refuses files with a length, a joint's move in one interval or a place of a disk above 10 (metres,
-radians) or the angle of a disk on its path above 100. What is compared is the sum of fewer than 50 products of such
-numbers, none of which matters above 100 (`farthest` adds only positive terms to n.E and n.F, so where one is larger
-nothing is proved); that rounds by less than 50 * 100 * 2^-53 < 1e-12. The angles are sums of at most ten numbers below 40,
-off by 5e-14, sine and cosine by 4 units in the last place: times lengths below 10 that is 1e-12 for E and F and as much
-for a disk. Directions are of length 1 within 1e-15. `ROUNDING` = 1e-11 is more than all of it. No fast-math.
+Rounding. `sdhj.verify` refuses files with a length, a joint's move in one interval or a place of a disk above 10
+(metres, radians), or the angle of a disk on its path above 100. Compared are sums of fewer than 50 products of such
+numbers, none of which matters above 100 (to n.E and n.F only positive terms are added, so where one is larger nothing
+is proved): off by less than 50 * 100 * 2^-53 < 1e-12. Angles are sums of at most ten numbers below 100, off by 2e-13,
+and sine and cosine are within 4 units in the last place: times lengths below 10 that is 3e-12, for E and F together and
+for a disk. Directions have length 1 within 1e-14. `ROUNDING` = 1e-11 is more than all of it. No fast-math.
 """
 
 import math
@@ -64,7 +64,7 @@ class Sets(NamedTuple):
     """The sets of the file."""
 
     steps: int
-    index: Array  # (entries, rows)
+    places: Array  # (entries, rows): which block of the pool
     pool: Array  # (blocks, words)
     eroded: Array  # (blocks, words): the cells whose agent ends within the block, whatever it does
     allowed: Array  # (steps, L, n1, n2) bool
@@ -209,8 +209,9 @@ def survey_row(row, steps, shape, index, pool, inner, counts, shrinks):
 def survey(steps, shape, index, pool, inner, counts, shrinks):
     """Count what the sets of each row add to those with a step less, and find rows where they shrink instead.
 
-    inner (blocks, words) : cells whose neighbours are in the block, those across a corner included. counts (rows, steps + 1, 2), added to : cells that
-    the sets within n add, and how many of them are at the boundary. shrinks (rows, entries) bool, set where they do.
+    inner (blocks, words) : cells all of whose neighbours are in the block, those across a corner included.
+    counts (rows, steps + 1, 2), added to : cells that the sets within n add, and how many of them have a neighbour
+    outside the set. shrinks (rows, entries) bool, set where a set shrinks.
     """
     for row in prange(len(counts)):
         survey_row(np.int64(row), steps, shape, index, pool, inner, counts[row], shrinks[row])
@@ -280,8 +281,9 @@ def place_of(disk, t):
 def body_of(box, body, start, world):
     """What a link must not meet: centre, half sizes of the box it is in, moves around it, and distance at contact.
 
-    body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the one in the middle of the time,
-    h being half its length, v the velocity there, and bend = h^2 / 2 times the acceleration on a circle.
+    body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the
+    one in the middle of the time, h being half its length, v the velocity there and bend = h^2 / 2 times the
+    acceleration on a circle.
     """
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
@@ -307,7 +309,7 @@ def nearest(px, py, ax, ay, fx, fy):
 
 @njit(cache=True)
 def gap_of(link, pose, body):
-    """The shortest vector from a link, in the middle of the box, to the box that the body's centre is in. Not a bound."""
+    """The shortest vector from a link, in the middle of the box, to the body's box. A good direction, not a bound."""
     ex, ey, fx, fy, _, _ = pose
     x, y, hx, hy = body[0], body[1], body[2], body[3]
     ax, ay = (0.0, 0.0) if link == 0 else (ex, ey)
@@ -434,8 +436,8 @@ def disks_clear(cell, velocity, start, duration, world, stack):
 def tip_inside(cell, t, world, stack):
     """Whether every tip of a cell is inside the target at time t.
 
-    The tip is off T + (linear terms) by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance from a point is largest at
-    a corner of a parallelogram, or of the agent's cell where that is the target.
+    The tip is off T + (linear terms) by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest at a corner
+    of a parallelogram, or of the agent's cell where that is the target.
     """
     moved(cell, world.inputs[0], 0.0, 0.0, world, stack[0])
     size, box, turn = 1, stack[STACK - 1], world.arm[2]
@@ -450,13 +452,11 @@ def tip_inside(cell, t, world, stack):
         if not world.chased:
             x, y, hx, hy = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2
         furthest = 0.0
-        for sign in (-1.0, 1.0):
-            off_x = ex + fx - x - (ey + turn * fy) * d1 - sign * fy * d2
-            off_y = ey + fy - y + (ex + turn * fx) * d1 + sign * fx * d2
-            other_x = ex + fx - x + (ey + turn * fy) * d1 - sign * fy * d2
-            other_y = ey + fy - y - (ex + turn * fx) * d1 + sign * fx * d2
-            furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))
-            furthest = max(furthest, math.hypot(abs(other_x) + hx, abs(other_y) + hy))
+        for turned in (-d1, d1):
+            for bent in (-d2, d2):
+                off_x = ex + fx - x - (ey + turn * fy) * turned - fy * bent
+                off_y = ey + fy - y + (ex + turn * fx) * turned + fx * bent
+                furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))
         rest = (world.arm[0] * d1 * d1 + world.arm[1] * (turn * d1 + d2) ** 2) / 2
         if furthest + rest + ROUNDING <= world.goal[7]:
             continue
@@ -495,21 +495,10 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
 def drop_unproved(low, high, edges_y, bits):
     """Clear the bits of all cells that are neither above high[x] nor below low[x]. In place."""
     ny = edges_y.size - 1
-    per_cell = (edges_y[1] - edges_y[0])
     for x in range(low.size):
-        guess = min(max((low[x] - edges_y[0]) / per_cell, 0.0), float(ny))
-        first = min(int(guess), ny)
-        while first > 0 and edges_y[first] >= low[x]:  # the upper edge of the cell before
-            first -= 1
-        while first < ny and edges_y[first + 1] < low[x]:
-            first += 1
-        guess = min(max((high[x] - edges_y[0]) / per_cell, 0.0), float(ny))
-        stop = min(int(guess), ny)
-        while stop < ny and edges_y[stop] <= high[x]:
-            stop += 1
-        while stop > first and edges_y[stop - 1] > high[x]:
-            stop -= 1
-        if stop > first:
+        first = np.searchsorted(edges_y[1:], low[x])
+        stop = np.searchsorted(edges_y[:-1], high[x], side="right")
+        if first < stop:
             drop_range(bits, x * ny + first, x * ny + stop)
 
 
@@ -540,7 +529,6 @@ def sweep(cell, j, duration, world, low, high, bits):
 @njit(cache=True)
 def settle(cell, velocity, duration, world, stack, bits):
     """Keep of the bits only those of the agent's cells that are proved clear one by one."""
-    ny = world.y.size - 1
     for word in range(bits.size):
         for bit in range(64 * word, 64 * word + 64):
             if bits[word] != NONE and has(bits, bit):
@@ -560,25 +548,27 @@ def agent_cell(bit, world, cell):
 # --------------------------------------------------------------------------------------------------------------------
 # A row and all of its claims
 # --------------------------------------------------------------------------------------------------------------------
-# failed, example (kinds,), modified in place: how many claims of each kind are not proved, and a number that names one
-# of them. Kind 0 are the flags, 1 + n the cells that the sets within n add.
 
 
 @njit(cache=True)
-def note(kind, number, failed, example):
-    failed[kind] += 1
-    example[kind] = number
+def joint_cell(i1, i2, world, cell):
+    """Write the bounds of a row into a cell (8,)."""
+    cell[0], cell[1] = world.q1[i1], world.q1[i1 + 1]
+    cell[2], cell[3] = world.q2[i2], world.q2[i2 + 1]
 
 
 @njit(cache=True)
-def check_flags(i1, i2, cell, world, sets, stack, failed, example):
-    """Where an input is marked as clear of the obstacles it is so throughout the interval."""
+def check_flags(i1, i2, world, sets):
+    """Of the flags that say an input is clear of the obstacles throughout the interval: (how many are wrong, one)."""
+    stack, cell = np.empty((STACK, 10)), np.zeros(8)
+    joint_cell(i1, i2, world, cell)
+    failed, example = 0, 0
     for start in range(sets.steps):
         for j in range(len(world.inputs)):
-            if sets.allowed[start, j, i1, i2] and not disks_clear(
-                cell, world.inputs[j], start * world.delta, world.delta, world, stack
-            ):
-                note(0, start * len(world.inputs) + j, failed, example)
+            if sets.allowed[start, j, i1, i2]:
+                if not disks_clear(cell, world.inputs[j], start * world.delta, world.delta, world, stack):
+                    failed, example = failed + 1, start * len(world.inputs) + j
+    return failed, example
 
 
 @njit(cache=True)
@@ -616,7 +606,7 @@ def reaching(i1, i2, j, place, n2, sets, bits):
         for b in range(ends2.size):
             if (a > 0 and ends1[a] == ends1[a - 1]) or (b > 0 and ends2[b] == ends2[b - 1]):
                 continue
-            bits &= sets.eroded[sets.index[place, ends1[a] * n2 + ends2[b]]]
+            bits &= sets.eroded[sets.places[place, ends1[a] * n2 + ends2[b]]]
         if not any_bit(bits):
             return
 
@@ -625,7 +615,7 @@ def reaching(i1, i2, j, place, n2, sets, bits):
 def check_steps(i1, i2, n2, cell, world, sets, stack, low, high, todo):
     """Drop from todo (entries, words) what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}."""
     steps = sets.steps
-    able, need, rest = np.zeros_like(todo), np.empty_like(todo[0]), np.empty_like(todo[0])
+    able, need = np.zeros_like(todo), np.empty_like(todo[0])
     for careful in range(2):  # first many cells at once, then what is left one by one
         for j in range(len(world.inputs)):
             able[:] = NONE
@@ -650,33 +640,40 @@ def check_steps(i1, i2, n2, cell, world, sets, stack, low, high, todo):
 
 
 @njit(cache=True)
-def check_row(row, shape, world, sets, failed, example):
-    """Check all claims of a row; failed, example (kinds,)."""
+def unproved(row, shape, world, sets):
+    """What is not proved of the cells that each set adds in a row; (entries, words)."""
     i1, i2 = row // shape[1], row % shape[1]
     low, high = np.empty(shape[2]), np.empty(shape[2])
     stack, cell = np.empty((STACK, 10)), np.zeros(8)
-    cell[0], cell[1] = world.q1[i1], world.q1[i1 + 1]
-    cell[2], cell[3] = world.q2[i2], world.q2[i2 + 1]
-    todo = np.empty((sets.index.shape[0], sets.pool.shape[1]), np.uint64)
+    joint_cell(i1, i2, world, cell)
+    todo = np.empty((sets.places.shape[0], sets.pool.shape[1]), np.uint64)
     for start in range(sets.steps + 1):
         for within in range(sets.steps - start + 1):
             place = entry(sets.steps, start, within)
-            todo[place] = sets.pool[sets.index[place, row]]
+            todo[place] = sets.pool[sets.places[place, row]]
             if within > 0:
-                todo[place] &= ~sets.pool[sets.index[place - 1, row]]
-    check_flags(i1, i2, cell, world, sets, stack, failed, example)
+                todo[place] &= ~sets.pool[sets.places[place - 1, row]]
     check_goals(cell, world, sets, stack, low, high, todo)
     check_steps(i1, i2, shape[1], cell, world, sets, stack, low, high, todo)
-    for start in range(sets.steps + 1):
-        for within in range(sets.steps - start + 1):
-            left = todo[entry(sets.steps, start, within)]
-            for bit in range(64 * left.size):
-                if has(left, bit):
-                    note(1 + within, start * 64 * left.size + bit, failed, example)
+    return todo
 
 
 @njit(cache=True, nogil=True)
 def check_rows(rows, shape, world, sets, failed, example):
-    """`check_row` for some rows; failed and example (R, kinds) are modified in place. Threads may share the rows out."""
+    """Check all claims of some rows; threads may share the rows out.
+
+    failed, example (R, kinds), modified in place: how many claims of each kind are not proved, and a number that names
+    one of them. Kind 0 are the flags, 1 + n the cells that the sets within n add.
+    """
     for number in range(len(rows)):
-        check_row(rows[number], shape, world, sets, failed[number], example[number])
+        row = rows[number]
+        flag = check_flags(row // shape[1], row % shape[1], world, sets)
+        left = unproved(row, shape, world, sets)
+        failed[number, 0], example[number, 0] = flag
+        for start in range(sets.steps + 1):
+            for within in range(sets.steps - start + 1):
+                place = entry(sets.steps, start, within)
+                for bit in range(shape[2] * shape[3]):
+                    if has(left[place], bit):
+                        failed[number, 1 + within] += 1
+                        example[number, 1 + within] = start * shape[2] * shape[3] + bit
