@@ -12,7 +12,7 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
 4.  *Clearance*: under the same input the arm meets neither the pursuer nor a known obstacle at any time of the closed
     interval. A link and a disk, or a cell of the pursuer grown by what it can move, are further apart than r if along
     some unit vector n every point of the body is more than r ahead of every point of the link. How far a link extends
-    along n is bounded by Taylor's theorem for all joint angles of a box at once (`farthest`). For all of the pursuer's
+    along n is bounded for all joint angles of a box at once (`farthest`). For all of the pursuer's
     cells in a row some directions are tried in every part of the interval, and each proves a half plane of cells
     (`sweep`). The cells that this leaves are asked about one by one, each with a direction of its own; where one
     direction does not do, time, angles and cell are halved (`link_clear`).
@@ -207,21 +207,20 @@ class File:
 
 
 def overlapped(axis: int, file: File, slow: Fraction, fast: Fraction) -> list[list[int]]:
-    """For each cell of an axis the cells that its image may overlap after one interval."""
+    """For each cell of an axis the cells that its image may overlap after one interval, slow <= 0 <= fast at walls.
+
+    What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
+    """
     n, width, extent = file.shape[axis], file.widths[axis], file.extents[axis]
     delta = decimal(file.scene.given["delta"])
     out = []
     for cell in range(n):
         found: set[int] = set()
-        for period in extent if axis < 2 else extent[:1]:
+        for period in extent:
             low = cell * width + slow * delta
             high = (period if cell == n - 1 else (cell + 1) * width) + fast * delta
-            if axis >= 2:  # walls
-                low, high = max(low, Fraction(0)), min(high, period)
-                found |= overlap(low, high, Fraction(0), n, width, period)
-            else:
-                for lap in (-2, -1, 0, 1, 2):
-                    found |= overlap(low, high, lap * period, n, width, period)
+            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
+                found |= overlap(low, high, lap * period, n, width, period)
         out.append(sorted(found))
     return out
 

@@ -3,15 +3,16 @@
 A *block* holds the bits of the agent's cells for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit
 x * ny + y, bit b is bit b % 64 of word b // 64.
 
-Range of the arm along a direction. Let E be the elbow and F the vector from it to the tip in the middle of a box of
-joint angles, d1 and d2 the box's half widths. Off the middle a vector V of the two is turned by some s, so that along
-a unit vector n it measures
+Range of the arm along a direction (`farthest`). Let E be the elbow and F the vector from it to the tip in the middle of
+a box of joint angles, d1 and d2 the box's half widths, E' and F' the vectors turned by a right angle. Off the middle E
+is turned by s, |s| <= d1, and F by t = s + u, |u| <= d2 (or t = u where the second link does not turn with the first:
+then E' and F' are not added, and d1 + d2 is d2). Along a unit vector n the tip is at
 
-    n.V cos s + n.V' sin s = n.V + s n.V' + n.V (cos s - 1) + n.V' (sin s - s),
+    n.E cos s + n.F cos t + n.E' sin s + n.F' sin t.
 
-V' being V turned by a right angle. With |s| <= d the last two terms are at most max(0, -n.V) d^2 / 2 and
-|n.V'| d^3 / 6, since cos s is in [1 - s^2 / 2, 1] and sin s within |s|^3 / 6 of s. The linear terms of E and F are
-added before their size is taken (`farthest`).
+A cosine is in [1 - s^2 / 2, 1], so the first two terms exceed n.E + n.F by at most max(0, -n.E) d1^2 / 2 +
+max(0, -n.F) (d1 + d2)^2 / 2. The others are n.(E' + F') sin s + n.F' (sin t - sin s), at most |n.(E' + F')| d1 +
+|n.F'| d2, since |sin t - sin s| <= |t - s|. The elbow alone is alike, and a link does not extend beyond its ends.
 
 Rounding. `sdhj.verify` refuses files with a length, a joint's move in one interval or a place of a disk above 10
 (metres, radians), or the angle of a disk on its path above 100. Compared are sums of fewer than 50 products of such
@@ -257,14 +258,13 @@ def farthest(nx, ny, link, pose, turn):
     """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
-    bend = max(-a, 0.0) * d1 * d1 / 2 + abs(side_a) * d1 * d1 * d1 / 6
+    bend = max(-a, 0.0) * d1 * d1 / 2
     elbow = a + abs(side_a) * d1 + bend
     if link == 0:
         return max(elbow, 0.0)
     b, side_b = nx * fx + ny * fy, ny * fx - nx * fy
-    d = turn * d1 + d2
     tip = a + b + abs(side_a + turn * side_b) * d1 + abs(side_b) * d2
-    return max(elbow, tip + bend + max(-b, 0.0) * d * d / 2 + abs(side_b) * d * d * d / 6)
+    return max(elbow, tip + bend + max(-b, 0.0) * (turn * d1 + d2) ** 2 / 2)
 
 
 @njit(cache=True)
