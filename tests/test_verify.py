@@ -194,13 +194,9 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
 # --------------------------------------------------------------------------------------------------------------------
 
 
-def world_of(problem, edges=None):
-    cells = [np.linspace(-1, 1, 9)] * 4 if edges is None else edges
-    return Scene.of(problem.recipe).world(tuple(cells))
-
-
 def arm_world(edges=None, **changes):
-    return world_of(small_problem(**({"obstacles": [STILL, LINE, CIRCLE]} | changes)), edges)
+    recipe = small_problem(**({"obstacles": [STILL, LINE, CIRCLE]} | changes)).recipe
+    return Scene.of(recipe).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
 
 
 def scratch():
@@ -533,7 +529,7 @@ class Twin:
 
     def __init__(self, evader, rng):
         self.rng = rng
-        joints = [q + np.linspace(-0.1, 0.3, 4) for q in (0.513, 1.626)]
+        joints = [q + np.linspace(-0.1, 0.5, 4) for q in (0.513, 1.626)]
         plane = [np.linspace(-0.12, 0.24, 7), np.linspace(0.0, 0.36, 7)]
         if evader:
             numbers = {"v_e_max": 0.6, "evader_radius": 0.2, "evader_box": 0.36, "u_max": 4.0, "v_d_max": 2.0}
@@ -545,8 +541,11 @@ class Twin:
                 "path": CIRCLE["path"] | {"centre": [0.27, 0.2], "radius": 0.1, "rate": 9.0, "phase": -2.5}
             }
             problem = small_problem(obstacles=[STILL, LINE, near], v_d_max=0.4)
-        self.known = problem.recipe["arguments"]["obstacles"]
-        self.problem, self.world = problem, world_of(problem, [*joints, *plane])
+        self.given = dict(problem.recipe["arguments"])
+        if not evader:
+            self.given["target"] = self.given["target"] | {"radius": 0.11}  # some rows are partly outside
+        self.known = self.given["obstacles"]
+        self.world = Scene.of(problem.recipe | {"arguments": self.given}).world((*joints, *plane))
         self.cells, index, pool = sets_of(self.steps, self.shape, rng, [0.4, 0.93, 0.93])
         self.along = [np.clip(np.arange(6)[:, None] + [-1, 0], 0, 5), np.clip(np.arange(6)[:, None] + [0, 1], 0, 5)]
         self.ends = [np.sort(rng.integers(0, 3, (9, 3, 2)), axis=2) for _ in range(2)]
@@ -575,7 +574,7 @@ class Twin:
     def misses(self, cell, t):
         """Whether samples of a cell have the tip outside the target."""
         states, _ = states_during(self.world, self.bounds(cell), 4, 0.0, self.rng, 60)
-        target = self.problem.recipe["arguments"].get("target")
+        target = self.given.get("target")
         for q1, q2, *p in states:
             _, tip = naive.elbow_and_tip(q1, q2, tuple(self.world.arm))
             centre, radius = (p, 0.2) if target is None else (disk_centre(target, t), target["radius"])

@@ -76,7 +76,7 @@ MUTATIONS = {
     "sets that grow": (KERNELS, "shrinks[place] |= pool[less, word] & ~new != NONE", "pass", SURVEY),
     "all ends of joint 1": (KERNELS, "for a in range(ends1.size)", "for a in range(1)", ROW),
     "all ends of joint 2": (KERNELS, "for b in range(ends2.size)", "for b in range(1)", ROW),
-    "one step less": (KERNELS, "entry(steps, start + 1, within - 1), n2", "entry(steps, start + 1, within), n2", ROW),
+    "one step less": (KERNELS, "start + 1, within - 1), n2", "start + 1, min(within, steps - start - 1)), n2", ROW),
     "reach and clear at once": (KERNELS, "todo[place] &= ~(able[place] & need)", "todo[place] &= ~need", ROW),
     "inputs that are allowed": (KERNELS, "if not sets.allowed[start, j, i1, i2]:", "if False:", ROW),
     "many cells at once": (KERNELS, "sweep(cell, j, world.delta, world, low, high, need)", "pass", ROW),
