@@ -477,7 +477,8 @@ def tip_inside(cell, t, world, stack):
 def beyond(nx, ny, bound, grow, edges_x, low, high):
     """Tighten low and high, so that a cell of column x above high[x] or below low[x] is beyond `bound` along n.
 
-    The cell is grown by `grow` on each side. Both are (nx,) and modified in place.
+    The cell is grown by `grow` on each side. Both are (nx,) and modified in place. However small ny is, dividing by it
+    is harmless: along n an error of the level counts only ny times.
     """
     ny = ny if abs(ny) > 1e-9 else 1e-9
     up = 1.0 if ny > 0.0 else -1.0
