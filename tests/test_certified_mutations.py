@@ -4,16 +4,8 @@ Each case takes one thing out of a copy of the library (an inflation, a rounding
 the copy, mostly without compiling.
 """
 
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
+import mutations
 import pytest
-
-TESTS = Path(__file__).parent
-LIBRARY = TESTS.parent / "sdhj"
 
 KERNELS, CELLS, GENERAL = "certified_kernels.py", "certified_cells.py", "certified_general.py"
 
@@ -73,35 +65,13 @@ MUTATIONS = {
 COMPILED = {"slack", "cells of the image"}  # their tests solve a problem
 
 
+@pytest.fixture(scope="module")
+def runs(request, tmp_path_factory):
+    with mutations.started(request, MUTATIONS, "test_certified.py", tmp_path_factory, compiled=COMPILED) as started:
+        yield started
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
-def test_the_proof_needs_it(name, tmp_path):
-    assert_needed(*MUTATIONS[name], "test_certified.py", tmp_path, compiled=name in COMPILED)
-
-
-def assert_needed(file, old, new, test, tests, folder, *, compiled=False):
-    """The tests of a name fail, by an assertion, on a copy of the library in `folder` in which `old` became `new`."""
-    shutil.copytree(LIBRARY, folder / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
-    source = (folder / "sdhj" / file).read_text()
-    assert old in source, f"{old!r} is not in {file} any more: say anew what to take out"
-    (folder / "sdhj" / file).write_text(source.replace(old, new))
-    environment = os.environ | {
-        "NUMBA_DISABLE_JIT": "0" if compiled else "1",
-        "NUMBA_CACHE_DIR": str(folder / "cache"),
-        "PYTHONPATH": str(folder),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        f"-c{TESTS.parent / 'pyproject.toml'}",
-    ]
-    command += [str(TESTS / tests), "-k", test]
-    run = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
-    assert run.returncode == 1, run.stdout[-2000:]  # 1: tests ran and some failed
-    assert any(words in run.stdout for words in ("AssertionError", "assert ", "DID NOT RAISE"))
+def test_the_proof_needs_it(name, runs):
+    mutations.assert_needed(runs[name].result())

@@ -3,8 +3,8 @@
 Each case takes one thing out of a copy of the library and runs that test on the copy, without compiling.
 """
 
+import mutations
 import pytest
-from test_certified_mutations import assert_needed
 
 FILE, KERNELS = "verify.py", "verify_kernels.py"
 COVER, LISTS, REFUSED = "test_cells_that_do_not", "test_image_lists", "test_numbers_beyond"
@@ -95,7 +95,13 @@ MUTATIONS = {
 }
 
 
+@pytest.fixture(scope="module")
+def runs(request, tmp_path_factory):
+    with mutations.started(request, MUTATIONS, "test_verify.py", tmp_path_factory) as started:
+        yield started
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
-def test_the_check_needs_it(name, tmp_path):
-    assert_needed(*MUTATIONS[name], "test_verify.py", tmp_path)
+def test_the_check_needs_it(name, runs):
+    mutations.assert_needed(runs[name].result())

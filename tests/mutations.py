@@ -1,0 +1,53 @@
+"""Take one thing out of a copy of the library, and see that a test notices."""
+
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+LIBRARY = TESTS.parent / "sdhj"
+
+
+@contextmanager
+def started(request, mutations, tests, folders, *, compiled=()):
+    """The runs of all cases of a module that are asked for, by name, as many at a time as there are cores.
+
+    mutations : name -> (file, what is taken out, what is left, the tests that must fail). tests : their file.
+    compiled : names of the cases whose tests run compiled.
+    """
+    chosen = [item.callspec.params["name"] for item in request.session.items if item.module is request.module]
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        yield {
+            name: pool.submit(_run, *mutations[name], tests, folders.mktemp("copy"), compiled=name in compiled)
+            for name in chosen
+        }
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _run(file, old, new, test, tests, folder, *, compiled):
+    """Run the tests of a name on a copy of the library in `folder` in which `old` became `new`."""
+    shutil.copytree(LIBRARY, folder / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
+    source = (folder / "sdhj" / file).read_text()
+    assert old in source, f"{old!r} is not in {file} any more: say anew what to take out"
+    (folder / "sdhj" / file).write_text(source.replace(old, new))
+    environment = os.environ | {
+        "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "PYTHONPATH": str(folder),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    command += [f"-c{TESTS.parent / 'pyproject.toml'}", str(TESTS / tests), "-k", test]
+    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
+
+
+def assert_needed(run):
+    """The tests of a run failed, by an assertion."""
+    assert run.returncode == 1, run.stdout[-2000:]  # 1: tests ran and some failed
+    assert any(words in run.stdout for words in ("AssertionError", "assert ", "DID NOT RAISE"))
