@@ -3,6 +3,7 @@
 import functools
 import json
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -211,8 +212,9 @@ def verify(
         from sdhj.verify import verify as check
 
         del read  # the check reads the file itself, and both are large
+        began = time.perf_counter()
         report = check(table, samples=samples or None, seed=seed)
-        click.echo(str(report))
+        click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
     if certified is None:
         raise ValueError(
