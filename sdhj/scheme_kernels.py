@@ -240,11 +240,11 @@ def _mean_and_dissipation(rhs, down, up, low, high, inverse):
 
 
 @njit(cache=True, fastmath=MATH)
-def _advance(out, first, phi, rhs, dt, keep):
-    """out = keep * first + (1 - keep) * (phi + dt * rhs): one Runge-Kutta stage."""
+def _advance(out, phi, rhs, dt, keep):
+    """out = keep * out + (1 - keep) * (phi + dt * rhs): one Runge-Kutta stage."""
     rest = rhs.dtype.type(1.0) - keep
     for i in range(rhs.size):
-        out[i] = keep * first[i] + rest * (phi[i] + dt * rhs[i])
+        out[i] = keep * out[i] + rest * (phi[i] + dt * rhs[i])
 
 
 @njit(cache=True, fastmath=MATH)
@@ -341,7 +341,7 @@ def _five(flux, axis):
 # A stage in four dimensions, at `count` nodes from `here` on: everything in one loop, so that it stays in registers.
 # Arrays are flat, and indices unsigned: the compiler then need not wonder whether they are negative, and vectorises.
 @njit(cache=True, fastmath=MATH)
-def _advance_constant4(out, first, phi, count, here, near, flux, dt, keep):
+def _advance_constant4(out, phi, count, here, near, flux, dt, keep):
     """For constant velocities; near: four tuples of `_around`."""
     half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
@@ -351,11 +351,11 @@ def _advance_constant4(out, first, phi, count, here, near, flux, dt, keep):
         c = phi[here + i]
         rhs = _constant4(phi, c, i, near0, f0, half) + _constant4(phi, c, i, near1, f1, half)
         rhs = rhs + _constant4(phi, c, i, near2, f2, half) + _constant4(phi, c, i, near3, f3, half)
-        out[here + i] = keep * first[here + i] + rest * (c + dt * rhs)
+        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
-def _advance_godunov4(out, first, phi, count, here, near, low, high, whole, inverse, dt, keep):
+def _advance_godunov4(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
     """For a box of velocities at each node; in low and high each axis has a `whole` grid."""
     half, zero, rest = phi.dtype.type(0.5), phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
@@ -368,11 +368,11 @@ def _advance_godunov4(out, first, phi, count, here, near, low, high, whole, inve
         rhs += _godunov4(phi, c, i, near1, low, high, at1, s1, half, zero)
         rhs += _godunov4(phi, c, i, near2, low, high, at2, s2, half, zero)
         rhs += _godunov4(phi, c, i, near3, low, high, at3, s3, half, zero)
-        out[here + i] = keep * first[here + i] + rest * (c + dt * rhs)
+        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
-def _advance_lax_friedrichs4(out, first, phi, count, here, near, low, high, whole, inverse, dt, keep):
+def _advance_lax_friedrichs4(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
     """As `_advance_godunov4`."""
     half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
@@ -385,16 +385,17 @@ def _advance_lax_friedrichs4(out, first, phi, count, here, near, low, high, whol
         rhs += _lax_friedrichs4(phi, c, i, near1, low, high, at1, s1, half)
         rhs += _lax_friedrichs4(phi, c, i, near2, low, high, at2, s2, half)
         rhs += _lax_friedrichs4(phi, c, i, near3, low, high, at3, s3, half)
-        out[here + i] = keep * first[here + i] + rest * (c + dt * rhs)
+        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_constant(phi, first, out, wall, flux, scratch, layout, dt, keep):
+def stage_constant(phi, out, wall, flux, scratch, layout, dt, keep):
     """One Runge-Kutta stage for a box of velocities that does not depend on the state.
 
-    out = keep * first + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
+    out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
-    phi, first, out : (planes, plane) values as `Layout` has them; `out` is written, ghost nodes included.
+    phi, out : (planes, plane) values as `Layout` has them; `out` is modified in place, ghost nodes included. What it
+    holds must be finite also where keep is 0.
     wall : the obstacle, likewise, or (0, 0) for none.
     flux : (ndim, 5) coefficients of `flux_coefficients`, divided by dx.
     scratch : (blocks, 1, longest run), to be overwritten.
@@ -409,12 +410,12 @@ def stage_constant(phi, first, out, wall, flux, scratch, layout, dt, keep):
             rhs[:] = 0.0
             for axis in range(flux.shape[0]):
                 _add_axis(rhs, phi, layout, plane, axis, start, stop, flux[axis])
-            _advance(out[plane, start:stop], first[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
+            _advance(out[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
             _finish(out, wall, layout, span)
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, godunov, scratch, layout, dt, keep):
+def stage_general(phi, out, wall, low, high, drift, gain, inverse, godunov, scratch, layout, dt, keep):
     """As `stage_constant`, for velocities that depend on the state or are coupled.
 
     low, high : (ndim, planes, plane), the extreme velocities of each axis.
@@ -444,15 +445,15 @@ def stage_general(phi, first, out, wall, low, high, drift, gain, inverse, goduno
                     _mean_and_dissipation(rhs, down, up, a, b, inverse[axis])
             if drift.shape[0] > 0:
                 _add_coupled(rhs, own, drift, gain, plane, start, stop)
-            _advance(out[plane, start:stop], first[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
+            _advance(out[plane, start:stop], phi[plane, start:stop], rhs, dt, keep)
             _finish(out, wall, layout, span)
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_constant4(phi, first, out, wall, flux, layout, dt, keep):
+def stage_constant4(phi, out, wall, flux, layout, dt, keep):
     """`stage_constant` in four dimensions at second order."""
     size = phi.shape[1]
-    flat = out.ravel(), first.ravel(), phi.ravel()
+    flat = out.ravel(), phi.ravel()
     tasks = layout.near.shape[0] * layout.chunks
     blocks = min(tasks, BLOCKS)
     for block in prange(blocks):
@@ -465,10 +466,10 @@ def stage_constant4(phi, first, out, wall, flux, layout, dt, keep):
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_box4(phi, first, out, wall, low, high, inverse, godunov, layout, dt, keep):
+def stage_box4(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
     """`stage_general` in four dimensions at second order, for boxes; low and high have all planes."""
     size = phi.shape[1]
-    flat = out.ravel(), first.ravel(), phi.ravel()
+    flat = out.ravel(), phi.ravel()
     flat_low, flat_high, whole = low.ravel(), high.ravel(), np.uint64(phi.size)
     tasks = layout.near.shape[0] * layout.chunks
     blocks = min(tasks, BLOCKS)

@@ -197,7 +197,7 @@ def _field(layout: Layout, values: FloatArray, leading: int, dtype: str) -> Floa
 
 
 def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -> Callable[..., None]:
-    """The kernel that fits the velocities, with all it reads of them: stage(phi, first, out, wall, dt, keep)."""
+    """The kernel that fits the velocities, with all it reads of them: stage(phi, out, wall, dt, keep)."""
     kind, fused = np.dtype(scheme.dtype).type, (grid.ndim, scheme.order) == (4, 2)
     inverse = 1.0 / np.array(grid.spacing)
     kernel: Any
@@ -220,8 +220,8 @@ def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -
             scratch = _scratch(layout, grid.ndim + 5, scheme.dtype)
             kernel, reads = stage_general, (*fields, inverse, godunov, scratch)
 
-    def stage(phi: FloatArray, first: FloatArray, out: FloatArray, wall: FloatArray, dt: float, keep: float) -> None:
-        kernel(phi, first, out, wall, *reads, layout, kind(dt), kind(keep))
+    def stage(phi: FloatArray, out: FloatArray, wall: FloatArray, dt: float, keep: float) -> None:
+        kernel(phi, out, wall, *reads, layout, kind(dt), kind(keep))
 
     return stage
 
@@ -272,20 +272,22 @@ def evolve(
     phi, held = _planes(layout, np.asarray(values), scheme.dtype), wall(0.0)
     if held.size:
         np.maximum(phi, held, out=phi)
-    first, spare, seen = np.empty_like(phi), np.empty_like(phi), 0.0
+    stages, seen = STAGES[scheme.integrator], 0.0
+    work, spare = (np.zeros_like(phi) for _ in range(2))  # zeros take no memory before they are written
     stage = _stage(grid, layout, velocities, scheme)
     for step in range(steps):
-        first, phi = phi, first
-        source = first
-        for keep, reached in STAGES[scheme.integrator]:
+        source = phi
+        for number, (keep, reached) in enumerate(stages, 1):
             tau = (step + reached) * dt
             if callable(obstacle) and tau != seen:
                 held, seen = wall(tau), tau
-            out = phi if source is not phi else spare
-            stage(source, first, out, held, dt, keep)
+            out = phi if number == len(stages) > 1 else spare if source is work else work
+            if keep and out is not phi:
+                np.copyto(out, phi)
+            stage(source, out, held, dt, keep)
             source = out
         if source is not phi:
-            phi, spare = spare, phi
+            phi, work = work, phi
     whole = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     inner = whole[:, layout.top : layout.top + layout.rows, layout.ghosts : layout.ghosts + layout.nodes]
     return np.ascontiguousarray(inner).reshape(grid.shape)
