@@ -203,6 +203,8 @@ class CertifiedSets:
         """
         if problem.digest != group.attrs["digest"]:
             raise ValueError(f"these certified sets are of {group.attrs['problem']!r} with other numbers or functions")
+        if json.loads(group.attrs["recipe"]) != dict(problem.recipe):
+            raise ValueError("the certified sets tell another recipe than their table; the file is damaged")
         axes = read_axes(group)
         proofs: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}
         proof = proofs[str(group.attrs["kind"])].load(group, problem, axes)

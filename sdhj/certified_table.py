@@ -1,6 +1,6 @@
 """Certified sets behind the interface of a look-up table, and a controller that plays certified inputs only."""
 
-import json
+import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import TableFileError, file_header, written_whole
 
 GROUP = "certified"
+SLAB = 2**16  # rows of an array that are read at a time for the checksum
 
 
 @dataclass(frozen=True)
@@ -77,15 +78,33 @@ class CertifiedTable:
         """As `LookupTable.save`."""
         with written_whole(path) as file:
             file_header(file, self.problem, self.method, self.details)
-            self.sets.save(file.create_group(GROUP))
+            group = file.create_group(GROUP)
+            self.sets.save(group)
+            group.attrs["checksum"] = _checksum(group)
 
     @classmethod
     def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file; TableFileError where it is of another problem."""
-        try:
-            return cls(CertifiedSets.load(file[GROUP], problem))
-        except json.JSONDecodeError as error:
-            raise TableFileError(f"{path} is damaged: {error}; solve it anew") from error
+        """The table in an open file; TableFileError where it is damaged."""
+        group = file[GROUP]
+        if group.attrs.get("checksum") != _checksum(group):
+            raise TableFileError(
+                f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
+            )
+        return cls(CertifiedSets.load(group, problem))
+
+
+def _checksum(group: h5py.Group) -> str:
+    """SHA-256 of all attributes and arrays of a group, but for the checksum itself."""
+    digest, parts = hashlib.sha256(), [("", group)]
+    group.visititems(lambda name, part: parts.append((name, part)))
+    for name, part in parts:
+        told = {key: np.asarray(part.attrs[key]).tolist() for key in sorted(part.attrs) if key != "checksum"}
+        digest.update(repr((name, told)).encode())
+        if isinstance(part, h5py.Dataset):
+            digest.update(repr((part.dtype.str, part.shape)).encode())
+            for begin in range(0, len(part), SLAB):
+                digest.update(np.ascontiguousarray(part[begin : begin + SLAB]).data)
+    return digest.hexdigest()
 
 
 class CertifiedController(Controller):

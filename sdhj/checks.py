@@ -29,7 +29,11 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
     """`value` as two finite floats; ValueError naming it otherwise."""
-    if np.shape(value) != (2,):
+    try:
+        fits = np.shape(value) == (2,)
+    except ValueError:  # a ragged sequence has no shape
+        fits = False
+    if not fits:
         raise ValueError(f"{name} must be two numbers, got {value!r}")
     return number(f"{name}[0]", value[0], above=above), number(f"{name}[1]", value[1], above=above)
 

@@ -28,6 +28,7 @@ halving than is granted.
 import json
 import math
 import os
+import reprlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -45,6 +46,16 @@ from sdhj.verify_kernels import DIRECTIONS, Sets, World, check_rows, erode, surv
 Array = NDArray[Any]
 
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
+AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
+KINEMATICS = ("relative", "printed")
+PATHS = {
+    "still": {"centre": 2},
+    "line": {"start": 2, "velocity": 2},
+    "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
+}
+STILL: Mapping[str, Any] = {"path": {"kind": "still", "centre": [0.0, 0.0]}}
+ABSURD = 1e6
+MOST = 1000  # steps, and levels of an input
 LARGEST = 10.0  # lengths, moves and places: the bound on rounding rests on it
 LARGEST_ANGLE = 100.0  # of a disk on its circle
 MOST_PARTS = 64  # that an interval is cut into at once
@@ -62,6 +73,30 @@ def decimal(value: float) -> Fraction:
     return Fraction(str(value))
 
 
+def expect(fits: bool, what: str, given: Any) -> None:
+    if not fits:
+        raise ValueError(f"{what}, got {reprlib.repr(given)}")
+
+
+def size(name: str, value: Any, least: float = 0.0) -> float:
+    """A number of a recipe from `least` up to a size that no robot exceeds."""
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= ABSURD
+    expect(fits, f"{name} must be a number from {least:g} to {ABSURD:g}", value)
+    return float(value)
+
+
+def known_disk(name: str, given: Any) -> None:
+    """ValueError where a disk of a recipe is none."""
+    path = given["path"]
+    expect(path["kind"] in PATHS, f"the path of {name} must be one of {', '.join(PATHS)}", path["kind"])
+    size(f"radius of {name}", given["radius"])
+    for part, numbers in PATHS[path["kind"]].items():
+        values = path[part] if numbers == 2 else [path[part]]
+        expect(isinstance(values, list) and len(values) == numbers, f"{part} of {name} must be two numbers", values)
+        for value in values:
+            size(f"{part} of {name}", value, 0.0 if part == "radius" else -ABSURD)
+
+
 @dataclass(frozen=True)
 class Scene:
     """Numbers of a case study, from its recipe."""
@@ -71,7 +106,31 @@ class Scene:
 
     @classmethod
     def of(cls, recipe: Mapping[str, Any]) -> "Scene":
-        return cls(recipe["arguments"], "pursuer" if recipe["builder"] == "arm_case_study" else "evader")
+        """The scene of a recipe, every number of which is checked: what follows believes them.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            Where something in it is missing or makes no sense.
+        """
+        given, builder = recipe["arguments"], recipe["builder"]
+        expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
+        agent = AGENTS[builder]
+        for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
+            size(name, given[name])
+        for name, least in (("steps", 1), ("input_levels", 2)):
+            fits = type(given[name]) is int and least <= given[name] <= MOST
+            expect(fits, f"{name} must be a whole number from {least} to {MOST}", given[name])
+        expect(len(given["lengths"]) == 2, "lengths must be two numbers", given["lengths"])
+        for length in given["lengths"]:
+            size("lengths", length)
+        expect(given["kinematics"] in KINEMATICS, f"kinematics must be {' or '.join(KINEMATICS)}", given["kinematics"])
+        expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
+        for number, obstacle in enumerate(given["obstacles"]):
+            known_disk(f"obstacle {number}", obstacle)
+        if agent == "pursuer":
+            known_disk("the target", given["target"])
+        return cls(given, agent)
 
     @property
     def agent_speed(self) -> float:
@@ -100,7 +159,7 @@ class Scene:
         l1, l2 = given["lengths"]
         relative = given["kinematics"] == "relative"
         width, radius = given["half_width"], given[f"{self.agent}_radius"]
-        target = given.get("target") or {"path": {"kind": "still", "centre": [0.0, 0.0]}, "radius": radius}
+        target = given["target"] if self.agent == "pursuer" else {**STILL, "radius": radius}
         inputs = np.array([[float(u) for u in pair] for pair in self.inputs()])
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
         travel = (np.abs(inputs) + given["v_d_max"]) @ [arm[0] + arm[1], arm[1]] * given["delta"]
@@ -169,18 +228,24 @@ class File:
 
     def __init__(self, group: h5py.Group) -> None:
         self.scene = Scene.of(json.loads(group.attrs["recipe"]))
-        self.steps = int(self.scene.given["steps"])
+        self.steps = self.scene.given["steps"]
         self.shape = tuple(int(n) for n in group.attrs["shape"])
+        expect(len(self.shape) == 4 and min(self.shape) >= 2, "shape must be four numbers of cells", self.shape)
         self.widths = [Fraction(w) for w in group.attrs["widths"]]
         self.lowers = [Fraction(w) for w in group.attrs["lowers"]]
         self.extents = [(Fraction(a), Fraction(b)) for a, b in group.attrs["extents"]]
+        for name, kind in (("index", np.uint32), ("pool", np.uint64), ("allowed", np.uint8)):
+            expect(group[name].dtype == kind, f"{name} must be of {np.dtype(kind)}", group[name].dtype)
         self.index, self.pool, packed = group["index"][()], group["pool"][()], group["allowed"][()]
         n1, n2, nx, ny = self.shape
         flags = (self.steps, len(self.scene.inputs()), n1, n2)
         bits = nx * ny
         entries = (self.steps + 1) * (self.steps + 2) // 2
         fits = (
-            self.index.shape == (entries, n1 * n2)
+            {len(part) for part in (self.widths, self.lowers, self.extents)} == {4}
+            and len(self.pool) > 0
+            and packed.ndim == 1
+            and self.index.shape == (entries, n1 * n2)
             and self.pool.shape[1:] == (-(-bits // 64),)
             and packed.size == -(-math.prod(flags) // 8)
             and self.index.max() < len(self.pool)
@@ -299,8 +364,11 @@ def verify(
     Raises
     ------
     ValueError
-        Where the file holds no certified sets of a case study, or numbers that are too large for the check.
+        Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
+        check; and for samples or a seed that make no sense.
     """
+    expect(samples is None or (type(samples) is int and samples > 0), "samples must be a positive number", samples)
+    expect(type(seed) is int and seed >= 0, "seed must be a whole number of at least 0", seed)
     with h5py.File(path, "r") as opened:
         if group not in opened:
             raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
@@ -309,7 +377,12 @@ def verify(
                 f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only "
                 "the arm's case study can be checked from a file alone"
             )
-        file = File(opened[group])
+        if "recipe" in opened.attrs and opened.attrs["recipe"] != opened[group].attrs.get("recipe"):
+            raise ValueError(f"{path}: its certified sets tell another recipe than its table; the file is damaged")
+        try:
+            file = File(opened[group])
+        except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError) as error:
+            raise ValueError(f"{path}: its certified sets make no sense ({error}); the file is damaged") from error
     cover = cells_cover(file)
     if cover.failed:  # nothing else in the file means what it says
         return Report((cover,))

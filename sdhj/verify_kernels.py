@@ -474,13 +474,20 @@ def tip_inside(cell, t, world, stack):
 
 
 @njit(cache=True)
+def tilted(nx, ny):
+    """A unit vector next to (nx, ny), or that one, which is not quite horizontal."""
+    ny = ny if abs(ny) > 1e-6 else 1e-6
+    length = math.sqrt(nx * nx + ny * ny)
+    return nx / length, ny / length
+
+
+@njit(cache=True)
 def beyond(nx, ny, bound, grow, edges_x, low, high):
     """Tighten low and high, so that a cell of column x above high[x] or below low[x] is beyond `bound` along n.
 
-    The cell is grown by `grow` on each side. Both are (nx,) and modified in place. However small ny is, dividing by it
-    is harmless: along n an error of the level counts only ny times.
+    The cell is grown by `grow` on each side. Both are (nx,) and modified in place. ny must not be 0; however small it
+    is, dividing by it is harmless: along n an error of the level counts only ny times.
     """
-    ny = ny if abs(ny) > 1e-9 else 1e-9
     up = 1.0 if ny > 0.0 else -1.0
     base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny
     shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind
@@ -519,7 +526,7 @@ def sweep(cell, j, duration, world, low, high, bits):
                 else:  # the normals of the link
                     sign = 1.0 if k % 2 else -1.0
                     nx, ny = -sign * pose[1 + 2 * link], sign * pose[2 * link]
-                    nx, ny = nx / world.arm[link], ny / world.arm[link]
+                    nx, ny = tilted(nx / world.arm[link], ny / world.arm[link])
                 bound = farthest(nx, ny, link, pose, world.arm[2]) + world.agent[1] + ROUNDING
                 beyond(nx, ny, bound, grow, world.x, low, high)
             drop_unproved(low, high, world.y, bits)

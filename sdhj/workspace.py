@@ -277,7 +277,7 @@ class Disk:
             path = dict(disk["path"])  # type: ignore[index]
             kind = path.pop("kind")
             return cls(PATH_KINDS[kind](**path), disk["radius"])  # type: ignore[index]
-        except (TypeError, KeyError, AttributeError):
+        except (TypeError, KeyError, AttributeError, IndexError):
             raise ValueError(
                 "a disk must be a Disk or {'radius': r, 'path': {'kind': one of "
                 f"{', '.join(PATH_KINDS)}, ...}}}}, got {disk!r}"

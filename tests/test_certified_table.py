@@ -1,5 +1,6 @@
 """Certified sets behind the table's interface, and the controller that plays them."""
 
+import json
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import sdhj
 from sdhj.certified import LipschitzBounds, certify
 from sdhj.certified_table import CertifiedController, CertifiedTable
 from sdhj.labels import LABELS, labels, shares
+from sdhj.verify import verify
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +149,31 @@ def test_labels_refuse_other_problems_of_ones_own():
     assert shares(claimed, proved, within=2, draws=2000)["certified"] > 0.3
     with pytest.raises(ValueError, match="different problems"):
         shares(claimed, other, within=2)
+
+
+def test_what_is_checked_is_what_is_loaded(table, tmp_path):
+    path = tmp_path / "forged.h5"
+    table.save(path)
+    with h5py.File(path, "r+") as file:
+        recipe = json.loads(file["certified"].attrs["recipe"])
+        recipe["arguments"]["obstacles"] = []
+        file["certified"].attrs["recipe"] = json.dumps(recipe)
+    with pytest.raises(ValueError, match="another recipe"):
+        verify(path)
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        sdhj.load(path)
+
+
+@pytest.mark.parametrize("name", ["index", "pool", "allowed"])
+def test_a_flipped_bit_is_noticed(table, tmp_path, name):
+    path = tmp_path / "flipped.h5"
+    table.save(path)
+    with h5py.File(path, "r+") as file:
+        data = file["certified"][name][()]
+        data.flat[data.size // 2] ^= 1
+        file["certified"][name][...] = data
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        sdhj.load(path)
 
 
 def test_verify_from_the_command_line(table, tmp_path):

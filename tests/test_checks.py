@@ -46,7 +46,7 @@ def test_what_is_no_whole_number_or_out_of_range_is_named(value):
             whole("x", value, least=2)
 
 
-@pytest.mark.parametrize("value", [1.0, [1.0], [1.0, 2.0, 3.0], "ab"])
+@pytest.mark.parametrize("value", [1.0, [1.0], [1.0, 2.0, 3.0], [1.0, [2.0]], "ab"])
 def test_what_is_no_pair_is_named(value):
     with pytest.raises(ValueError, match="x must be two numbers, got"):
         pair("x", value)

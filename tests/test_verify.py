@@ -4,6 +4,7 @@ Nothing here but the first part needs the solver: the checker's own steps are he
 """
 
 import itertools
+import json
 import math
 import shutil
 from fractions import Fraction
@@ -214,12 +215,82 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused():
         {"u_max": 150.0},
         {"lengths": [11.0, 1.0]},
         {"lengths": [0.15, 0.0]},
-        {"v_d_max": -0.1},
-        {"pursuer_radius": float("nan")},
     ):
         scene = Scene.of(recipe | {"arguments": recipe["arguments"] | changes})
         with pytest.raises(ValueError, match="bound on rounding"):
             scene.world((np.linspace(-1, 1, 9),) * 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("half_width", -0.5),
+        ("half_width", True),
+        ("half_width", "a"),
+        ("pursuer_radius", -1.0),
+        ("pursuer_radius", math.nan),
+        ("v_d_max", -0.1),
+        ("delta", math.inf),
+        ("steps", 2.5),
+        ("steps", 0),
+        ("input_levels", 1),
+        ("input_levels", 10**30),
+        ("lengths", [0.15]),
+        ("lengths", None),
+        ("kinematics", "foo"),
+        ("obstacles", {}),
+        ("obstacles", [3]),
+        ("obstacles", [STILL | {"radius": -1.0}]),
+        ("obstacles", [STILL | {"path": STILL["path"] | {"kind": "spiral"}}]),
+        ("obstacles", [STILL | {"path": STILL["path"] | {"centre": [0.0]}}]),
+        ("obstacles", [CIRCLE | {"path": CIRCLE["path"] | {"rate": None}}]),
+        ("target", None),
+        ("target", {}),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(saved, tmp_path, name, value):
+    def senseless(group):
+        recipe = json.loads(group.attrs["recipe"])
+        recipe["arguments"][name] = value
+        group.attrs["recipe"] = json.dumps(recipe)
+
+    with pytest.raises(ValueError, match=r"make no sense .*; the file is damaged"):
+        planted(saved, tmp_path, senseless)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda group: group.attrs.__delitem__("shape"),
+        lambda group: group.attrs.__setitem__("shape", 32),
+        lambda group: group.attrs.__setitem__("widths", ["1/0"] * 4),
+        lambda group: group.attrs.__setitem__("widths", ["1/2"] * 3),
+        lambda group: group.attrs.__setitem__("recipe", "[]"),
+        lambda group: group.attrs.__setitem__("recipe", '{"builder": "foo", "arguments": {}}'),
+        lambda group: group.__delitem__("pool"),
+        lambda group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
+        lambda group: rewrite(group, "index", group["index"][()].astype(">u4")),
+        lambda group: rewrite(group, "pool", group["pool"][()].astype(np.int64)),
+        lambda group: rewrite(group, "allowed", group["allowed"][()].astype(np.float64)),
+    ],
+)
+def test_damaged_files_are_refused(saved, tmp_path, damage):
+    with pytest.raises(ValueError, match=r"make no sense .*; the file is damaged"):
+        planted(saved, tmp_path, damage)
+
+
+def test_samples_and_seed_that_make_no_sense_are_refused(saved):
+    for options in ({"samples": 0}, {"samples": -1}, {"samples": True}, {"seed": -1}, {"seed": 0.5}):
+        with pytest.raises(ValueError, match="must be a"):
+            verify(saved[0], **options)
+
+
+def test_no_direction_of_a_sweep_is_horizontal(rng):
+    for nx, ny in [(1.0, 0.0), (-1.0, -1e-12), (0.0, 1.0), *rng.normal(size=(20, 2))]:
+        length = math.hypot(nx, ny)
+        tilted = kernels.tilted(nx / length, ny / length)
+        assert math.hypot(*tilted) == pytest.approx(1.0, abs=1e-15) and abs(tilted[1]) >= 1e-7
+        assert tilted == pytest.approx((nx / length, ny / length), abs=1.1e-6)
 
 
 def test_cells_that_do_not_cover_are_found():
