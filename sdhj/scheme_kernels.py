@@ -239,12 +239,18 @@ def _mean_and_dissipation(rhs, down, up, low, high, inverse):
         rhs[i] += half * _larger(abs(low[i]), abs(high[i])) * (plus - minus)
 
 
+@njit(cache=True, inline="always")
+def _kept(keep, old):
+    """keep * old, and 0 where nothing is kept: what was there need not even be a number."""
+    return keep * (old if keep > 0 else keep)
+
+
 @njit(cache=True, fastmath=MATH)
 def _advance(out, phi, rhs, dt, keep):
     """out = keep * out + (1 - keep) * (phi + dt * rhs): one Runge-Kutta stage."""
     rest = rhs.dtype.type(1.0) - keep
     for i in range(rhs.size):
-        out[i] = keep * out[i] + rest * (phi[i] + dt * rhs[i])
+        out[i] = _kept(keep, out[i]) + rest * (phi[i] + dt * rhs[i])
 
 
 @njit(cache=True, fastmath=MATH)
@@ -351,7 +357,7 @@ def _advance_constant4(out, phi, count, here, near, flux, dt, keep):
         c = phi[here + i]
         rhs = _constant4(phi, c, i, near0, f0, half) + _constant4(phi, c, i, near1, f1, half)
         rhs = rhs + _constant4(phi, c, i, near2, f2, half) + _constant4(phi, c, i, near3, f3, half)
-        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
+        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
@@ -368,7 +374,7 @@ def _advance_godunov4(out, phi, count, here, near, low, high, whole, inverse, dt
         rhs += _godunov4(phi, c, i, near1, low, high, at1, s1, half, zero)
         rhs += _godunov4(phi, c, i, near2, low, high, at2, s2, half, zero)
         rhs += _godunov4(phi, c, i, near3, low, high, at3, s3, half, zero)
-        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
+        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
@@ -385,7 +391,7 @@ def _advance_lax_friedrichs4(out, phi, count, here, near, low, high, whole, inve
         rhs += _lax_friedrichs4(phi, c, i, near1, low, high, at1, s1, half)
         rhs += _lax_friedrichs4(phi, c, i, near2, low, high, at2, s2, half)
         rhs += _lax_friedrichs4(phi, c, i, near3, low, high, at3, s3, half)
-        out[here + i] = keep * out[here + i] + rest * (c + dt * rhs)
+        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
@@ -394,8 +400,7 @@ def stage_constant(phi, out, wall, flux, scratch, layout, dt, keep):
 
     out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
-    phi, out : (planes, plane) values as `Layout` has them; `out` is modified in place, ghost nodes included. What it
-    holds must be finite also where keep is 0.
+    phi, out : (planes, plane) values as `Layout` has them; `out` is modified in place, ghost nodes included.
     wall : the obstacle, likewise, or (0, 0) for none.
     flux : (ndim, 5) coefficients of `flux_coefficients`, divided by dx.
     scratch : (blocks, 1, longest run), to be overwritten.

@@ -273,7 +273,7 @@ def evolve(
     if held.size:
         np.maximum(phi, held, out=phi)
     stages, seen = STAGES[scheme.integrator], 0.0
-    work, spare = (np.zeros_like(phi) for _ in range(2))  # zeros take no memory before they are written
+    work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
     stage = _stage(grid, layout, velocities, scheme)
     for step in range(steps):
         source = phi

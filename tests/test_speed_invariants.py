@@ -199,3 +199,19 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
         sdhj.solve(dataclasses.replace(arm(), steps=10**8))
     monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
     memory.require(10**18, "anything")
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
+@pytest.mark.parametrize("order", [2, 3])
+def test_what_memory_held_before_does_not_matter(rng, monkeypatch, order, integrator):
+    grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 7, 8), (True, False, False, True))
+    values, speed = rng.normal(size=grid.shape), np.array([-1.0, 0.2, -0.5, -2.0])
+    fields = np.broadcast_to(speed[:, None, None, None, None], (4, *grid.shape))
+    scheme = Scheme(order=order, integrator=integrator, dtype="float64")
+    for lower in (speed, fields):
+        clean = evolve(grid, values, Velocities(lower, lower + 1.5), 0.01, scheme, steps=2)
+        with monkeypatch.context() as patch:
+            patch.setattr(schemes.np, "empty_like", lambda like: np.full_like(like, np.nan))
+            np.testing.assert_array_equal(
+                evolve(grid, values, Velocities(lower, lower + 1.5), 0.01, scheme, steps=2), clean
+            )
