@@ -2,8 +2,8 @@
 
 They run over planes of the last two axes, which carry ghost nodes and so are one long loop, free of branches, which the
 compiler vectorises; other axes find their neighbouring planes in a table (`Layout`). `stage_constant` and
-`stage_general` serve any dimension and order, with one loop for each axis; `stage_constant4` and `stage_box4` are their
-twins in four dimensions at second order, with one loop for everything, which keeps all in registers.
+`stage_general` serve any dimension and order, with one loop for each axis; `stage_constant_4d` and `stage_box_4d` do
+the same in four dimensions at second order, with one loop for everything, which keeps all in registers.
 
 All are parallel over pieces of whole rows, each written by one thread, so results do not depend on how many there are.
 """
@@ -310,32 +310,32 @@ def _around(layout, plane, axis, start, size):
 
 
 @njit(cache=True, inline="always")
-def _around4(layout, plane, start, size):
+def _around_4d(layout, plane, start, size):
     leading = _around(layout, plane, 0, start, size), _around(layout, plane, 1, start, size)
     return *leading, _around(layout, plane, 2, start, size), _around(layout, plane, 3, start, size)
 
 
 @njit(cache=True, inline="always")
-def _both4(phi, c, i, near, half):
+def _both_at(phi, c, i, near, half):
     """The upwind differences along one axis at one node; near from `_around`."""
     return _both2(phi[near[0] + i], phi[near[1] + i], c, phi[near[2] + i], phi[near[3] + i], half)
 
 
 @njit(cache=True, inline="always")
-def _constant4(phi, c, i, near, f, half):
-    minus, plus = _both4(phi, c, i, near, half)
+def _constant_at(phi, c, i, near, f, half):
+    minus, plus = _both_at(phi, c, i, near, half)
     return _larger(_larger(f[0] * minus + f[1] * plus, f[2] * minus + f[3] * plus), f[4])
 
 
 @njit(cache=True, inline="always")
-def _godunov4(phi, c, i, near, low, high, at, inverse, half, zero):
-    minus, plus = _both4(phi, c, i, near, half)
+def _godunov_at(phi, c, i, near, low, high, at, inverse, half, zero):
+    minus, plus = _both_at(phi, c, i, near, half)
     return _godunov(inverse * minus, inverse * plus, low[at + i], high[at + i], zero)
 
 
 @njit(cache=True, inline="always")
-def _lax_friedrichs4(phi, c, i, near, low, high, at, inverse, half):
-    minus, plus = _both4(phi, c, i, near, half)
+def _lax_friedrichs_at(phi, c, i, near, low, high, at, inverse, half):
+    minus, plus = _both_at(phi, c, i, near, half)
     return _lax_friedrichs(inverse * minus, inverse * plus, low[at + i], high[at + i], half)
 
 
@@ -347,7 +347,7 @@ def _five(flux, axis):
 # A stage in four dimensions, at `count` nodes from `here` on: everything in one loop, so that it stays in registers.
 # Arrays are flat, and indices unsigned: the compiler then need not wonder whether they are negative, and vectorises.
 @njit(cache=True, fastmath=MATH)
-def _advance_constant4(out, phi, count, here, near, flux, dt, keep):
+def _advance_constant_4d(out, phi, count, here, near, flux, dt, keep):
     """For constant velocities; near: four tuples of `_around`."""
     half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
@@ -355,13 +355,13 @@ def _advance_constant4(out, phi, count, here, near, flux, dt, keep):
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        rhs = _constant4(phi, c, i, near0, f0, half) + _constant4(phi, c, i, near1, f1, half)
-        rhs = rhs + _constant4(phi, c, i, near2, f2, half) + _constant4(phi, c, i, near3, f3, half)
+        rhs = _constant_at(phi, c, i, near0, f0, half) + _constant_at(phi, c, i, near1, f1, half)
+        rhs = rhs + _constant_at(phi, c, i, near2, f2, half) + _constant_at(phi, c, i, near3, f3, half)
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
-def _advance_godunov4(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
+def _advance_godunov_4d(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
     """For a box of velocities at each node; in low and high each axis has a `whole` grid."""
     half, zero, rest = phi.dtype.type(0.5), phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
@@ -370,16 +370,16 @@ def _advance_godunov4(out, phi, count, here, near, low, high, whole, inverse, dt
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        rhs = _godunov4(phi, c, i, near0, low, high, here, s0, half, zero)
-        rhs += _godunov4(phi, c, i, near1, low, high, at1, s1, half, zero)
-        rhs += _godunov4(phi, c, i, near2, low, high, at2, s2, half, zero)
-        rhs += _godunov4(phi, c, i, near3, low, high, at3, s3, half, zero)
+        rhs = _godunov_at(phi, c, i, near0, low, high, here, s0, half, zero)
+        rhs += _godunov_at(phi, c, i, near1, low, high, at1, s1, half, zero)
+        rhs += _godunov_at(phi, c, i, near2, low, high, at2, s2, half, zero)
+        rhs += _godunov_at(phi, c, i, near3, low, high, at3, s3, half, zero)
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
 @njit(cache=True, fastmath=MATH)
-def _advance_lax_friedrichs4(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
-    """As `_advance_godunov4`."""
+def _advance_lax_friedrichs_4d(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
+    """As `_advance_godunov_4d`."""
     half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
     near0, near1, near2, near3 = near
     at1, at2, at3 = here + whole, here + whole + whole, here + whole + whole + whole
@@ -387,10 +387,10 @@ def _advance_lax_friedrichs4(out, phi, count, here, near, low, high, whole, inve
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        rhs = _lax_friedrichs4(phi, c, i, near0, low, high, here, s0, half)
-        rhs += _lax_friedrichs4(phi, c, i, near1, low, high, at1, s1, half)
-        rhs += _lax_friedrichs4(phi, c, i, near2, low, high, at2, s2, half)
-        rhs += _lax_friedrichs4(phi, c, i, near3, low, high, at3, s3, half)
+        rhs = _lax_friedrichs_at(phi, c, i, near0, low, high, here, s0, half)
+        rhs += _lax_friedrichs_at(phi, c, i, near1, low, high, at1, s1, half)
+        rhs += _lax_friedrichs_at(phi, c, i, near2, low, high, at2, s2, half)
+        rhs += _lax_friedrichs_at(phi, c, i, near3, low, high, at3, s3, half)
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
@@ -455,7 +455,7 @@ def stage_general(phi, out, wall, low, high, drift, gain, inverse, godunov, scra
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_constant4(phi, out, wall, flux, layout, dt, keep):
+def stage_constant_4d(phi, out, wall, flux, layout, dt, keep):
     """`stage_constant` in four dimensions at second order."""
     size = phi.shape[1]
     flat = out.ravel(), phi.ravel()
@@ -465,13 +465,13 @@ def stage_constant4(phi, out, wall, flux, layout, dt, keep):
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            here, near = np.uint64(plane * size + start), _around4(layout, plane, start, size)
-            _advance_constant4(*flat, stop - start, here, near, flux, dt, keep)
+            here, near = np.uint64(plane * size + start), _around_4d(layout, plane, start, size)
+            _advance_constant_4d(*flat, stop - start, here, near, flux, dt, keep)
             _finish(out, wall, layout, span)
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_box4(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
+def stage_box_4d(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
     """`stage_general` in four dimensions at second order, for boxes; low and high have all planes."""
     size = phi.shape[1]
     flat = out.ravel(), phi.ravel()
@@ -482,12 +482,12 @@ def stage_box4(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            here, near = np.uint64(plane * size + start), _around4(layout, plane, start, size)
+            here, near = np.uint64(plane * size + start), _around_4d(layout, plane, start, size)
             field = flat_low, flat_high, whole, inverse
             if godunov:
-                _advance_godunov4(*flat, stop - start, here, near, *field, dt, keep)
+                _advance_godunov_4d(*flat, stop - start, here, near, *field, dt, keep)
             else:
-                _advance_lax_friedrichs4(*flat, stop - start, here, near, *field, dt, keep)
+                _advance_lax_friedrichs_4d(*flat, stop - start, here, near, *field, dt, keep)
             _finish(out, wall, layout, span)
 
 

@@ -25,7 +25,15 @@ from typing import Any
 import numpy as np
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.scheme_kernels import BLOCKS, Layout, stage_box4, stage_constant, stage_constant4, stage_general, to_planes
+from sdhj.scheme_kernels import (
+    BLOCKS,
+    Layout,
+    stage_box_4d,
+    stage_constant,
+    stage_constant_4d,
+    stage_general,
+    to_planes,
+)
 
 FLUXES = ("godunov", "lax-friedrichs")
 ORDERS = (1, 2, 3)
@@ -204,7 +212,7 @@ def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -
     reads: tuple[Any, ...]
     if velocities.lower.ndim == 1 and not velocities.coupled:
         flux = flux_coefficients(velocities.lower, velocities.upper, scheme.flux) * inverse
-        kernel, reads = stage_constant4, (flux.T.astype(scheme.dtype, order="C"),)
+        kernel, reads = stage_constant_4d, (flux.T.astype(scheme.dtype, order="C"),)
         if not fused:
             kernel, reads = stage_constant, (*reads, _scratch(layout, 1, scheme.dtype))
     else:
@@ -215,7 +223,7 @@ def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -
         fields = [_field(layout, part, leading, scheme.dtype) for part, leading in parts]
         inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
         if fused and not velocities.coupled:
-            kernel, reads = stage_box4, (*fields[:2], inverse, godunov)
+            kernel, reads = stage_box_4d, (*fields[:2], inverse, godunov)
         else:
             scratch = _scratch(layout, grid.ndim + 5, scheme.dtype)
             kernel, reads = stage_general, (*fields, inverse, godunov, scratch)
