@@ -78,7 +78,7 @@ def expect(fits: bool, what: str, given: Any) -> None:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
 
-def size(name: str, value: Any, least: float = 0.0) -> float:
+def checked_number(name: str, value: Any, least: float = 0.0) -> float:
     """A number of a recipe from `least` up to a size that no robot exceeds."""
     fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= ABSURD
     expect(fits, f"{name} must be a number from {least:g} to {ABSURD:g}", value)
@@ -89,12 +89,12 @@ def known_disk(name: str, given: Any) -> None:
     """ValueError where a disk of a recipe is none."""
     path = given["path"]
     expect(path["kind"] in PATHS, f"the path of {name} must be one of {', '.join(PATHS)}", path["kind"])
-    size(f"radius of {name}", given["radius"])
+    checked_number(f"radius of {name}", given["radius"])
     for part, numbers in PATHS[path["kind"]].items():
         values = path[part] if numbers == 2 else [path[part]]
         expect(isinstance(values, list) and len(values) == numbers, f"{part} of {name} must be two numbers", values)
         for value in values:
-            size(f"{part} of {name}", value, 0.0 if part == "radius" else -ABSURD)
+            checked_number(f"{part} of {name}", value, 0.0 if part == "radius" else -ABSURD)
 
 
 @dataclass(frozen=True)
@@ -117,13 +117,13 @@ class Scene:
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
         for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
-            size(name, given[name])
+            checked_number(name, given[name])
         for name, least in (("steps", 1), ("input_levels", 2)):
             fits = type(given[name]) is int and least <= given[name] <= MOST
             expect(fits, f"{name} must be a whole number from {least} to {MOST}", given[name])
         expect(len(given["lengths"]) == 2, "lengths must be two numbers", given["lengths"])
         for length in given["lengths"]:
-            size("lengths", length)
+            checked_number("lengths", length)
         expect(given["kinematics"] in KINEMATICS, f"kinematics must be {' or '.join(KINEMATICS)}", given["kinematics"])
         expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
         for number, obstacle in enumerate(given["obstacles"]):
