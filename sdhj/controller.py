@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdhj.checks import whole
-from sdhj.controller_kernels import decide, tube_values
+from sdhj.controller_kernels import choose, decide, tube_values
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements, reachable_boxes
 from sdhj.problem import ReachAvoidProblem
@@ -224,22 +224,13 @@ class Controller:
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""
-        some = batch.safe.any(axis=1)
+        chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
         if callable(self.rule):
-            chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
-            for row in np.flatnonzero(some):
+            for row in np.flatnonzero(batch.safe.any(axis=1)):
                 chosen[row] = self._own_rule(batch, int(row))
-            return chosen
-        if self.rule == "deepest":
-            score = np.where(batch.safe, batch.margins, np.inf)
-        else:
-            score = np.full(batch.safe.shape, np.inf)
-            score[batch.safe] = scores = self._score(batch)
-            if np.isnan(scores).any():
-                raise ValueError(f"rule {self.rule!r} met a NaN in the level-set functions of the problem")
-            best = score.min(axis=1, keepdims=True)
-            score = np.where(score <= best, batch.margins, np.inf)  # the deeper of two equals
-        return np.where(some, score.argmin(axis=1), NOT_ADMISSIBLE)
+        elif not choose(batch.safe, self._score(batch), batch.margins, chosen):
+            raise ValueError(f"rule {self.rule!r} met a NaN in the level-set functions of the problem")
+        return chosen
 
     def _own_rule(self, batch: Batch, row: int) -> int:
         candidates = np.flatnonzero(batch.safe[row])
@@ -258,6 +249,8 @@ class Controller:
 
     def _score(self, batch: Batch) -> FloatArray:
         """What a named rule minimises, for every safe pair of a state and an input."""
+        if self.rule == "deepest":
+            return batch.margins[batch.safe]
         rows, inputs = np.nonzero(batch.safe)
         if self.rule == "effort":
             return self._effort[inputs]

@@ -320,6 +320,27 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
 
 
 @njit(cache=True, nogil=True, **UNCOUNTED)
+def choose(safe, scores, margins, chosen):
+    """chosen[m] = the safe input of least score, of equals the one of least margin; kept where no input is safe.
+
+    safe, margins (M, L), scores (one for each safe pair, in their order), chosen (M,). False where a score is NaN.
+    """
+    place = 0
+    for m in range(safe.shape[0]):
+        least = np.inf
+        for j in range(safe.shape[1]):
+            if not safe[m, j]:
+                continue
+            score, best = scores[place], chosen[m]
+            if np.isnan(score):
+                return False
+            if best < 0 or score < least or (score == least and margins[m, j] < margins[m, best]):
+                chosen[m], least = j, score
+            place += 1
+    return True
+
+
+@njit(cache=True, nogil=True, **UNCOUNTED)
 def tube_values(points, places, tubes, grid, scratch, out):
     """out[m, v] = the interpolated tube tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 

@@ -18,6 +18,7 @@ from sdhj.grid import FloatArray
 BLOCKS = 64  # pieces that threads share a stage in
 # Fused multiply-adds and the sign of zero may vary; NaN and infinity keep their meaning.
 MATH = {"contract", "nsz"}
+EACH, RIGHT = (0, 1, 2, 3), (1, 1, 1, 1)  # all axes of four dimensions, none mirrored
 
 
 class Layout(NamedTuple):
@@ -298,21 +299,28 @@ def _finish(out, wall, layout, span):
 
 
 @njit(cache=True, inline="always")
-def _around(layout, plane, axis, start, size):
-    """Where the nodes -2, -1, 1, 2 along an axis from `start` in a plane are, in all planes behind one another."""
+def _around(layout, plane, axis, side, start, size):
+    """Where the nodes -2, -1, 1, 2 along an axis from `start` in a plane are, in all planes behind one another.
+
+    side : 1, or -1 for the axis's mirror image.
+    """
     if axis < 2:
         n = layout.near[plane, axis]
-        m2, m1, p1, p2 = n[0] * size, n[1] * size, n[3] * size, n[4] * size
+        m2, m1, p1, p2 = n[2 - 2 * side] * size, n[2 - side] * size, n[2 + side] * size, n[2 + 2 * side] * size
     else:
-        here, stride = plane * size, layout.strides[axis - 2]
+        here, stride = plane * size, side * layout.strides[axis - 2]
         m2, m1, p1, p2 = here - 2 * stride, here - stride, here + stride, here + 2 * stride
     return np.uint64(m2 + start), np.uint64(m1 + start), np.uint64(p1 + start), np.uint64(p2 + start)
 
 
 @njit(cache=True, inline="always")
-def _around_4d(layout, plane, start, size):
-    leading = _around(layout, plane, 0, start, size), _around(layout, plane, 1, start, size)
-    return *leading, _around(layout, plane, 2, start, size), _around(layout, plane, 3, start, size)
+def _around_4d(layout, plane, axes, sides, start, size):
+    return (
+        _around(layout, plane, axes[0], sides[0], start, size),
+        _around(layout, plane, axes[1], sides[1], start, size),
+        _around(layout, plane, axes[2], sides[2], start, size),
+        _around(layout, plane, axes[3], sides[3], start, size),
+    )
 
 
 @njit(cache=True, inline="always")
@@ -322,9 +330,15 @@ def _both_at(phi, c, i, near, half):
 
 
 @njit(cache=True, inline="always")
-def _constant_at(phi, c, i, near, f, half):
+def _constant_at(phi, c, i, near, f, one_sided, half):
+    """One axis's numerical Hamiltonian; f from `schemes.reduced_flux`. `one_sided` is known when this is compiled."""
+    if one_sided:
+        m1, p1, p2 = phi[near[1] + i], phi[near[2] + i], phi[near[3] + i]
+        right = p1 - c
+        plus = right - half * _smaller((p2 - p1) - right, right - (c - m1))
+        return _larger(f[1] * plus, f[2] * plus)
     minus, plus = _both_at(phi, c, i, near, half)
-    return _larger(_larger(f[0] * minus + f[1] * plus, f[2] * minus + f[3] * plus), f[4])
+    return _larger(_larger(f[0] * minus + f[1] * plus, f[2] * plus), f[3])
 
 
 @njit(cache=True, inline="always")
@@ -340,23 +354,24 @@ def _lax_friedrichs_at(phi, c, i, near, low, high, at, inverse, half):
 
 
 @njit(cache=True, inline="always")
-def _five(flux, axis):
-    return flux[axis, 0], flux[axis, 1], flux[axis, 2], flux[axis, 3], flux[axis, 4]
+def _four(flux, axis):
+    return flux[axis, 0], flux[axis, 1], flux[axis, 2], flux[axis, 3]
 
 
 # A stage in four dimensions, at `count` nodes from `here` on: everything in one loop, so that it stays in registers.
 # Arrays are flat, and indices unsigned: the compiler then need not wonder whether they are negative, and vectorises.
 @njit(cache=True, fastmath=MATH)
-def _advance_constant_4d(out, phi, count, here, near, flux, dt, keep):
-    """For constant velocities; near: four tuples of `_around`."""
-    half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
+def _advance_constant_4d(out, phi, count, here, near, flux, one_sided, dt, keep):
+    """For constant velocities; near: four tuples of `_around`, those of the `one_sided` axes first."""
+    half, rest, ones = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep, len(one_sided)
     near0, near1, near2, near3 = near
-    f0, f1, f2, f3 = _five(flux, 0), _five(flux, 1), _five(flux, 2), _five(flux, 3)
+    f0, f1, f2, f3 = _four(flux, 0), _four(flux, 1), _four(flux, 2), _four(flux, 3)
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        rhs = _constant_at(phi, c, i, near0, f0, half) + _constant_at(phi, c, i, near1, f1, half)
-        rhs = rhs + _constant_at(phi, c, i, near2, f2, half) + _constant_at(phi, c, i, near3, f3, half)
+        rhs = _constant_at(phi, c, i, near0, f0, ones > 0, half) + _constant_at(phi, c, i, near1, f1, ones > 1, half)
+        rhs += _constant_at(phi, c, i, near2, f2, ones > 2, half)
+        rhs += _constant_at(phi, c, i, near3, f3, ones > 3, half)
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
@@ -455,8 +470,12 @@ def stage_general(phi, out, wall, low, high, drift, gain, inverse, godunov, scra
 
 
 @njit(cache=True, parallel=True, fastmath=MATH)
-def stage_constant_4d(phi, out, wall, flux, layout, dt, keep):
-    """`stage_constant` in four dimensions at second order."""
+def stage_constant_4d(phi, out, wall, flux, sides, one_sided, two_sided, layout, dt, keep):
+    """`stage_constant` in four dimensions at second order.
+
+    flux, sides : (4, 4) and (4,), of `schemes.reduced_flux`, the one-sided axes first.
+    one_sided, two_sided : tuples of axes. How many there are is part of their type: each number is compiled apart.
+    """
     size = phi.shape[1]
     flat = out.ravel(), phi.ravel()
     tasks = layout.near.shape[0] * layout.chunks
@@ -465,8 +484,9 @@ def stage_constant_4d(phi, out, wall, flux, layout, dt, keep):
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            here, near = np.uint64(plane * size + start), _around_4d(layout, plane, start, size)
-            _advance_constant_4d(*flat, stop - start, here, near, flux, dt, keep)
+            here = np.uint64(plane * size + start)
+            near = _around_4d(layout, plane, one_sided + two_sided, sides, start, size)
+            _advance_constant_4d(*flat, stop - start, here, near, flux, one_sided, dt, keep)
             _finish(out, wall, layout, span)
 
 
@@ -482,7 +502,7 @@ def stage_box_4d(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
         for task in range(np.int64(block) * tasks // blocks, (np.int64(block) + 1) * tasks // blocks):
             span = _span(layout, task)
             plane, _, _, start, stop = span
-            here, near = np.uint64(plane * size + start), _around_4d(layout, plane, start, size)
+            here, near = np.uint64(plane * size + start), _around_4d(layout, plane, EACH, RIGHT, start, size)
             field = flat_low, flat_high, whole, inverse
             if godunov:
                 _advance_godunov_4d(*flat, stop - start, here, near, *field, dt, keep)

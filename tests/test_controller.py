@@ -378,6 +378,14 @@ def test_rules_report_a_level_set_that_is_not_a_number() -> None:
         Controller(replace(table, problem=problem), "target").select([0.0], 0)
 
 
+def test_rules_stay_with_the_safe_inputs_where_all_score_infinitely_badly() -> None:
+    """From 0.7 the inputs 0 and 1 are safe; the deeper of the two is 0. Input 2 would lead out of the target."""
+    problem = replace(FREE, delta=0.5)
+    far = replace(FREE.target, level_set=lambda p, t: np.full(len(p), np.inf))
+    object.__setattr__(problem, "target", far)
+    assert Controller(replace(free_table(), problem=problem), "target").select([0.7], 0) == 0
+
+
 def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
     avoid = free_table().avoid
     assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdhj import Grid, Scheme
-from sdhj.schemes import Velocities, evolve, flux_coefficients
+from sdhj.schemes import Velocities, evolve, flux_coefficients, reduced_flux
 
 FLUXES = ("godunov", "lax-friedrichs")
 DOUBLE = Scheme(dtype="float64", frame="fixed")
@@ -75,6 +75,52 @@ def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, period
 
     expected = naive.evolve(values, rhs, 0.05, 2, "rk2", obstacle=lambda tau: wall)
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("flux", FLUXES)
+@pytest.mark.parametrize("one_sided", [(), (2,), (0, 3), (0, 1, 2), (0, 1, 2, 3)])
+def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, flux, one_sided):
+    """The fused kernel computes one difference along an axis where Godunov's flux or a known velocity needs no more."""
+    shape, periodic = (5, 6, 5, 7), (True, False, True, False)
+    grid = Grid([0.0] * 4, [2.0] * 4, shape, periodic)
+    values = rng.normal(size=shape)
+    lower, upper = -rng.uniform(0.5, 1, size=4), rng.uniform(0.5, 1, size=4)
+    for number, axis in enumerate(one_sided):
+        known = flux == "lax-friedrichs" or number == 2
+        a, b = sorted(rng.uniform(0.5, 2, size=2))
+        lower[axis], upper[axis] = (-b, -b if known else -a) if number % 2 else (a, a if known else b)
+    scheme, velocities = dataclasses.replace(DOUBLE, flux=flux), Velocities(lower, upper)
+    reduced = reduced_flux(grid, velocities, scheme)
+    assert reduced[2] == one_sided
+    full = [np.broadcast_to(v.reshape(-1, 1, 1, 1, 1), (4, *shape)) for v in (lower, upper)]
+
+    def rhs(phi):
+        return naive.right_hand_side(phi, grid.spacing, periodic, *full, 2, flux)
+
+    got = evolve(grid, values, velocities, 0.05, scheme, steps=2)
+    np.testing.assert_allclose(got, naive.evolve(values, rhs, 0.05, 2, "rk2"), rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("flux", FLUXES)
+def test_reduced_flux_says_what_all_five_coefficients_say(rng, flux):
+    grid = Grid([0.0] * 4, [2.0] * 4, (5, 6, 7, 8))
+    ends = [(-1, 2), (-2, 1), (1, 2), (-2, -1), (0, 1), (-1, 0), (0, 0), (1, 1), (-1, -1), (-1, 1)]
+    for _ in range(200):
+        lower, upper = np.array([ends[k] for k in rng.integers(len(ends), size=4)], float).T
+        minus, plus = rng.uniform(-1, 1, size=(2, 4))
+        c = flux_coefficients(lower, upper, flux) / np.array(grid.spacing)
+        full = np.maximum(np.maximum(c[0] * minus + c[1] * plus, c[2] * minus + c[3] * plus), c[4])
+        numbers, sides, one_sided, two_sided = reduced_flux(
+            grid, box(lower, upper), dataclasses.replace(DOUBLE, flux=flux)
+        )
+        for place, axis in enumerate(one_sided + two_sided):
+            left, right = (minus[axis], plus[axis]) if sides[place] > 0 else (-plus[axis], -minus[axis])
+            if place < len(one_sided):
+                got = max(numbers[place][1] * right, numbers[place][2] * right)
+            else:
+                f = numbers[place]
+                got = max(f[0] * left + f[1] * right, f[2] * right, f[3])
+            assert got == pytest.approx(full[axis], abs=ROUNDING)
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
