@@ -379,11 +379,13 @@ def test_rules_report_a_level_set_that_is_not_a_number() -> None:
 
 
 def test_rules_stay_with_the_safe_inputs_where_all_score_infinitely_badly() -> None:
-    """From 0.7 the inputs 0 and 1 are safe; the deeper of the two is 0. Input 2 would lead out of the target."""
+    """Input 2 is the deepest, but hits something: it is not to be taken where no safe input ever reaches the target."""
     problem = replace(FREE, delta=0.5)
-    far = replace(FREE.target, level_set=lambda p, t: np.full(len(p), np.inf))
-    object.__setattr__(problem, "target", far)
-    assert Controller(replace(free_table(), problem=problem), "target").select([0.7], 0) == 0
+    object.__setattr__(problem, "target", replace(FREE.target, level_set=lambda p, t: np.full(len(p), np.inf)))
+    controller = Controller(replace(free_table(), problem=problem), "target")
+    batch = controller.batch(np.array([[0.7], [3.9]]), 0)
+    batch.safe[0], batch.margins[0] = [True, True, False], [-0.1, -0.2, -0.5]
+    assert controller.choose(batch).tolist() == [1, -1]
 
 
 def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
