@@ -13,6 +13,7 @@ import numpy as np
 
 import sdhj
 from sdhj.adversaries import ADVERSARIES
+from sdhj.compiling import announced
 from sdhj.files import writable_file, writable_folder
 from sdhj.loading import header
 
@@ -31,12 +32,13 @@ class Refusal(click.ClickException):
 
 
 def plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what the library refuses into one line without a traceback."""
+    """Turn what the library refuses into one line without a traceback, and say when kernels are compiled."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
         try:
-            command(*args, **kwargs)
+            with announced(progress=True):
+                command(*args, **kwargs)
         except (ValueError, OSError, MemoryError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
         except ImportError as error:

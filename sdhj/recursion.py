@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit, prange
 from tqdm import tqdm
 
+from sdhj.compiling import announced
 from sdhj.games import KEPT, HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import INTERPOLATIONS
@@ -128,7 +129,8 @@ def solve(
         from sdhj.certified import certify
         from sdhj.certified_table import CertifiedTable
 
-        return CertifiedTable(certify(problem, cells=cells, bounds=bounds, progress=progress))  # type: ignore[return-value]  # the same interface
+        with announced(progress):
+            return CertifiedTable(certify(problem, cells=cells, bounds=bounds, progress=progress))  # type: ignore[return-value]  # the same interface
     scheme = Scheme() if scheme is None else scheme
     remedy = 'use fewer nodes, fewer steps, or Scheme(dtype="float32")'
     require(memory_needed(problem, scheme.dtype), "this solve", remedy)
@@ -146,7 +148,7 @@ def solve(
         details |= solver.options
     total, hidden = problem.steps * (problem.steps + 1) // 2, None if progress is None else not progress
     bar = tqdm(total=total, desc=method, unit="tube", disable=hidden)
-    with bar:
+    with bar, announced(progress):
         table = _recursion(problem, solver, method, details, bar)
     details["seconds"] = time.perf_counter() - started
     if isinstance(solver, ProjectedSolver):

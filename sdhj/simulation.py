@@ -23,6 +23,7 @@ from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.checks import whole
+from sdhj.compiling import announced
 from sdhj.controller import CHUNK, Controller, threads
 from sdhj.grid import FloatArray
 from sdhj.motion import advance
@@ -228,7 +229,8 @@ def monte_carlo(
         starts = admissible_states(controller, sizes[number], rng)
         return (starts, *rollouts(controller, starts, play, rng))
 
-    with bar, ThreadPoolExecutor(1 if callable(adversary) or callable(controller.rule) else threads()) as pool:
+    workers = 1 if callable(adversary) or callable(controller.rule) else threads()
+    with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
         results = []
         for result in pool.map(chunk, range(len(sizes))):
             bar.update(len(result[0]))

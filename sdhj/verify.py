@@ -78,6 +78,10 @@ def expect(fits: bool, what: str, given: Any) -> None:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
 
+def is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 def checked_number(name: str, value: Any, least: float = 0.0) -> float:
     """A number of a recipe from `least` up to a size that no robot exceeds."""
     fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= ABSURD
@@ -119,7 +123,7 @@ class Scene:
         for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
             checked_number(name, given[name])
         for name, least in (("steps", 1), ("input_levels", 2)):
-            fits = type(given[name]) is int and least <= given[name] <= MOST
+            fits = is_whole(given[name]) and least <= given[name] <= MOST
             expect(fits, f"{name} must be a whole number from {least} to {MOST}", given[name])
         expect(len(given["lengths"]) == 2, "lengths must be two numbers", given["lengths"])
         for length in given["lengths"]:
@@ -367,8 +371,8 @@ def verify(
         Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
         check; and for samples or a seed that make no sense.
     """
-    expect(samples is None or (type(samples) is int and samples > 0), "samples must be a positive number", samples)
-    expect(type(seed) is int and seed >= 0, "seed must be a whole number of at least 0", seed)
+    expect(samples is None or (is_whole(samples) and samples > 0), "samples must be a positive number", samples)
+    expect(is_whole(seed) and seed >= 0, "seed must be a whole number of at least 0", seed)
     with h5py.File(path, "r") as opened:
         if group not in opened:
             raise ValueError(f"{path} holds no certified sets; make them with method='certified'")

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from sdhj.compiling import LINE
+
 PACKAGE = Path(__file__).parent.parent / "sdhj"
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "stencil", "cfunc", "generated_jit", "overload"}
 
@@ -210,3 +212,27 @@ def test_a_kernel_of_the_package_is_compiled_anew_after_an_edit(tmp_path: Path) 
     assert float(run(code, tmp_path)) == 1.5
     edit(source, "(coordinate - lower) / spacing", "(coordinate - lower) / spacing + 1.0")
     assert float(run(code, tmp_path)) == 2.5
+
+
+@pytest.mark.slow
+def test_compiling_is_said_once_and_reading_from_the_cache_is_not(tmp_path: Path) -> None:
+    """Two kernels are compiled in the first process, none in the second; what is around a call has the word."""
+    code = """
+import sys
+import numpy as np
+import sdhj
+from sdhj.compiling import announced
+sys.stderr = sys.stdout
+grid = sdhj.Grid([0.0], [1.0], [5], [True])
+with announced(progress={progress}):
+    with announced(progress=True):
+        grid.wrapped(np.zeros((1, 1)))
+    grid.interpolate(np.zeros(5), np.zeros((1, 1)))
+print("end")
+"""
+    told = code.format(progress=True)
+    assert run(told, tmp_path).split("\n") == [LINE, "end", ""]
+    assert run(told, tmp_path).split() == ["end"]
+    quiet = tmp_path / "quiet"
+    quiet.mkdir()
+    assert run(code.format(progress=None).replace("=True", "=False"), quiet).split() == ["end"]

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from toys import torus_problem
 
 import sdhj
+from sdhj import verify
 from sdhj.cli import main
 from sdhj.reproduce import reproduce
 from sdhj.warmup import CELLS
@@ -171,11 +172,14 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
     assert result.exit_code == 2 and "damaged" in result.output
 
 
-def test_warmup_covers_every_method():
-    """The tubes of its certified table grow, so that their kernels run too, and its controller plays."""
+def test_warmup_covers_every_method(monkeypatch):
+    """The tubes of its certified table grow, so that their kernels run too; it is played and verified."""
+    verified, check = [], verify.verify
+    monkeypatch.setattr(verify, "verify", lambda *args, **options: verified.append(check(*args, **options)))
     result = run("warmup")
     assert result.exit_code == 0, result.output
     for method in ("hji", "projected", "lax", "certified"):
-        assert f"compiling {method}" in result.output
+        assert f"warming up {method}" in result.output
+    assert len(verified) == 1 and verified[0].ok and all(claim.checked > 0 for claim in verified[0].claims)
     table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method="certified", cells=CELLS, progress=False)
     assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
