@@ -514,10 +514,31 @@ def stage_box_4d(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
 @njit(cache=True, parallel=True)
 def to_planes(values, out, layout):
     """Copy values (planes, rows, nodes) into `out` (planes, plane), ghost nodes included."""
-    n, g, width = layout.nodes, layout.ghosts, layout.width
     for plane in prange(values.shape[0]):
-        for row in range(layout.rows):
-            base = (row + layout.top) * width + g
-            for i in range(n):
-                out[plane, base + i] = values[plane, row, i]
+        _pad(values[plane], out[plane], layout)
         _fill_ghosts(out[plane], layout, 0, layout.rows)
+
+
+@njit(cache=True)
+def _pad(values, plane, layout):
+    """Copy values (rows, nodes) to where they belong in a flat plane."""
+    for row in range(layout.rows):
+        base = (row + layout.top) * layout.width + layout.ghosts
+        for i in range(layout.nodes):
+            plane[base + i] = values[row, i]
+
+
+@njit(cache=True, parallel=True)
+def from_planes(phi, out, layout):
+    """Copy phi (planes, plane) into `out` (planes, rows, nodes), without the ghost nodes."""
+    for plane in prange(out.shape[0]):
+        _unpad(phi[plane], out[plane], layout)
+
+
+@njit(cache=True)
+def _unpad(plane, values, layout):
+    """Copy them back."""
+    for row in range(layout.rows):
+        base = (row + layout.top) * layout.width + layout.ghosts
+        for i in range(layout.nodes):
+            values[row, i] = plane[base + i]
