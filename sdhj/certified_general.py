@@ -11,6 +11,7 @@ that A r stays small. Nothing is integrated and no step is approximate. Walls on
 at them.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,6 +24,7 @@ from tqdm import tqdm
 from sdhj.certified_arm import pack, velocity_bounds
 from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import SLACK, Cells, cells_at, covered, pick, row_and_bit
+from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
@@ -168,9 +170,12 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check the bounds and make room."""
         bounds = LipschitzBounds() if bounds is None else bounds
+        names = [problem.target.name, *(part.name for part in problem.unsafe)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
         sets = {part.name: bounds.of(part.name, part.axes) for part in problem.unsafe}
         sets[problem.target.name] = bounds.of(problem.target.name, problem.target.axes)
-        _check_seams(problem)
+        _check_seams(problem, parts)
         entries = entry(problem.steps, problem.steps, 0) + 1
         size = int(np.prod([axis.count for axis in axes], dtype=np.int64))
         masks = np.zeros((entries, -(-len(problem.inputs) // 8), size), np.uint8)
@@ -221,14 +226,14 @@ class GeneralProof:
         """Write the inputs and the bounds that they rest on."""
         group.attrs["parts"] = self.parts
         group["matrix"] = self.matrix
-        for name, bounds in self.sets.items():
-            group[f"sets/{name}"] = bounds
+        # a name may be anything, also what is a path to HDF5
+        group.attrs["sets"] = json.dumps({name: bounds.tolist() for name, bounds in self.sets.items()})
         group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
 
     @classmethod
     def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> "GeneralProof":
         """Read what `save` wrote."""
-        sets = {name: data[()] for name, data in group["sets"].items()}
+        sets = {name: np.array(bounds) for name, bounds in json.loads(group.attrs["sets"]).items()}
         count = len(problem.inputs)
         return cls(group["masks"][()], len(axes) - 1, group["matrix"][()], sets, int(group.attrs["parts"]), count)
 
@@ -248,9 +253,7 @@ class GeneralRecursion:
         steps, count = self.problem.steps, len(self.problem.inputs)
         index, chunks = [], [np.zeros((1, -(-int(self.shape[-1]) // 64)), np.uint64)]
         sets: list[FloatArray] = []
-        with tqdm(
-            total=count + steps * (steps + 1) // 2, desc="certified", disable=None if progress is None else not progress
-        ) as bar:
+        with tqdm(total=count + steps * (steps + 1) // 2, desc="certified", disable=hidden(progress)) as bar:
             images, clear = self._intervals(bar)
             for step in range(steps, -1, -1):
                 row = [self.goal(step)]
@@ -326,18 +329,23 @@ class GeneralRecursion:
         return (most <= 0.0) & self._clear(boxes, t)
 
 
-def _check_seams(problem: ReachAvoidProblem) -> None:
+def _check_seams(problem: ReachAvoidProblem, parts: int) -> None:
     """Refuse functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump.
 
-    Boxes of tubes reach across that seam; cells of the goal do not, so the target may jump there.
+    Boxes of tubes reach across that seam; cells of the goal do not, so the target may jump there. A moving set may jump
+    at some times only: it is tried at the middles of all parts, where it is evaluated, and between them.
     """
+    times = np.arange(2 * parts * problem.steps + 1) * problem.delta / (2 * parts)
     grid, dynamics = problem.grid, problem.dynamics
     for axis in np.flatnonzero(grid.periodic):
         points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
         other = points.copy()
         other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
         functions: dict[str, Callable[[FloatArray], FloatArray]] = {}
-        functions |= {f"level set of {part.name!r}": partial(problem.value_of, part, t=0.0) for part in problem.unsafe}
+        for part in problem.unsafe:
+            for t in times if part.moving else times[:1]:
+                told = f"level set of {part.name!r} at t = {t:g}"
+                functions[told] = partial(problem.value_of, part, t=float(t))
         for j in range(len(problem.inputs)) if not dynamics.constant else ():
             functions[f"drift under input {j}"] = partial(problem.drift_at, j=j)
         if not dynamics.constant:

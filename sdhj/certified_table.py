@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from sdhj.certified import CertifiedSets
+from sdhj.checks import whole
 from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements
@@ -58,7 +59,7 @@ class CertifiedTable:
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
-        within = min(within, self.steps - start)
+        within = min(whole("within", within, least=0), self.steps - whole("start", start, least=0, most=self.steps))
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int, within: int) -> FloatArray:
@@ -111,7 +112,8 @@ class CertifiedController(Controller):
     """`sdhj.Controller` of a certified table: it plays certified inputs and says so where there is none.
 
     The margin that rule "deepest" goes by is the steps to go that the undisturbed successor has, minus those it may
-    have; at most 0 for a certified input, and the lower, the sooner the target.
+    have; at most 0 for a certified input, and the lower, the sooner the target. From the target there may be no input
+    that is proved to bring the state back into it one step later.
     """
 
     table: CertifiedTable  # type: ignore[assignment]
@@ -130,20 +132,21 @@ class CertifiedController(Controller):
         to_go = self.table.steps_to_go(states, step)
         to_go[to_go > self.table.steps - step] = NOT_ADMISSIBLE
         safe = np.zeros((len(rows), len(self.problem.inputs)), dtype=np.bool_)
-        for within in np.unique(to_go[to_go > 0]):
-            same = to_go == within
+        ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
+        for within in np.unique(ahead[ahead > 0]):
+            same = ahead == within
             safe[same] = self.table.sets.certified_inputs_many(states[same], step, int(within))
         batch.steps_to_go[rows], batch.safe[rows] = to_go, safe
-        batch.margins[rows] = self._margins(states, step, to_go, safe)
+        batch.margins[rows] = self._margins(states, step, ahead, safe)
 
-    def _margins(self, states: FloatArray, step: int, to_go: FloatArray, safe: FloatArray) -> FloatArray:
+    def _margins(self, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray) -> FloatArray:
         margins = np.full(safe.shape, np.inf)
         rows, inputs = np.nonzero(safe)
         if rows.size:
             moves = displacements(self.problem, states)
             moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
             successors = clip_to_walls(self.problem.grid, moved)
-            margins[rows, inputs] = self.table.steps_to_go(successors, step + 1) - (to_go[rows] - 1)
+            margins[rows, inputs] = self.table.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
         return margins
 
 

@@ -171,17 +171,23 @@ class Controller:
         Raises
         ------
         NotAdmissible
-            Where no tube holds q.
+            Where no tube holds q; of a certified table also in the target, where no input is proved to bring q back.
         ValueError
             At the last step, where no interval is left, and where your own rule returns no candidate.
         """
         batch = self._admissible(q, step)
         if step == self.table.steps:
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-        return int(self.choose(batch)[0])
+        chosen = int(self.choose(batch)[0])
+        if chosen == NOT_ADMISSIBLE:  # an index all the same, of the last input
+            raise NotAdmissible(
+                f"state {batch.states[0].tolist()} is in the target at step {step}, and no input is proved to bring it "
+                "back into the target one step later"
+            )
+        return chosen
 
     def _query(self, q: FloatArray, step: int) -> Batch:
-        state = np.asarray(q, dtype=np.float64)
+        state = np.array(q, dtype=np.float64)
         ndim = self.problem.grid.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape ({ndim},), got {state.shape}; for many states use batch()")
@@ -216,7 +222,7 @@ class Controller:
         ValueError
             Where a state is NaN or infinite, or shape or step do not fit.
         """
-        states = np.ascontiguousarray(states, dtype=np.float64)
+        states = np.array(states, dtype=np.float64, order="C")  # a copy: `choose` and own rules look at it later
         ndim = self.problem.grid.ndim
         if states.ndim != 2 or states.shape[1] != ndim:
             raise ValueError(f"states must have shape (M, {ndim}), got {states.shape}")
@@ -243,7 +249,7 @@ class Controller:
             problem=self.problem,
         )
         index = self.rule(choice)  # type: ignore[operator]
-        if index not in candidates:
+        if np.ndim(index) > 0 or index not in candidates:
             raise ValueError(f"the rule returned {index!r}, not one of choice.candidates, here {candidates.tolist()}")
         return int(index)
 
@@ -254,6 +260,8 @@ class Controller:
         rows, inputs = np.nonzero(batch.safe)
         if self.rule == "effort":
             return self._effort[inputs]
+        if not rows.size:  # nor is there a state whose successors to ask for
+            return np.empty(0)
         moves = displacements(self.problem, batch.states)
         moved = batch.states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
         successors = clip_to_walls(self.problem.grid, moved)  # without an adversary

@@ -1,5 +1,6 @@
 """Certified sets: every obligation of the proof, the twins, closed forms and runs against adversaries."""
 
+import dataclasses
 import itertools
 import math
 from fractions import Fraction
@@ -702,3 +703,24 @@ def test_no_lipschitz_bound_holds_across_a_jump_at_the_seam(part):
     bounds = LipschitzBounds(dynamics=[[0.1]], sets={"target": [1.0], "unsafe": [1.0]})
     with pytest.raises(ValueError, match=f"{part}.*jumps by .* periodic axis 'x1' closes"):
         certify(problem, cells=[50], bounds=bounds, progress=False)
+
+
+def test_a_set_that_jumps_at_the_seam_at_some_times_only_is_refused():
+    """Its centre is at the middle of the axis at every t_k, where the distance that nobody wrapped is periodic."""
+    part = sdhj.UnsafeSet(
+        (0,), lambda p, t: np.abs(p[:, 0] - 2.9 * np.sin(np.pi * t)) - 0.3, rate=2.9 * np.pi, name="disk"
+    )
+    target = sdhj.TargetSet((0,), lambda p, t: np.maximum(2.0 - np.abs(p[:, 0]), 0.5 - t))
+    dynamics = sdhj.Dynamics([[0.0]], [[0.0]], [[1.0]], [0.1])
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-np.pi], [np.pi], [64], [True]), dynamics, target, (part,), 1.0, 1)
+    bounds = LipschitzBounds(sets={"target": [1.0], "disk": [1.0]})
+    with pytest.raises(ValueError, match=r"'disk' at t = .* jumps by .* periodic axis 'x1' closes"):
+        certify(problem, cells=[400], bounds=bounds, progress=False)
+
+
+def test_bounds_of_two_sets_of_one_name_are_not_told_apart():
+    problem = interval_problem(steps=1)
+    steep = sdhj.UnsafeSet((0,), lambda p, t: 5.0 * (3.5 + p[:, 0]), name="wall")
+    problem = dataclasses.replace(problem, unsafe=(*problem.unsafe, steep))
+    with pytest.raises(ValueError, match="two of the sets have one name"):
+        certify(problem, cells=[40], bounds=LipschitzBounds(sets={"target": [1.0], "wall": [1.0]}), progress=False)

@@ -1,5 +1,6 @@
 """Certified sets behind the table's interface, and the controller that plays them."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -96,6 +97,40 @@ def test_outside_the_certified_set_it_says_so(table):
     assert controller.steps_to_go([3.0, 3.0, 0.0, 0.0], 0) is None
     with pytest.raises(ValueError, match="NaN"):
         controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)
+
+
+def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng):
+    """As for other tables. An index of -1 would be the last input, proved or not."""
+    states = rng.uniform(table.grid.lower, table.grid.upper, (20_000, 4))
+    there = states[table.steps_to_go(states, 0) == 0]
+    proved = table.sets.certified_inputs_many(there, 0, 1)
+    assert 0 < proved.any(axis=1).sum() < len(there)
+    controller = sdhj.Controller(table)
+    batch = controller.batch(there, 0)
+    assert np.array_equal(batch.safe, proved) and (batch.steps_to_go == 0).all()
+    assert (batch.margins[proved] <= 0).all() and np.isinf(batch.margins[~proved]).all()
+    held, lost = there[proved.any(axis=1)][0], there[~proved.any(axis=1)][0]
+    assert proved[np.flatnonzero((there == held).all(axis=1))[0], controller.select(held, 0)]
+    with pytest.raises(sdhj.NotAdmissible, match="in the target at step 0, and no input is proved to bring it back"):
+        controller.select(lost, 0)
+
+
+@pytest.mark.parametrize(("start", "within"), [(0, -1), (0, 1.5), (4, 0), (-1, 0)])
+def test_entries_that_are_not_there_are_refused(table, start, within):
+    with pytest.raises(ValueError, match="must be a whole number"):
+        table.values(start=start, within=within)
+
+
+@pytest.mark.parametrize("name", ["left/right", ".", "", "a\0b"])
+def test_sets_may_have_any_name(tmp_path, name):
+    problem = interval_problem(steps=1)
+    (part,) = problem.unsafe
+    problem = dataclasses.replace(problem, unsafe=(dataclasses.replace(part, name=name),))
+    bounds = LipschitzBounds(sets={"target": [1.0], name: [1.5]})
+    made = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    made.save(tmp_path / "own.h5")
+    proof = sdhj.load(tmp_path / "own.h5", problem=problem).sets.proof
+    assert {key: value.tolist() for key, value in proof.sets.items()} == {"target": [1.0], name: [1.5]}
 
 
 def test_solve_makes_certified_tables(monkeypatch):

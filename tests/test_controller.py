@@ -304,9 +304,10 @@ def test_own_rule_sees_the_choice_and_decides() -> None:
     assert controller.choose(batch).tolist() == [2, -1, 1]
 
 
-def test_own_rule_must_return_a_candidate() -> None:
-    with pytest.raises(ValueError, match=r"rule returned 2, not one of choice.candidates, here \[0, 1\]"):
-        Controller(free_table(), lambda choice: 2).select([0.7], 0)
+@pytest.mark.parametrize("returned", [2, None, [0], np.array([0, 1]), np.array([])])
+def test_own_rule_must_return_a_candidate(returned: object) -> None:
+    with pytest.raises(ValueError, match=r"rule returned .*, not one of choice.candidates, here \[0, 1\]"):
+        Controller(free_table(), lambda choice: returned).select([0.7], 0)  # type: ignore[arg-type,return-value]
 
 
 # ---- guards
@@ -397,3 +398,19 @@ def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
 def test_what_is_no_table_is_refused(wrong: object) -> None:
     with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
         Controller(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rule", [*RULES, lambda choice: choice.candidates[0]])
+def test_no_state_is_a_batch_too(rule):
+    """Also where moves depend on the state, so that there are none."""
+    controller = sdhj.Controller(sdhj.solve(toys.unicycle_problem(steps=1), progress=False), rule)
+    batch = controller.batch(np.empty((0, 3)), 0)
+    assert batch.safe.shape == (0, 3) and controller.choose(batch).shape == (0,)
+
+
+def test_a_batch_keeps_its_states() -> None:
+    controller = Controller(free_table(), "target")
+    states = np.array([[1.4], [-1.4]])
+    batch = controller.batch(states, 1)
+    states *= -1  # as a closed loop may do that moves its states in place
+    assert controller.choose(batch).tolist() == [0, 2]
