@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES
 from sdhj.checks import whole
+from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
 from sdhj.search import search_losing
@@ -79,9 +80,7 @@ def campaign(
     for name, table in tables.items():
         controller = Controller(table, rule=rule)
         for adversary in adversaries:
-            with tqdm(
-                total=runs, desc=f"{name}: {adversary}", unit="run", disable=None if progress is None else not progress
-            ) as bar:
+            with tqdm(total=runs, desc=f"{name}: {adversary}", unit="run", disable=hidden(progress)) as bar:
                 rows.append(_row(controller, name, adversary, runs, seed, bar))
     return rows
 

@@ -18,6 +18,7 @@ from sdhj import certified_kernels as kernels
 from sdhj.case_studies import ArmScene, scene
 from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import ArmMotion, Cells
+from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
@@ -231,9 +232,7 @@ class ArmRecursion:
     def run(self, progress: bool | None) -> tuple[FloatArray, FloatArray]:
         """Index and pool of all sets."""
         steps, count = self.problem.steps, len(self.problem.inputs)
-        with tqdm(
-            total=count + steps * (steps + 1) // 2, desc="certified", disable=None if progress is None else not progress
-        ) as bar:
+        with tqdm(total=count + steps * (steps + 1) // 2, desc="certified", disable=hidden(progress)) as bar:
             sets = [self.goal(step) for step in range(steps + 1)]
             for step in range(steps + 1):
                 self.keep(sets[step], np.any(sets[step] != 0, axis=2), entry(steps, step, 0), None)

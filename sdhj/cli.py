@@ -39,6 +39,8 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
         try:
             with announced(progress=True):
                 command(*args, **kwargs)
+        except BrokenPipeError:  # whoever read has seen enough; click ends without a word
+            raise
         except (ValueError, OSError, MemoryError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
         except ImportError as error:

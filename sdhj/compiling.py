@@ -27,14 +27,22 @@ class _Announcer(Listener):
         pass
 
 
+def hidden(progress: bool | None) -> bool:
+    """Whether nothing is to be shown while work goes on; progress as for `solve`.
+
+    A program without a console, or with that descriptor closed, has no standard error, which tqdm does not survive.
+    """
+    stream: Any = sys.stderr
+    return stream is None or not (stream.isatty() if progress is None else progress)
+
+
 @contextmanager
 def announced(progress: bool | None = None) -> Iterator[None]:
     """Within it, say once on standard error that kernels are compiled, should any be.
 
     progress : as for `solve`; by default where standard error is a terminal.
     """
-    shown = sys.stderr.isatty() if progress is None else progress
-    if _listening or not shown:  # what is around it says it already
+    if _listening or hidden(progress):  # what is around it says it already
         yield
         return
     listener = _Announcer()

@@ -19,6 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.checks import whole
+from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
@@ -334,7 +335,7 @@ def check_runs(
     world, rng = World(controller.problem), np.random.default_rng(whole("seed", seed, least=0))
     starts = admissible_states(controller, runs, rng)
     trajectories, replays = [], []
-    for i in tqdm(range(runs), desc="MuJoCo", unit="run", disable=None if progress is None else not progress):
+    for i in tqdm(range(runs), desc="MuJoCo", unit="run", disable=hidden(progress)):
         trajectories.append(simulate(controller, starts[i], adversary, seed=seed + i))
         replays.append(replay(world, trajectories[-1], finer))
     collided = np.array([run.outcome == "collided" for run in trajectories])

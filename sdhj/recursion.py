@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 from tqdm import tqdm
 
-from sdhj.compiling import announced
+from sdhj.compiling import announced, hidden
 from sdhj.games import KEPT, HJISolver, JointSolver, LaxSolver, Solver, avoid_axes, velocity_bytes
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import INTERPOLATIONS
@@ -146,8 +146,8 @@ def solve(
     details |= {"interpolation": interpolation, "dtype": scheme.dtype} if method == "lax" else vars(scheme)
     if isinstance(solver, ProjectedSolver):
         details |= solver.options
-    total, hidden = problem.steps * (problem.steps + 1) // 2, None if progress is None else not progress
-    bar = tqdm(total=total, desc=method, unit="tube", disable=hidden)
+    total = problem.steps * (problem.steps + 1) // 2
+    bar = tqdm(total=total, desc=method, unit="tube", disable=hidden(progress))
     with bar, announced(progress):
         table = _recursion(problem, solver, method, details, bar)
     details["seconds"] = time.perf_counter() - started

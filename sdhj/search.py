@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.checks import whole
+from sdhj.compiling import hidden
 from sdhj.controller import CHUNK, NOT_ADMISSIBLE, Controller, NotAdmissible, threads
 from sdhj.grid import FloatArray
 from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, named, rollouts
@@ -143,7 +144,7 @@ def search_losing(
         total=len(states) * size.population * size.generations,
         desc="search",
         unit="run",
-        disable=None if progress is None else not progress,
+        disable=hidden(progress),
     )
 
     def search(number: int) -> _Found:

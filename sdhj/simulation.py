@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.checks import whole
-from sdhj.compiling import announced
+from sdhj.compiling import announced, hidden
 from sdhj.controller import CHUNK, Controller, threads
 from sdhj.grid import FloatArray
 from sdhj.motion import advance
@@ -222,7 +222,7 @@ def monte_carlo(
     began = time.perf_counter()
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
-    bar = tqdm(total=runs, desc="rollouts", unit="run", disable=None if progress is None else not progress)
+    bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])

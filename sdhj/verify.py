@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from sdhj.compiling import hidden
 from sdhj.verify_kernels import DIRECTIONS, Sets, World, check_rows, erode, survey
 
 Array = NDArray[Any]
@@ -427,7 +428,7 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
         check_rows(rows[at], file.shape, world, sets, failed[at], example[at])
         return len(rows[at])
 
-    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=None if progress is None else not progress)
+    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=hidden(progress))
     with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
         for done in threads.map(check_chunk, chunks):
             bar.update(done)

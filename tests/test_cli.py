@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import h5py
 import pytest
@@ -183,3 +185,25 @@ def test_warmup_covers_every_method(monkeypatch):
     assert len(verified) == 1 and verified[0].ok and all(claim.checked > 0 for claim in verified[0].claims)
     table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method="certified", cells=CELLS, progress=False)
     assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
+
+
+def ran(command, **options):
+    return subprocess.run(["bash", "-c", command], capture_output=True, text=True, **options)
+
+
+def test_a_reader_that_has_seen_enough_ends_it_quietly(saved):
+    done = ran(f"{sys.executable} -m sdhj.cli info {saved} | true; exit ${{PIPESTATUS[0]}}")
+    assert done.returncode in (0, 1) and done.stderr == ""  # 0 where all was written before the pipe was closed
+
+
+def test_without_standard_error_it_works_all_the_same(tmp_path):
+    """As under pythonw, and for services that close it: Python's sys.stderr is None."""
+    path = tmp_path / "table.h5"
+    done = ran(f"{sys.executable} -m sdhj.cli solve --nodes 7 --steps 1 -o {path} 2>&-")
+    assert done.returncode == 0 and "solved in" in done.stdout
+    code = (
+        "import sys, sdhj; sys.stderr = None; table = sdhj.load(sys.argv[1]); sdhj.solve(table.problem, method='lax')\n"
+        "print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
+    assert done.stdout == "5\n", done.stderr
