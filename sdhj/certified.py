@@ -261,7 +261,12 @@ def cell_axes(problem: ReachAvoidProblem, cells: Sequence[int] | None) -> tuple[
     grid, dynamics = problem.grid, problem.dynamics
     if cells is None:
         cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
-    if len(cells) != grid.ndim or any(int(n) != n or n < 2 for n in cells):
+    try:
+        cells = [whole("cells", n, least=2) for n in cells]
+        fits = len(cells) == grid.ndim
+    except (ValueError, TypeError):
+        fits = False
+    if not fits:
         raise ValueError(f"cells must be a whole number of at least 2 for each of the {grid.ndim} axes, got {cells!r}")
     axes = []
     for axis, wish in enumerate(cells):
@@ -310,6 +315,8 @@ def certify(
         Where `cells` or `parts` do not fit, or a bound is missing.
     """
     parts = whole("parts", parts, least=1)
+    if not isinstance(bounds, LipschitzBounds | None):
+        raise ValueError(f"bounds must be LipschitzBounds, got {bounds!r}")
     started = time.perf_counter()
     axes = cell_axes(problem, cells)
     proof: ArmProof | GeneralProof

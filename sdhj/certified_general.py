@@ -12,6 +12,7 @@ at them.
 """
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -26,6 +27,7 @@ from sdhj.certified_cells import CellAxis, measured
 from sdhj.certified_kernels import SLACK, Cells, cells_at, covered, pick, row_and_bit
 from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry
 
@@ -177,8 +179,11 @@ class GeneralProof:
         sets[problem.target.name] = bounds.of(problem.target.name, problem.target.axes)
         _check_seams(problem, parts)
         entries = entry(problem.steps, problem.steps, 0) + 1
-        size = int(np.prod([axis.count for axis in axes], dtype=np.int64))
-        masks = np.zeros((entries, -(-len(problem.inputs) // 8), size), np.uint8)
+        size, count = math.prod(axis.count for axis in axes), len(problem.inputs)
+        # masks, where each input is clear, images, and the tube of one input
+        each = entries * -(-count // 8) + problem.steps * count + 16 * len(axes) * (count + parts + 2)
+        require(size * each, f"certifying {size:.1e} cells", "use fewer cells")
+        masks = np.zeros((entries, -(-count // 8), size), np.uint8)
         return cls(masks, len(axes) - 1, bounds.matrix(problem), sets, parts, len(problem.inputs))
 
     def recursion(

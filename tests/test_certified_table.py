@@ -227,3 +227,18 @@ def test_verify_from_the_command_line(table, tmp_path):
     against = CliRunner().invoke(main, arguments)
     assert against.exit_code == 0, against.output
     assert "not certified" in against.output and (tmp_path / "labels.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("cells", [40, [None], [np.inf], ["40"], [40, 40], [1]])
+def test_cells_that_are_no_numbers_of_cells(cells):
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    with pytest.raises(ValueError, match="cells must be a whole number of at least 2 for each of the 1 axes"):
+        certify(interval_problem(steps=1), cells=cells, bounds=bounds, progress=False)
+
+
+def test_a_problem_of_ones_own_with_too_many_cells_is_refused_at_once():
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*use fewer cells"):
+        certify(interval_problem(steps=1), cells=[10**12], bounds=bounds, progress=False)
+    with pytest.raises(ValueError, match="bounds must be LipschitzBounds"):
+        certify(interval_problem(steps=1), cells=[40], bounds={"wall": [1.0]}, progress=False)
