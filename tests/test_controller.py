@@ -410,7 +410,7 @@ def test_no_state_is_a_batch_too(rule):
 
 def test_a_batch_keeps_its_states() -> None:
     controller = Controller(free_table(), "target")
-    states = np.array([[1.4], [-1.4]])
+    states = np.array([[0.3], [-0.3]])
     batch = controller.batch(states, 1)
     states *= -1  # as a closed loop may do that moves its states in place
     assert controller.choose(batch).tolist() == [0, 2]
