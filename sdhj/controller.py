@@ -9,9 +9,11 @@ and any adversary can lead to. Inputs are safe by the first of these tests that 
 
 1. every node of the cell around q marks u_j in the look-up table, and its margin is <= 0;
 2. the interpolated avoid tube of u_j at q and its margin are <= 0;
-3. next to the boundary of a tube no input may pass either; the one whose larger of the two is least is then all there
-   is, and no promise.
+3. next to the boundary of a tube no input may pass either. What is then called safe is the best there is, without the
+   promise: of the inputs that every node of the cell marks, or of all where none is, the one whose larger of the two is
+   least. Its margin is > 0, and `Batch.promised` is False.
 
+Where the adversary couples axes the box is larger than what it can bring about, and the promise is given more rarely.
 The look-ahead loses fewer runs than the marks of the nodes alone, and the marks keep inputs that would only graze an
 obstacle from the rules that do not ask for depth. The certified method has a guarantee instead.
 """
@@ -54,7 +56,8 @@ class Choice:
     candidates : (C,) int array
         Indices of the safe inputs in problem.inputs.
     margins : (C,) array
-        The margin of each: the largest level-set value the adversary can bring about. The lower, the deeper inside.
+        The margin of each: the largest level-set value the adversary can bring about. The lower, the deeper inside;
+        > 0 where nothing is promised.
     problem : ReachAvoidProblem
     """
 
@@ -82,8 +85,8 @@ class Batch:
     safe : (M, L) bool array
         Which inputs are safe; none where a state is not admissible and at the last step.
     margins : (M, L) array
-        The margin of every input; in the third case also at least its avoid tube. +inf where a state is not admissible
-        and at the last step.
+        The margin of every input; where nothing is promised also at least its avoid tube. +inf where a state is not
+        admissible and at the last step.
     """
 
     states: FloatArray
@@ -92,11 +95,20 @@ class Batch:
     safe: FloatArray
     margins: FloatArray
 
+    @property
+    def promised(self) -> FloatArray:
+        """Where the inputs called safe keep what the tube promises, up to interpolation: (M,) bool.
+
+        Elsewhere the one input called safe is the best of those that fail the look-ahead, or there is none.
+        """
+        return (self.safe & (self.margins <= 0.0)).any(axis=1)
+
 
 class Controller:
     """Set-valued feedback from a look-up table, for any state, on or off the grid (Algorithm 2).
 
-    Queries of one state may come from several threads at once, also while a solve runs.
+    Queries of one state may come from several threads at once, also while a solve runs. Where neither target nor unsafe
+    sets depend on the time, `select(q, 0)` is right at any time, so a robot may run for as long as it likes.
 
     Parameters
     ----------
@@ -156,7 +168,8 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int) -> FloatArray:
         """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
 
-        With no steps to go they bring the state back into the target one step later. None at the last step.
+        With no steps to go they bring the state back into the target one step later. None at the last step. Where no
+        input passes the look-ahead it is the best there is, without a promise: see `Batch.promised`.
 
         Raises
         ------
@@ -196,7 +209,7 @@ class Controller:
     def _admissible(self, q: FloatArray, step: int) -> Batch:
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
-            raise NotAdmissible(self._explain(batch.states[0], step))
+            raise NotAdmissible(self._explain(batch.states[0], batch.step))
         return batch
 
     def _explain(self, state: FloatArray, step: int) -> str:

@@ -254,7 +254,7 @@ def _take_marked(margin, marked, safe):
 
 
 @njit(cache=True, **UNCOUNTED)
-def _judge(margin, static, moving, index, weight, counts, safe):
+def _judge(margin, marked, static, moving, index, weight, counts, safe):
     """safe[j] from the worst values in `margin` where no marked input is; see the docstring of `sdhj.controller`."""
     found = False
     for j in range(margin.size):
@@ -262,9 +262,12 @@ def _judge(margin, static, moving, index, weight, counts, safe):
         found = found or safe[j]
     if found:
         return
+    best = -1
     for j in range(margin.size):
         margin[j] = max(margin[j], _avoid_value(static, moving, j, index, weight, counts))
-    safe[np.argmin(margin)] = True
+        if best < 0 or (marked[j] and not marked[best]) or (marked[j] == marked[best] and margin[j] < margin[best]):
+            best = j
+    safe[best] = True
 
 
 @njit(cache=True, nogil=True, **UNCOUNTED)
@@ -316,7 +319,7 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
                 _corners(state, static_axes, grid, avoid_index[0], avoid_weight[0]),
                 _corners(state, moving_axes, grid, avoid_index[1], avoid_weight[1]),
             )
-            _judge(margin[m], static, moving[step], avoid_index, avoid_weight, counts, safe[m])
+            _judge(margin[m], marked, static, moving[step], avoid_index, avoid_weight, counts, safe[m])
 
 
 @njit(cache=True, nogil=True, **UNCOUNTED)

@@ -5,6 +5,7 @@ that a `ReachAvoidProblem` samples on its grid.
 """
 
 import hashlib
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -19,6 +20,7 @@ VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
+INTERVALS = 8  # in which a swept set is checked
 CHECKED = 5000  # nodes at which the rate of a moving set is checked
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
@@ -46,6 +48,21 @@ def _axes(axes: Any, name: str) -> tuple[int, ...]:
     if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
     return tuple(int(axis) for axis in given)
+
+
+def _check_function(name: str, function: Any, *takes: str) -> None:
+    """Raise ValueError for what is not a function of those arguments, as far as it tells."""
+    expected = f"{name} must be a function of ({', '.join(takes)})"
+    if not callable(function):
+        raise ValueError(f"{expected}, got {function!r}")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some compiled functions do not tell
+        return
+    try:
+        signature.bind(*takes)
+    except TypeError:
+        raise ValueError(f"{expected}, got one of {signature}") from None
 
 
 @dataclass(frozen=True)
@@ -84,7 +101,9 @@ class Dynamics:
         object.__setattr__(self, "bounds", bounds)
         for name in ("drift", "gain"):
             given = getattr(self, name)
-            if not callable(given):
+            if callable(given):
+                _check_function(name, given, *(("points", "u") if name == "drift" else ("points",)))
+            else:
                 object.__setattr__(self, name, _finite(name, given))
 
     @property
@@ -134,6 +153,9 @@ class UnsafeSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        if self.swept is not None:
+            _check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
         rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
         object.__setattr__(self, "rate", rate)
 
@@ -168,6 +190,7 @@ class TargetSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
 
 
 @dataclass(frozen=True)
@@ -217,6 +240,11 @@ class ReachAvoidProblem:
         if not callable(dynamics.drift):
             _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))
         if not callable(dynamics.gain):
+            if dynamics.gain.shape[:1] == (ndim,) and dynamics.gain.shape != (ndim, dynamics.bounds.size):
+                raise ValueError(
+                    f"bounds must have one half-width for each column of the gain, which has shape "
+                    f"{dynamics.gain.shape}; got {dynamics.bounds.tolist()}"
+                )
             _finite("gain", dynamics.gain, (ndim, dynamics.bounds.size))
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
         for part in parts:
@@ -225,11 +253,20 @@ class ReachAvoidProblem:
                     f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
                 )
         for part in self.unsafe:
-            self._check_rate(part)
-        if not any((self.goal(step) <= 0).any() for step in range(self.steps + 1)):
+            points = self._some_points(part)
+            self._check_rate(part, points)
+            if part.moving and part.swept is not None and self.view_time == "swept":
+                self._check_swept(part, points)
+        steps = range(self.steps + 1)
+        if not any((self.goal(step) <= 0).any() for step in steps):
+            if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
+                raise ValueError(
+                    "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+                    "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
+                )
             raise ValueError(
-                "no grid node is in the target and safe at any step: the unsafe sets swallow the target, or it is "
-                "smaller than a cell or out of reach of the robot; move or enlarge it, or use more nodes"
+                "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+                "check the sign of their level-set functions (negative is inside)"
             )
 
     def _check_parts(self) -> None:
@@ -240,12 +277,15 @@ class ReachAvoidProblem:
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
         object.__setattr__(self, "unsafe", unsafe)
 
-    def _check_rate(self, part: UnsafeSet) -> None:
-        """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
+    def _some_points(self, part: UnsafeSet) -> FloatArray:
+        """Nodes, at most `CHECKED` of them, of the axes that a set depends on, (M, axes)."""
         subgrid = self.grid.subgrid(part.axes)
         nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, CHECKED)).astype(np.int64))
         places = np.stack(np.unravel_index(nodes, subgrid.shape), axis=1)
-        points = np.array(subgrid.lower) + places * np.array(subgrid.spacing)
+        return np.array(subgrid.lower) + places * np.array(subgrid.spacing)
+
+    def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
+        """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
         times = [0.0, 0.37 * self.delta, 0.61 * self.delta * self.steps, self.delta * self.steps]
         values = [_finite(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
         for k in range(1, len(times)):
@@ -255,6 +295,22 @@ class ReachAvoidProblem:
                     f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, more than "
                     f"its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
                 )
+
+    def _check_swept(self, part: UnsafeSet, points: FloatArray) -> None:
+        """At some nodes, in some intervals: a `swept` that leaves out a part of the set leads the robot into it."""
+        assert part.swept is not None
+        for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
+            t0, t1 = self.time(step), self.time(step + 1)
+            swept = _finite(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
+            for t in np.linspace(t0, t1, 5).tolist():
+                excess = swept - part.level_set(points, t)
+                if excess.max() > 1e-9 * (1.0 + float(np.abs(swept).max())):
+                    worst = points[int(excess.argmax())].tolist()
+                    raise ValueError(
+                        f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
+                        f"function at t = {t:g}, at the node {worst}; it must be at most that at every time of the "
+                        "interval, or leave it out: the library then sweeps the set itself"
+                    )
 
     @property
     def inputs(self) -> FloatArray:

@@ -29,6 +29,7 @@ import json
 import math
 import os
 import reprlib
+import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -41,7 +42,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from sdhj.compiling import hidden
 from sdhj.verify_kernels import DIRECTIONS, Sets, World, check_rows, erode, survey
 
 Array = NDArray[Any]
@@ -428,7 +428,8 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
         check_rows(rows[at], file.shape, world, sets, failed[at], example[at])
         return len(rows[at])
 
-    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=hidden(progress))
+    hidden = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
+    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=hidden)
     with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
         for done in threads.map(check_chunk, chunks):
             bar.update(done)

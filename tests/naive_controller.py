@@ -85,4 +85,5 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid):
     if first or second:
         return to_go, first or second, margins
     both = [max(margin, h) for margin, h in zip(margins, hazard, strict=True)]
-    return to_go, [both.index(min(both))], both
+    least = min((not marked[j], both[j], j) for j in inputs)
+    return to_go, [least[2]], both

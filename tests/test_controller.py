@@ -31,6 +31,19 @@ def free_table() -> LookupTable:
     return solved(FREE)
 
 
+def coupled_problem() -> ReachAvoidProblem:
+    """A point in the plane whose adversary moves both axes at once: what it reaches in an interval is no box."""
+    moves = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"), axis=-1).reshape(-1, 2)
+    return ReachAvoidProblem(
+        grid=sdhj.Grid((-2.0, -2.0), (2.0, 2.0), (41, 41)),
+        dynamics=sdhj.Dynamics(moves, moves, [[1.0, 0.5], [0.5, 1.0]], [0.3, 0.3]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
+        unsafe=(),
+        delta=0.3,
+        steps=2,
+    )
+
+
 @pytest.fixture(scope="module")
 def tables() -> dict[str, LookupTable]:
     """Tables in one to four dimensions: walls and periodic axes, moving sets, velocities that depend on the state."""
@@ -40,6 +53,7 @@ def tables() -> dict[str, LookupTable]:
         "torus": solved(toys.torus_problem()),
         "unicycle": solved(toys.unicycle_problem(nodes=(9, 9, 8), steps=2), "hji"),
         "arm": solved(sdhj.arm_case_study(nodes=9, steps=3), "hji"),
+        "coupled": solved(coupled_problem(), "hji"),
     }
 
 
@@ -83,7 +97,7 @@ def twin(table: LookupTable, q: np.ndarray, step: int) -> tuple[int | None, list
     )
 
 
-@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm"])
+@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
 def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
     table = tables[name]
     controller = Controller(table)
@@ -181,6 +195,28 @@ def test_safe_inputs_at_the_nodes_are_the_ones_the_table_marks(shift: float) -> 
             assert rows.any()
             marks = table.inputs(start=step, within=n).reshape(len(nodes), -1)[rows]
             np.testing.assert_array_equal(batch.safe[rows], marks)
+
+
+def test_without_a_promise_the_marks_of_the_table_decide(
+    tables: dict[str, LookupTable], rng: np.random.Generator
+) -> None:
+    """The box is larger than what a coupled adversary reaches: inputs that win fail the look-ahead, but are marked."""
+    table = tables["coupled"]
+    states = admissible_states(table, 4000, rng)
+    batch = Controller(table).batch(states, 0)
+    rows = np.flatnonzero(~batch.promised)
+    marks = table.inputs(start=0, within=1), table.inputs(start=0, within=2)
+    cells = np.floor((states - table.grid.lower) / table.grid.spacing).astype(int)
+    seen = 0
+    for m in rows:
+        assert batch.safe[m].sum() == 1 and batch.margins[m].min() > 0
+        nodes = marks[max(batch.steps_to_go[m], 1) - 1][np.ix_(*(cells[m, axis] + np.arange(2) for axis in range(2)))]
+        marked = nodes.reshape(-1, 9).all(axis=0)
+        assert marked[batch.safe[m]] or not marked.any()
+        seen += marked.any() and not marked[batch.margins[m].argmin()]
+    assert seen > 0  # the look-ahead alone would have chosen another
+    kept = np.where(batch.safe, batch.margins, np.inf)[batch.promised]
+    assert len(kept) > len(rows) and (kept.min(axis=1) <= 0).all()
 
 
 def test_closed_form_on_an_interval() -> None:
@@ -366,8 +402,9 @@ def test_the_last_step_has_no_inputs() -> None:
     assert controller.safe_inputs([0.0], 3).size == 0
     with pytest.raises(ValueError, match="step 3 is the last"):
         controller.select([0.0], 3)
-    with pytest.raises(sdhj.NotAdmissible, match="step 3"):
-        controller.select([1.1], 3)
+    for last in (3, 3.0, np.float64(3)):
+        with pytest.raises(sdhj.NotAdmissible, match="step 3"):
+            controller.select([1.1], last)
 
 
 def test_rules_report_a_level_set_that_is_not_a_number() -> None:

@@ -88,7 +88,7 @@ def test_subgrid_and_lift():
         ({"target": TargetSet((1,), lambda p, t: p[:, 0])}, "target"),
         ({"target": TargetSet((0,), lambda p, t: np.full(len(p), np.nan))}, "NaN"),
         ({"target": TargetSet((0,), lambda p, t: np.zeros((len(p), 2)))}, "shape"),
-        ({"target": TargetSet((0,), lambda p, t: np.ones(len(p)))}, "swallow"),
+        ({"target": TargetSet((0,), lambda p, t: np.ones(len(p)))}, "wrong sign"),
         ({"unsafe": (UnsafeSet((0,), lambda p, t: -np.ones(len(p))),)}, "swallow"),
         ({"unsafe": (UnsafeSet((0, 0), lambda p, t: p[:, 0]),)}, "ascending"),
         ({"steps": float("inf")}, "inf"),
