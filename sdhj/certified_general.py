@@ -11,6 +11,7 @@ that A r stays small. Nothing is integrated and no step is approximate. Walls on
 at them.
 """
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,10 +29,11 @@ from sdhj.certified_kernels import SLACK, Cells, cells_at, covered, pick, row_an
 from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import entry
 
 SEAM = 1e-6  # a larger difference across the seam of a periodic axis, relative to the values, is a jump
+PAIRS = 2000  # of states, by which the bounds along an axis are tried
 ROUNDING = 1e-9  # what is granted to the rounding of a user's function, relative to its value or absolute below one
 
 
@@ -65,12 +67,21 @@ class LipschitzBounds:
             raise ValueError(f"dynamics of LipschitzBounds must be a ({ndim}, {ndim}) matrix of finite numbers >= 0")
         return matrix
 
+    def check_names(self, names: Sequence[str]) -> None:
+        """Raise ValueError where a set has no bounds, or bounds no set."""
+        if missing := [name for name in names if name not in self.sets]:
+            raise ValueError(
+                f"no Lipschitz bounds for the sets {', '.join(map(repr, missing))}: give bounds=LipschitzBounds(sets="
+                "{name: [a bound on |d(level set)/dx| for each axis of the set]}), from sdhj.certified"
+            )
+        if unknown := sorted(set(self.sets) - set(names)):
+            raise ValueError(
+                f"Lipschitz bounds for {', '.join(map(repr, unknown))}, but the problem's sets are "
+                f"{', '.join(map(repr, names))}"
+            )
+
     def of(self, name: str, axes: Sequence[int]) -> FloatArray:
         """The bounds of one set, checked, (len(axes),)."""
-        if name not in self.sets:
-            raise ValueError(
-                f"no Lipschitz bounds for the set {name!r}: give LipschitzBounds(sets={{{name!r}: [...]}})"
-            )
         bounds = np.asarray(self.sets[name], dtype=np.float64)
         if bounds.shape != (len(axes),) or not np.isfinite(bounds).all() or (bounds < 0).any():
             raise ValueError(f"the bounds of the set {name!r} must be {len(axes)} finite numbers >= 0, got {bounds}")
@@ -172,19 +183,22 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check the bounds and make room."""
         bounds = LipschitzBounds() if bounds is None else bounds
-        names = [problem.target.name, *(part.name for part in problem.unsafe)]
+        known = _sets(problem)
+        names = [part.name for part in known]
         if len(set(names)) < len(names):
             raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
-        sets = {part.name: bounds.of(part.name, part.axes) for part in problem.unsafe}
-        sets[problem.target.name] = bounds.of(problem.target.name, problem.target.axes)
+        bounds.check_names(names)
+        sets = {part.name: bounds.of(part.name, part.axes) for part in known}
+        matrix = bounds.matrix(problem)
         _check_seams(problem, parts)
+        _check_bounds(problem, matrix, sets)
         entries = entry(problem.steps, problem.steps, 0) + 1
         size, count = math.prod(axis.count for axis in axes), len(problem.inputs)
         # masks, where each input is clear, images, and the tube of one input
         each = entries * -(-count // 8) + problem.steps * count + 16 * len(axes) * (count + parts + 2)
         require(size * each, f"certifying {size:.1e} cells", "use fewer cells")
         masks = np.zeros((entries, -(-count // 8), size), np.uint8)
-        return cls(masks, len(axes) - 1, bounds.matrix(problem), sets, parts, len(problem.inputs))
+        return cls(masks, len(axes) - 1, matrix, sets, parts, len(problem.inputs))
 
     def recursion(
         self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], progress: bool | None
@@ -362,6 +376,46 @@ def _check_seams(problem: ReachAvoidProblem, parts: int) -> None:
                     f"{name} jumps by {jump:.3g} where the periodic axis {grid.names[axis]!r} closes, so no Lipschitz "
                     f"bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
                 )
+
+
+def _sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
+    return [problem.target, *problem.unsafe]
+
+
+def _check_bounds(problem: ReachAvoidProblem, matrix: FloatArray, sets: Mapping[str, FloatArray]) -> None:
+    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others."""
+    grid, dynamics = problem.grid, problem.dynamics
+    low, spacing = np.array(grid.lower), np.array(grid.spacing)
+    rng, span = np.random.default_rng(0), problem.steps * problem.delta
+    for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
+        step = share * spacing[axis]
+        room = np.array(grid.upper) - low
+        room[axis] -= step  # seams are looked at elsewhere, and the target may jump there
+        points = low + rng.random((PAIRS, grid.ndim)) * room
+        beside = points.copy()
+        beside[:, axis] += step
+        told = f"over {step:.3g} along the axis {grid.names[axis]!r}"
+        for part in _sets(problem):
+            bound = float(sets[part.name][part.axes.index(axis)]) if axis in part.axes else 0.0
+            for t in (0.0, 0.37 * span, span):
+                here, there = (np.asarray(problem.value_of(part, q, t)) for q in (points, beside))
+                _refute(f"the level-set function of {part.name!r}", np.abs(there - here), here, bound, step, told)
+        for j in range(0 if dynamics.constant else len(problem.inputs)):
+            here, there = (problem.drift_at(q, j) for q in (points, beside))
+            push = np.abs(problem.gain_at(beside) - problem.gain_at(points)) @ dynamics.bounds
+            for row in range(grid.ndim):
+                change = np.abs(there - here)[:, row] + push[:, row]
+                name = f"the velocity along {grid.names[row]!r} under input {j}"
+                _refute(name, change, here[:, row], matrix[row, axis], step, told)
+
+
+def _refute(name: str, change: FloatArray, values: FloatArray, bound: float, step: float, told: str) -> None:
+    worst = int(np.argmax(change))
+    if change[worst] > bound * step * (1 + ROUNDING) + ROUNDING * (1.0 + abs(values[worst])):
+        raise ValueError(
+            f"{name} changes by {change[worst]:.3g} {told}, and its Lipschitz bound {bound:g} allows "
+            f"{bound * step:.3g}; give a bound of at least {change[worst] / step:.3g}"
+        )
 
 
 def mesh(coordinates: Sequence[FloatArray]) -> FloatArray:

@@ -668,7 +668,7 @@ def test_general_and_arm_agree_on_the_arm():
 
 
 def test_bounds_are_asked_for():
-    with pytest.raises(ValueError, match="no Lipschitz bounds for the set 'wall'"):
+    with pytest.raises(ValueError, match="no Lipschitz bounds for the sets 'target', 'wall': give"):
         certify(interval_problem(), progress=False)
     with pytest.raises(ValueError, match="depend on the state"):
         certify(unicycle_problem(), bounds=LipschitzBounds(sets=UNICYCLE.sets), progress=False)
@@ -684,6 +684,39 @@ def test_bounds_are_asked_for():
         certify(
             unicycle_problem(), bounds=LipschitzBounds(np.full((3, 3), 9.0), UNICYCLE.sets), parts=1, progress=False
         )
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            {"sets": {"pillar": [0.9, 1.0]}},
+            "'pillar' changes by .* along the axis 'x'.* bound 0.9 allows .* at least 1",
+        ),
+        ({"sets": {"target": [1.0, 0.0]}}, "'target' changes by .* along the axis 'y'.* bound 0 allows"),
+        ({"sets": {"pillars": [1.0, 1.0]}}, "bounds for 'pillars', but the problem's sets are 'target', 'pillar'"),
+        ({"dynamics": 0.9}, "velocity along 'x' under input 0 changes by .* along the axis 'theta'.* give a bound"),
+    ],
+)
+def test_bounds_that_a_look_at_the_functions_refutes(change, told):
+    sets = dict(UNICYCLE.sets) | change.get("sets", {})
+    bounds = LipschitzBounds(np.array(UNICYCLE.dynamics) * change.get("dynamics", 1.0), sets)
+    with pytest.raises(ValueError, match=told):
+        certify(unicycle_problem(), bounds=bounds, progress=False)
+
+
+def test_a_gain_that_depends_on_the_state_counts_in_full():
+    """d/dx (v x) is as large as v gets: 0.1."""
+    problem = interval_problem()
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u: 0.0 * q, lambda q: q[:, :, None], [0.1])
+    problem = dataclasses.replace(problem, dynamics=dynamics)
+    for bound in (0.1, 0.099):
+        bounds = LipschitzBounds([[bound]], {"target": [1.0], "wall": [1.0]})
+        if bound == 0.1:
+            assert certify(problem, cells=[40], bounds=bounds, progress=False).bits(start=0, within=0).any()
+        else:
+            with pytest.raises(ValueError, match=r"bound 0\.099 allows"):
+                certify(problem, cells=[40], bounds=bounds, progress=False)
 
 
 @pytest.mark.parametrize("part", ["level set", "drift"])

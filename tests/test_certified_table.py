@@ -152,7 +152,7 @@ def test_solve_certifies_a_problem_of_ones_own():
     assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
     with pytest.raises(ValueError, match="method=\"certified\", got method='hji'"):
         sdhj.solve(problem, cells=[40])
-    with pytest.raises(ValueError, match=r"set 'wall': give LipschitzBounds"):
+    with pytest.raises(ValueError, match=r"sets 'target', 'wall': give bounds=LipschitzBounds"):
         sdhj.solve(problem, method="certified")
 
 
