@@ -2,6 +2,7 @@
 
 import json
 import os
+import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,8 @@ from sdhj.certified_table import CertifiedTable
 from sdhj.grid import Grid
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import FORMAT, FORMAT_VERSION, LookupTable, TableFileError
+
+_LAYOUT = ("lower", "upper", "shape", "periodic", "names")
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> LookupTable:
@@ -59,7 +62,7 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
     with _opened(path) as file:
         attrs, layout = file.attrs, file["grid"].attrs
         told = {name: attrs[name] for name in ("problem", "digest", "method", "view_time", "sdhj_version")}
-        fields = [np.asarray(layout[name]).tolist() for name in ("lower", "upper", "shape", "periodic", "names")]
+        fields = [np.asarray(layout[name]).tolist() for name in _LAYOUT]
         return told | {
             "grid": Grid(*fields),
             "inputs": file["inputs"][()],
@@ -104,8 +107,26 @@ def _read(file: h5py.File, path: Path, problem: ReachAvoidProblem | None) -> Loo
     if problem.digest != (digest := str(attrs["digest"])):
         raise TableFileError(
             f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
-            f"{problem.name!r} is {problem.digest[:12]}...; use the numbers and the functions it was solved with"
+            f"{problem.name!r} is {problem.digest[:12]}...; {_differences(file, problem)}"
         )
     if attrs["method"] == CertifiedTable.method:
         return CertifiedTable.read(file, path, problem)  # type: ignore[return-value]  # the same interface
     return LookupTable.read(file, path, problem)
+
+
+def _differences(file: h5py.File, problem: ReachAvoidProblem) -> str:
+    """What of a problem is not as the file says; its functions are known by their values alone."""
+    grid, layout = problem.grid, file["grid"].attrs
+    told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
+    told |= {name: (np.asarray(layout[name]).tolist(), list(getattr(grid, name))) for name in _LAYOUT}
+    told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
+    found = [
+        f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"
+        for name, (its, own) in told.items()
+        if its != own
+    ]
+    if found:
+        return "; ".join(found)
+    return (
+        "what differs are the values of its functions, to the last bit: use those it was solved with, or solve it anew"
+    )

@@ -375,13 +375,21 @@ class ReachAvoidProblem:
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
+        self._check_states(points)
         return self.value_of(self.target, points, t)
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
+        self._check_states(points)
         points = self.grid.wrapped(points)
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
+
+    def _check_states(self, points: FloatArray) -> None:
+        if np.ndim(points) != 2:
+            raise ValueError(
+                f"points must have shape (M, {self.grid.ndim}), got {np.shape(points)}; q[None] is one state"
+            )
 
     @cached_property
     def digest(self) -> str:

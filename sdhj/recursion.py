@@ -1,6 +1,7 @@
 """The recursion of Theorem 2 (Algorithm 1): from the one-step games to the look-up table."""
 
 import time
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -203,26 +204,41 @@ def avoid_tubes(problem: ReachAvoidProblem, solver: Solver) -> AvoidTubes:
 
     def merge(parts: list[UnsafeSet], step: int, axes: tuple[int, ...]) -> FloatArray:
         if len(parts) == 1:
-            return solver.avoid(parts[0], step)
+            return tubes_of(parts[0], step)
         subgrid = problem.grid.subgrid(axes) if axes else None
         merged = np.full((count, *(subgrid.shape if subgrid else ())), -np.inf, solver.dtype)
         for part in parts:
-            tubes = solver.avoid(part, step)
+            tubes = tubes_of(part, step)
             own = [axes.index(axis) for axis in avoid_axes(problem, part)]
             for j in range(count):
                 assert subgrid is not None
                 np.maximum(merged[j], subgrid.lift(tubes[j], own), out=merged[j])
         return merged
 
+    seen: set[int] = set()
+
+    def tubes_of(part: UnsafeSet, step: int) -> FloatArray:
+        tubes = solver.avoid(part, step)
+        if (tubes > 0).any():
+            seen.add(id(part))
+        return tubes
+
     static = [part for part in problem.unsafe if not part.moving]
     moving = [part for part in problem.unsafe if part.moving]
     axes = [tuple(sorted({axis for part in parts for axis in avoid_axes(problem, part)})) for parts in (static, moving)]
-    return AvoidTubes(
+    tubes = AvoidTubes(
         static_axes=axes[0],
         static=merge(static, 0, axes[0]),
         moving_axes=axes[1],
         moving=np.stack([merge(moving, step, axes[1]) for step in range(steps)]),
     )
+    for part in problem.unsafe:
+        if id(part) not in seen:
+            told = (
+                f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
+            )
+            warnings.warn(told + "between the nodes (use more, or enlarge it), or is out of reach", stacklevel=4)
+    return tubes
 
 
 class _Rows:

@@ -23,7 +23,7 @@ from sdhj.checks import whole
 from sdhj.compiling import hidden
 from sdhj.controller import CHUNK, NOT_ADMISSIBLE, Controller, NotAdmissible, threads
 from sdhj.grid import FloatArray
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, named, rollouts
+from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from
@@ -130,6 +130,7 @@ def search_losing(
     ValueError
         For an option that does not fit, or where the tube of step 0 is empty.
     """
+    check_controller(controller)
     size = _Size(whole("population", population, least=len(SCOUTS) + 2), whole("generations", generations, least=1))
     seed, began = whole("seed", seed, least=0), time.perf_counter()
     if whole("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -52,6 +53,8 @@ class Trajectory:
     disturbances : (T - 1, D) array
         What the adversary played between one instant and the next.
     outcome : {"reached", "collided", "left", "late"}
+        In the target at a sampling time; in an unsafe set before; at a sampling time in a state that no tube holds,
+        where the controller has no answer; or none of these by the last step.
     """
 
     times: FloatArray
@@ -116,7 +119,7 @@ class Report:
     counts : mapping of outcome to int
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Places in `OUTCOMES`.
+        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late; see `Trajectory`.
     steps : (runs,) int array
         Intervals that each run took.
     seconds : float
@@ -176,6 +179,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     ValueError
         For a state that is not one, an unknown adversary, or one that leaves its bounds.
     """
+    check_controller(controller)
     play, seed = _adversary(adversary), whole("seed", seed, least=0)
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
@@ -217,6 +221,7 @@ def monte_carlo(
     ValueError
         For an option that does not fit, or where the tube of step 0 is empty.
     """
+    check_controller(controller)
     play = _adversary(adversary)
     runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
     began = time.perf_counter()
@@ -252,6 +257,12 @@ def monte_carlo(
 
 def named(option: object) -> str:
     return option if isinstance(option, str) else getattr(option, "__name__", type(option).__name__)
+
+
+def check_controller(given: Any) -> None:
+    """Raise ValueError for what cannot play, a table for example."""
+    if not isinstance(given, Controller):
+        raise ValueError(f"controller must be a Controller, for example Controller(table), got {type(given).__name__}")
 
 
 def _adversary(adversary: str | Adversary) -> Adversary:

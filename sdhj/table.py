@@ -68,6 +68,9 @@ class LookupTable:
     avoid: AvoidTubes
     details: Mapping[str, Any]
 
+    def __repr__(self) -> str:
+        return summary(self)
+
     @classmethod
     def empty(
         cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]
@@ -184,6 +187,16 @@ class LookupTable:
                 f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
             )
         return table
+
+
+def summary(table: Any) -> str:
+    """One line on a table of any method: what was solved, how, and the share of the grid that it holds."""
+    problem, nodes = table.problem, " x ".join(map(str, table.grid.shape))
+    return (
+        f"<{type(table).__name__} of {problem.name!r}, method {table.method!r}: {nodes} nodes, "
+        f"{len(problem.inputs)} inputs, {table.steps} steps of {problem.delta:g} s; "
+        f"{table.fraction(start=0, within=table.steps):.1%} of the grid's volume within all of them>"
+    )
 
 
 @contextmanager

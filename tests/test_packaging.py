@@ -160,6 +160,24 @@ def test_pins_satisfy_the_requirements() -> None:
         assert requirement.specifier.contains(versions[requirement.name]), f"{text}: run .ci/pin"
 
 
+@pytest.mark.slow
+def test_the_python_of_the_readme_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The paper's arm, and a car that the second block drives into its target."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    arm, car = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    exec(arm, {})
+    assert "10000 runs, hji table, adversary worst" in capsys.readouterr().out
+    assert (tmp_path / "arm.h5").is_file()
+    names: dict[str, Any] = {}
+    exec(car, names)
+    lost = re.search(r"collided +(\d+)", capsys.readouterr().out)
+    assert lost is not None and int(lost[1]) < 100
+    assert names["problem"].target_value(names["q"][None], 0.0)[0] <= 0 and 0 < names["step"] < 8
+
+
 def test_imports_are_declared() -> None:
     """Every third-party module that the package imports is a dependency or belongs to an extra."""
     texts = PROJECT["dependencies"] + [r for extra in PROJECT["optional-dependencies"].values() for r in extra]

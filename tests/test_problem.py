@@ -77,6 +77,11 @@ def test_subgrid_and_lift():
     assert grid.lift(np.zeros((5, 7)), (0, 2)).shape == (5, 1, 7)
 
 
+def near(points, t):
+    """Distance to a point that leaves 3 at 1 m/s."""
+    return np.abs(points[:, 0] - 3.0 - t) - 0.1
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -105,6 +110,14 @@ def test_subgrid_and_lift():
         ),
         ({"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - 2 * t - p[:, 0], rate=1.0),)}, "rate 1 allows.*at least 2"),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
+        (
+            {"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)},
+            r"half-width for each column.*\(1, 2\); got \[0.1\]",
+        ),
+        (
+            {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), rate=1.0, name="ball"),)},
+            r"swept of 'ball' over \[0, 0.5\] is 0.5 above the level-set function at t = 0,",
+        ),
         ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0], [2.0]], [0.1])}, "gain"),
     ],
 )
@@ -209,3 +222,26 @@ def test_true_values_need_no_grid():
     assert np.allclose(problem.target_value(q, 0.1), [-0.2, 0.1])
     assert np.allclose(problem.unsafe_value(q, 0.0), [0.3, 0.1])
     assert np.isinf(dataclasses.replace(problem, unsafe=()).unsafe_value(q, 0.0)).all()
+
+
+@pytest.mark.parametrize(
+    ("made", "named"),
+    [
+        (
+            lambda: TargetSet((0,), lambda p: p[:, 0]),
+            r"level_set of 'target' must be a function of \(points, t\), got one of \(p\)",
+        ),
+        (lambda: TargetSet((0,), 0.3), "level_set of 'target' must be a function.*0.3"),
+        (lambda: UnsafeSet((0,), "post", name="post"), "level_set of 'post'.*got 'post'"),
+        (lambda: UnsafeSet((0,), near, near, rate=1.0), r"swept of 'unsafe' must be a function of \(points, t0, t1\)"),
+        (lambda: Dynamics([[1.0]], lambda q: q, [[1.0]], [0.1]), r"drift must be a function of \(points, u\)"),
+        (lambda: Dynamics([[1.0]], [[1.0]], lambda q, u: q, [0.1]), r"gain must be a function of \(points\)"),
+    ],
+)
+def test_what_is_no_function_of_those_arguments_is_refused(made, named):
+    with pytest.raises(ValueError, match=named):
+        made()
+
+
+def test_functions_that_do_not_tell_their_arguments_are_taken():
+    assert TargetSet((0,), np.hypot).level_set is np.hypot

@@ -1,6 +1,7 @@
 """Theorem 2 and the look-up table: against a slow twin, closed forms, published fractions, and as the grid refines."""
 
 import dataclasses
+import warnings
 
 import naive
 import numpy as np
@@ -193,3 +194,15 @@ def test_unknown_options_are_named(options, named):
 def test_something_else_than_a_problem_is_named():
     with pytest.raises(ValueError, match="problem must be a ReachAvoidProblem, got None"):
         sdhj.solve(None)
+
+
+def test_an_unsafe_set_between_the_nodes_is_told():
+    """A wall of 0.08 m on nodes 0.2 m apart: no table can know of it."""
+    problem = interval_problem(nodes=41, unsafe=False)
+    thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.7) - 0.04, name="thin")
+    with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'thin'"):
+        sdhj.solve(dataclasses.replace(problem, unsafe=(thin,)), method="lax", progress=False)
+    wide = dataclasses.replace(thin, level_set=lambda p, t: np.abs(p[:, 0] - 0.7) - 0.2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sdhj.solve(dataclasses.replace(problem, unsafe=(wide,)), method="lax", progress=False)

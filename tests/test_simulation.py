@@ -492,3 +492,17 @@ def test_problem_without_unsafe_sets() -> None:
     controller = Controller(sdhj.solve(problem, method="lax", scheme=DOUBLE, progress=False))
     for adversary in PLAYERS:
         assert monte_carlo(controller, 300, adversary, progress=False).rate("reached") == 1.0
+
+
+def test_a_table_is_no_controller() -> None:
+    table = sdhj.solve(toys.interval_problem(steps=1), method="lax", progress=False)
+    for play in (sdhj.monte_carlo, sdhj.search_losing, lambda it: sdhj.simulate(it, [0.0])):
+        with pytest.raises(ValueError, match=r"for example Controller\(table\), got LookupTable"):
+            play(table)
+
+
+def test_one_state_is_not_taken_for_many() -> None:
+    problem = toys.interval_problem(steps=1)
+    for value in (problem.target_value, problem.unsafe_value):
+        with pytest.raises(ValueError, match=r"shape \(M, 1\), got \(1,\); q\[None\] is one state"):
+            value(np.zeros(1), 0.0)

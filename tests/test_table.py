@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 
 import h5py
 import numpy as np
@@ -45,8 +46,24 @@ def test_round_trip_of_your_own_problem(table, tmp_path):
     with pytest.raises(sdhj.TableFileError, match="problem="):
         sdhj.load(tmp_path / "own.h5")
     same(table, sdhj.load(tmp_path / "own.h5", problem=torus_problem(nodes=10, steps=3)))
-    with pytest.raises(sdhj.TableFileError, match="another problem"):
-        sdhj.load(tmp_path / "own.h5", problem=torus_problem(nodes=10, steps=3, view_time="sampled"))
+    for other, told in (
+        (torus_problem(nodes=10, steps=3, view_time="sampled"), "; view_time is 'swept' there and 'sampled' here$"),
+        (torus_problem(nodes=12, steps=3), r"; shape is \[10, 10\] there and \[12, 12\] here$"),
+        (dataclasses.replace(torus_problem(nodes=10, steps=3), delta=0.7), "; delta is .* there and 0.7 here$"),
+        (
+            dataclasses.replace(torus_problem(nodes=10, steps=3), target=sdhj.TargetSet((0, 1), lambda p, t: p[:, 0])),
+            "; what differs are the values of its functions",
+        ),
+    ):
+        with pytest.raises(sdhj.TableFileError, match=f"another problem.*{told}"):
+            sdhj.load(tmp_path / "own.h5", problem=other)
+
+
+def test_a_table_is_shown_in_a_line(table):
+    share = f"{table.fraction(start=0, within=3):.1%}"
+    assert re.fullmatch(
+        rf"<LookupTable of .*, method '.*': 10 x 10 nodes, 9 inputs, 3 steps of .* s; {share} of .*>", repr(table)
+    )
 
 
 def test_the_file_describes_itself(arm_table, tmp_path):

@@ -11,6 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
+from sdhj.checks import whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting.looks import FULL, INNER, OUTCOME_INK, PURSUER, UNSAFE, look, step_colours
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
@@ -55,12 +56,14 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     Raises
     ------
     ValueError
-        Where `through` is not a state, or lies off a bounded axis.
+        Where `through` is not a state, or lies off a bounded axis, or `axes` are not two axes.
     """
     state = np.asarray(through, dtype=np.float64)
     if state.shape != (grid.ndim,):
         raise ValueError(f"through must be one state of {grid.ndim} numbers, got shape {state.shape}")
-    first, second = axes
+    first, second = (whole("an axis of the slice", axis, least=0, most=grid.ndim - 1) for axis in axes)
+    if first == second:
+        raise ValueError(f"axes must be two different axes of the grid, got {tuple(axes)}")
     for axis in set(range(grid.ndim)) - {first, second}:
         low, high = grid.lower[axis], grid.upper[axis]
         if not np.isfinite(state[axis]) or not (grid.periodic[axis] or low <= state[axis] <= high):
@@ -165,7 +168,7 @@ def draw_tubes(
     Dark is near the target. The tube with n steps to go carries the identifier "tube-n". `unsafe` outlines the true
     unsafe sets at the start.
     """
-    grid, most = table.grid, table.steps - start
+    grid, most = table.grid, table.steps - whole("start", start, least=0, most=table.steps)
     within = most if within is None else min(within, most)
     where = plane(grid, through, axes, resolution)
     colours = step_colours(table.steps)
