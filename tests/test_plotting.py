@@ -81,6 +81,19 @@ def test_a_slice_along_other_axes(table):
 
 
 @pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"axes": (0, 0)}, r"two different axes of the grid, got \(0, 0\)"),
+        ({"axes": (0, 4)}, "an axis of the slice must be a whole number from 0 to 3, got 4"),
+        ({"start": 99}, "start must be a whole number from 0 to 3, got 99"),
+    ],
+)
+def test_tubes_that_there_are_not_are_refused(table, options, said):
+    with pytest.raises(ValueError, match=said):
+        slices.draw_tubes(Figure().subplots(), table, through=(0.0, 0.0, 0.2, 0.2), **options)
+
+
+@pytest.mark.parametrize(
     ("through", "said"),
     [
         ((0.0, 0.0), "one state of 4"),
