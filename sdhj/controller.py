@@ -28,7 +28,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdhj.checks import whole
-from sdhj.controller_kernels import choose, decide, tube_values
+from sdhj.controller_kernels import decide, take_best, tube_values
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements, reachable_boxes
 from sdhj.problem import ReachAvoidProblem
@@ -247,7 +247,7 @@ class Controller:
         if callable(self.rule):
             for row in np.flatnonzero(batch.safe.any(axis=1)):
                 chosen[row] = self._own_rule(batch, int(row))
-        elif not choose(batch.safe, self._score(batch), batch.margins, chosen):
+        elif not take_best(batch.safe, self._score(batch), batch.margins, chosen):
             raise ValueError(f"rule {self.rule!r} met a NaN in the level-set functions of the problem")
         return chosen
 

@@ -323,7 +323,7 @@ def decide(states, rows, step, table, reach, grid, scratch, out):
 
 
 @njit(cache=True, nogil=True, **UNCOUNTED)
-def choose(safe, scores, margins, chosen):
+def take_best(safe, scores, margins, chosen):
     """chosen[m] = the safe input of least score, of equals the one of least margin; kept where no input is safe.
 
     safe, margins (M, L), scores (one for each safe pair, in their order), chosen (M,). False where a score is NaN.
