@@ -101,7 +101,7 @@ class Batch:
 
         Elsewhere the one input called safe is the best of those that fail the look-ahead, or there is none.
         """
-        return np.any(self.safe & (self.margins <= 0.0), axis=1, keepdims=True)[:, 0]
+        return np.logical_or.reduce(self.safe & (self.margins <= 0.0), axis=1)
 
 
 class Controller:
