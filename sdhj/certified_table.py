@@ -15,7 +15,7 @@ from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import TableFileError, file_header, summary, written_whole
+from sdhj.table import TableFileError, file_header, in_a_line, written_whole
 
 GROUP = "certified"
 SLAB = 2**16  # rows of an array that are read at a time for the checksum
@@ -33,7 +33,7 @@ class CertifiedTable:
     method = GROUP
 
     def __repr__(self) -> str:
-        return summary(self)
+        return in_a_line(self)
 
     @property
     def problem(self) -> ReachAvoidProblem:

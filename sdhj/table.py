@@ -69,7 +69,7 @@ class LookupTable:
     details: Mapping[str, Any]
 
     def __repr__(self) -> str:
-        return summary(self)
+        return in_a_line(self)
 
     @classmethod
     def empty(
@@ -189,7 +189,7 @@ class LookupTable:
         return table
 
 
-def summary(table: Any) -> str:
+def in_a_line(table: Any) -> str:
     """One line on a table of any method: what was solved, how, and the share of the grid that it holds."""
     problem, nodes = table.problem, " x ".join(map(str, table.grid.shape))
     return (
