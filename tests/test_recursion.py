@@ -200,8 +200,9 @@ def test_an_unsafe_set_between_the_nodes_is_told():
     """A wall of 0.08 m on nodes 0.2 m apart: no table can know of it."""
     problem = interval_problem(nodes=41, unsafe=False)
     thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.7) - 0.04, name="thin")
-    with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'thin'"):
+    with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'thin'") as told:
         sdhj.solve(dataclasses.replace(problem, unsafe=(thin,)), method="lax", progress=False)
+    assert told[0].filename == __file__  # the line that called solve
     wide = dataclasses.replace(thin, level_set=lambda p, t: np.abs(p[:, 0] - 0.7) - 0.2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
