@@ -4,7 +4,9 @@ Conventions, everywhere: a set is where its level-set function is <= 0 (inside i
 is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
 """
 
+import importlib
 import os
+from typing import TYPE_CHECKING, Any
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
 # some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.
@@ -13,16 +15,24 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 __version__ = "0.1.0"
 
-from sdhj.case_studies import arm_case_study, evader_case_study
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import Grid
 from sdhj.loading import load
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme
-from sdhj.search import search_losing
 from sdhj.simulation import monte_carlo, simulate
 from sdhj.table import LookupTable, TableFileError
+
+if TYPE_CHECKING:
+    from sdhj.arm.case_studies import arm_case_study, evader_case_study
+    from sdhj.certified.search import search_losing
+
+_ELSEWHERE = {  # the outer rings, imported when they are asked for
+    "arm_case_study": "sdhj.arm.case_studies",
+    "evader_case_study": "sdhj.arm.case_studies",
+    "search_losing": "sdhj.certified.search",
+}
 
 __all__ = [
     "Controller",
@@ -43,3 +53,9 @@ __all__ = [
     "simulate",
     "solve",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ELSEWHERE:
+        raise AttributeError(f"module 'sdhj' has no attribute {name!r}")
+    return getattr(importlib.import_module(_ELSEWHERE[name]), name)

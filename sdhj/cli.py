@@ -94,7 +94,7 @@ def main() -> None:
 @plainly
 def reproduce(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     """Solve the case study, exercise its controller, write every figure and a table of results."""
-    from sdhj.reproduce import reproduce as run
+    from reproduce import reproduce as run
 
     run(nodes=nodes, out=writable_folder(out), runs=runs, seed=seed, certified=certified, say=click.echo)
 
@@ -153,8 +153,8 @@ def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary:
 @plainly
 def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
     """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
-    from sdhj.campaign import campaign as play
-    from sdhj.campaign import write_rows
+    from campaign import campaign as play
+    from campaign import write_rows
 
     writable_folder(out)  # before long work
     read = {path.stem: loaded(path) for path in tables}
@@ -213,7 +213,7 @@ def verify(
     writable_picture(output)
     read = loaded(table)
     if read.method == "certified":
-        from sdhj.verify import verify as check
+        from sdhj.certified.check.verify import verify as check
 
         del read  # the check reads the file itself, and both are large
         began = time.perf_counter()
@@ -232,13 +232,13 @@ def verify(
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
-    from sdhj.labels import shares
+    from labels import shares
 
     for name, share in shares(table, proof, within=table.steps, seed=seed).items():
         click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
     if output is not None:
         from sdhj import plotting
-        from sdhj.plotting.labels import draw_labels, label_legend
+        from label_pictures import draw_labels, label_legend
 
         with plotting.style():
             figure = plotting.new_figure(5.0, 4.6)
@@ -283,7 +283,7 @@ def physics(
     context: click.Context, table: Path, runs: int, adversary: str, rule: str, seed: int, output: Path | None
 ) -> None:
     """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
-    from sdhj.physics import check_runs, write_strip
+    from physics import check_runs, write_strip
 
     writable_picture(output, [".png"])
     report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
@@ -305,7 +305,7 @@ def warmup() -> None:
 
 def figure_command(which: int | str | None = None) -> click.Command:
     """The command line of a script in figures/: it writes the pictures with that number or name, or all there are."""
-    from sdhj.figures import FIGURES, Context, write
+    from catalogue import FIGURES, Context, write
 
     names = [name for name, spec in FIGURES.items() if which in (None, name, spec.number)]
     text = "Every figure" if which is None else "; ".join(FIGURES[name].title for name in names)

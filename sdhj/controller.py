@@ -28,7 +28,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdhj.checks import whole
-from sdhj.controller_kernels import decide, take_best, tube_values
+from sdhj.lookup import decide, take_best, tube_values
 from sdhj.grid import FloatArray, Grid
 from sdhj.motion import clip_to_walls, displacements, reachable_boxes
 from sdhj.problem import ReachAvoidProblem

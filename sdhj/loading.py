@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 
 import sdhj
-from sdhj.case_studies import rebuild
-from sdhj.certified_table import CertifiedTable
+from sdhj.arm.case_studies import rebuild
+from sdhj.certified.table import CertifiedTable
 from sdhj.grid import Grid
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import FORMAT, FORMAT_VERSION, LookupTable, TableFileError

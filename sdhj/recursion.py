@@ -20,7 +20,7 @@ from sdhj.schemes import Scheme
 from sdhj.table import AvoidTubes, LookupTable
 
 if TYPE_CHECKING:
-    from sdhj.certified import LipschitzBounds
+    from sdhj.certified.sets import LipschitzBounds
 
 METHODS = ("hji", "projected", "lax", "certified")
 GAMES = ("decomposed", "joint")
@@ -94,7 +94,7 @@ def solve(
     problem : ReachAvoidProblem
     method : {"hji", "projected", "lax", "certified"}
         Finite differences on the whole grid; on lower-dimensional subspaces (Sec. 5.1); the Hopf-Lax formula; or cells
-        with a proof (`sdhj.certified.certify`).
+        with a proof (`sdhj.certified.sets.certify`).
     scheme : Scheme, optional
         How "hji" and "projected" discretise; "lax" takes its precision from it.
     games : {"decomposed", "joint"}
@@ -108,7 +108,7 @@ def solve(
         For "projected": how the games on the subspaces are solved.
     cells : sequence of int, optional
         For "certified": about how many cells each axis gets.
-    bounds : sdhj.certified.LipschitzBounds, optional
+    bounds : sdhj.certified.sets.LipschitzBounds, optional
         For "certified" and a problem of your own: how fast its functions can change with the state.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
@@ -127,8 +127,8 @@ def solve(
     told = {"scheme": scheme, "games": games, "interpolation": interpolation, "subspaces": subspaces, "inner": inner}
     _check_options(problem, method, told | {"cells": cells, "bounds": bounds})
     if method == "certified":
-        from sdhj.certified import certify
-        from sdhj.certified_table import CertifiedTable
+        from sdhj.certified.sets import certify
+        from sdhj.certified.table import CertifiedTable
 
         with announced(progress):
             return CertifiedTable(certify(problem, cells=cells, bounds=bounds, progress=progress))  # type: ignore[return-value]  # the same interface

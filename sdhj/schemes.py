@@ -14,7 +14,7 @@ optionally followed by Phi <- max(Phi, -g). Space is discretised by upwind diffe
 
 Time is discretised by the total-variation-diminishing Runge-Kutta schemes of order 1, 2, 3 (Shu & Osher 1988).
 
-`sdhj.scheme_kernels` does the work, on planes of the last two axes.
+`sdhj.stages` does the work, on planes of the last two axes.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.grid import FloatArray, Grid
-from sdhj.scheme_kernels import (
+from sdhj.stages import (
     BLOCKS,
     Layout,
     from_planes,

@@ -26,7 +26,7 @@ def compile_kernels(methods: Sequence[str] = METHODS, say: Callable[[str], Any] 
 
 
 def _compile_checker(table: sdhj.LookupTable) -> None:
-    from sdhj.verify import verify
+    from sdhj.certified.check.verify import verify
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "certified.h5"

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit, prange
 
 import sdhj
-from sdhj.case_studies import scene
+from sdhj.arm.case_studies import scene
 
 SAMPLES = 16  # times within an interval, besides its start
 MARGIN = 2e-3  # m; 99% of the nodes near the boundary moved by less than 1.9 mm between 100 and 200 nodes a joint

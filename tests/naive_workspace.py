@@ -1,4 +1,4 @@
-"""Slow twins of sdhj.workspace and of the case studies' level sets: plain loops, nothing of sdhj."""
+"""Slow twins of sdhj.arm.workspace and of the case studies' level sets: plain loops, nothing of sdhj."""
 
 import math
 

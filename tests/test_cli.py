@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from toys import torus_problem
 
 import sdhj
-from sdhj import verify
+from sdhj.certified.check import verify
 from sdhj.cli import main
-from sdhj.reproduce import reproduce
+from reproduce import reproduce
 from sdhj.warmup import CELLS
 
 

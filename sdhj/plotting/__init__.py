@@ -7,7 +7,7 @@ identifier (`artist.get_gid()`), by which tests and readers of an SVG file find 
 Draw inside `with style():`, or call `use_style()` once, to get the project's look.
 """
 
-from sdhj.plotting.games import draw_cost, draw_one_step, one_step_legend
+from game_pictures import draw_cost, draw_one_step, one_step_legend
 from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style
 from sdhj.plotting.runs import (
     Run,
@@ -33,7 +33,7 @@ from sdhj.plotting.slices import (
     plane,
     unwrapped,
 )
-from sdhj.plotting.studies import draw_bars, draw_entries, draw_input_levels, draw_sweep, draw_timings, fraction_curves
+from studies import draw_bars, draw_entries, draw_input_levels, draw_sweep, draw_timings, fraction_curves
 from sdhj.plotting.surfaces import draw_isosurface, isosurface
 from sdhj.plotting.workspace import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 

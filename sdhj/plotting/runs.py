@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 
-from sdhj.case_studies import scene
+from sdhj.arm.case_studies import scene
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import FAINT, FULL, INK, OUTCOME_INK, PURSUER, new_figure, step_colours, style

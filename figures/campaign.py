@@ -1,0 +1,147 @@
+"""Many runs of several tables against several adversaries, one row for each pair.
+
+`sdhj campaign TABLE...` plays them; runs go in batches, so that tens of millions need no more memory than one batch.
+"""
+
+import csv
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.adversaries import ADVERSARIES
+from sdhj.checks import whole
+from sdhj.compiling import hidden
+from sdhj.controller import Controller
+from sdhj.files import replaced_whole, writable_folder
+from sdhj.certified.search import search_losing
+from sdhj.simulation import OUTCOMES, monte_carlo
+from sdhj.table import LookupTable
+
+SEARCH = "search"
+PLAYERS = (*ADVERSARIES, SEARCH)
+BATCH = 200_000  # runs at a time; the seed of batch b is `seed` + b
+POPULATION, GENERATIONS = 32, 8  # of a search
+
+
+@dataclass(frozen=True)
+class Row:
+    """How one table did against one adversary.
+
+    Attributes
+    ----------
+    table, method, adversary : str
+    starts : int
+        States it started from: a run from each, but for a search, which plays many.
+    runs : int
+    collided, left, late : int
+        Starts with a run that ended so.
+    seconds : float
+        Wall-clock time.
+    """
+
+    table: str
+    method: str
+    adversary: str
+    starts: int
+    runs: int
+    collided: int
+    left: int
+    late: int
+    seconds: float
+
+
+def campaign(
+    tables: Mapping[str, LookupTable],
+    adversaries: Sequence[str] = ("random", "aggressive", "worst", SEARCH),
+    *,
+    runs: int = 100_000,
+    rule: str = "deepest",
+    seed: int = 0,
+    progress: bool | None = None,
+) -> list[Row]:
+    """Play every table against every adversary, `runs` runs for each pair; a search gets as many in all, or fewer.
+
+    Batch b has the seed `seed` + b: `monte_carlo(controller, BATCH, adversary, seed + b)` plays it again.
+
+    Raises
+    ------
+    ValueError
+        For an option that does not fit, or an empty tube.
+    """
+    whole("runs", runs, least=1)
+    if not set(adversaries) <= set(PLAYERS) or not adversaries:
+        raise ValueError(f"adversaries must be some of {', '.join(PLAYERS)}, got {list(adversaries)}")
+    rows = []
+    for name, table in tables.items():
+        controller = Controller(table, rule=rule)
+        for adversary in adversaries:
+            with tqdm(total=runs, desc=f"{name}: {adversary}", unit="run", disable=hidden(progress)) as bar:
+                rows.append(_row(controller, name, adversary, runs, seed, bar))
+    return rows
+
+
+def _row(controller: Controller, name: str, adversary: str, runs: int, seed: int, bar: tqdm) -> Row:
+    began, played, starts, counts = time.perf_counter(), 0, 0, Counter[str]()
+    for number, begin in enumerate(range(0, runs, BATCH)):
+        budget = min(BATCH, runs - begin)
+        if adversary == SEARCH:
+            found = search_losing(
+                controller,
+                max(1, budget // (POPULATION * GENERATIONS)),
+                population=POPULATION,
+                generations=GENERATIONS,
+                seed=seed + number,
+                progress=False,
+            )
+            ends, done = found.outcomes, found.rollouts
+        else:
+            report = monte_carlo(controller, budget, adversary, seed + number, progress=False)
+            ends, done = report.outcomes, report.runs
+        counts.update({outcome: int((ends == place).sum()) for place, outcome in enumerate(OUTCOMES)})
+        starts, played = starts + len(ends), played + done
+        bar.update(budget)
+        bar.set_postfix(failed=starts - counts["reached"])
+    return Row(
+        table=name,
+        method=controller.table.method,
+        adversary=adversary,
+        starts=starts,
+        runs=played,
+        collided=counts["collided"],
+        left=counts["left"],
+        late=counts["late"],
+        seconds=round(time.perf_counter() - began, 2),
+    )
+
+
+def write_rows(rows: Sequence[Row], folder: Path, note: str) -> list[Path]:
+    """campaign.csv and campaign.md in a folder, with the same rows; the paths."""
+    folder = writable_folder(folder)
+    table, page = folder / "campaign.csv", folder / "campaign.md"
+    records = [asdict(row) for row in rows]
+    with replaced_whole(table) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(records[0]))
+        writer.writeheader()
+        writer.writerows(records)
+    head = ["table", "adversary", "starts", "runs", "collided", "left", "late", "failed", "seconds"]
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), *map(_line, rows), "", note, ""]
+    with replaced_whole(page) as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")
+    return [table, page]
+
+
+def _line(row: Row) -> str:
+    failed = row.collided + row.left + row.late
+    cells = (row.table, row.adversary, row.starts, row.runs, row.collided, row.left, row.late)
+    share = f"{failed / row.starts:.2%}" if failed else f"0 (< {upper_bound(row.starts):.1e})"
+    return "| " + " | ".join([*map(str, cells), share, f"{row.seconds:.0f}"]) + " |"
+
+
+def upper_bound(starts: int) -> float:
+    """The rate that no failure in so many independent starts excludes with 95% confidence (exact, binomial)."""
+    return float(-np.expm1(np.log(0.05) / starts))

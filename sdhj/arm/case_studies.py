@@ -1,0 +1,371 @@
+"""The paper's case studies as instances of `ReachAvoidProblem` (Sec. 5 and 6.1).
+
+The state is q = (q1, q2, px, py): the arm's joint angles and the centre of an agent nobody controls. The agent pursues
+the arm in `arm_case_study` and flees from its end-effector in `evader_case_study`. Metres, radians, seconds; every
+level-set function is in metres.
+"""
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.checks import number, whole
+from sdhj.grid import FloatArray, Grid
+from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
+
+AXES = ("q1", "q2", "px", "py")
+JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
+ALL_AXES = (0, 1, 2, 3)
+MOST = 1_000_000  # of anything that is counted
+KEPT = 64  # times at which the places of the obstacles are remembered
+BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
+
+TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
+OBSTACLES = (
+    Disk(Still((-0.22, 0.10)), 0.06),
+    Disk(Line((0.24, -0.02), (-0.10, 0.12)), 0.04),
+    Disk(Circle((0.0, -0.22), 0.07, 2.0, -1.0), 0.04),
+)
+
+
+def _in_blocks(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
+    """function(points) (M,) for points (M, n), in blocks of rows so that intermediate results stay small."""
+    if len(points) <= BLOCK:
+        return function(points)
+    out = np.empty(len(points))
+    for start in range(0, len(points), BLOCK):
+        out[start : start + BLOCK] = function(points[start : start + BLOCK])
+    return out
+
+
+@dataclass(frozen=True)
+class ArmScene:
+    """What stands and moves in the workspace: enough to draw it, and the source of the problem's level sets.
+
+    Attributes
+    ----------
+    arm : Arm
+    obstacles : tuple of Disk
+        The known obstacles OBS(t).
+    agent : {"pursuer", "evader"}
+    agent_radius : float
+        Radius of the disk about (px, py), m.
+    agent_box : float
+        The agent's centre stays in [-agent_box, agent_box]^2, m.
+    target : Disk or None
+        The known target TAR(t); None where the evader is the target.
+    """
+
+    arm: Arm
+    obstacles: tuple[Disk, ...]
+    agent: str
+    agent_radius: float
+    agent_box: float
+    target: Disk | None
+
+    def agent_disk(self, state: Sequence[float] | FloatArray) -> tuple[FloatArray, float]:
+        """Centre (2,) and radius of the pursuer or evader in one state (4,)."""
+        return np.asarray(state, dtype=np.float64)[2:4], self.agent_radius
+
+    def target_disk(self, state: Sequence[float] | FloatArray, t: float) -> tuple[FloatArray, float]:
+        """Centre (2,) and radius of the disk the end-effector has to be in, in one state (4,) at time t."""
+        return self.agent_disk(state) if self.target is None else (self.target.centre(t), self.target.radius)
+
+    def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
+        """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
+        elbow, tip = self.arm.joints(q)  # once for all obstacles: the costly part
+        centres, radii = self._disks(t)
+        return skeleton_clearance(elbow, tip, centres, radii) - self.arm.half_width
+
+    def _disks(self, t: float) -> tuple[FloatArray, FloatArray]:
+        """Centres and radii of the obstacles at a time; kept, as questions come in numbers for few times."""
+        known = self._known.get(t)
+        if known is None:
+            if len(self._known) >= KEPT:
+                self._known.clear()
+            known = np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
+            self._known[t] = known
+        return known
+
+    @cached_property
+    def _known(self) -> dict[float, tuple[FloatArray, FloatArray]]:
+        return {}
+
+    def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
+        """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""
+        return np.minimum.reduce(
+            [
+                self.arm.swept_distance(q, disk.path, t0, t1) - disk.radius - self.arm.half_width
+                for disk in self.obstacles
+            ]
+        )
+
+    def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
+        """Clearance of the thick arm to the pursuer's disk in states (M, 4); shape (M,), m. The same at every t."""
+        gap = self.agent_radius + self.arm.half_width
+        return _in_blocks(lambda block: self.arm.distance(block[:, :2], block[:, 2:]) - gap, states)
+
+    def target_value(self, q: FloatArray, t: float) -> FloatArray:
+        """Distance of the end-effector at joint angles q (M, 2) to the edge of the known target; shape (M,), m."""
+        assert self.target is not None
+        return np.linalg.norm(self.arm.tip(q) - self.target.centre(t), axis=1) - self.target.radius
+
+    def evader_value(self, states: FloatArray, t: float) -> FloatArray:
+        """Distance of the end-effector to the edge of the evader in states (M, 4); shape (M,), m."""
+
+        def value(block: FloatArray) -> FloatArray:
+            return np.linalg.norm(self.arm.tip(block[:, :2]) - block[:, 2:], axis=1) - self.agent_radius
+
+        return _in_blocks(value, states)
+
+    def known_unsafe(self) -> tuple[UnsafeSet, ...]:
+        """G1 of App. A.3: the known obstacles, a set of joint angles alone; nothing where there are no obstacles."""
+        if not self.obstacles:
+            return ()
+        rate = max(disk.speed for disk in self.obstacles)
+        return (UnsafeSet(JOINTS, self.obstacles_value, self.obstacles_swept_value, rate, "obstacles"),)
+
+
+def arm_case_study(
+    nodes: int | Sequence[int] = 25,
+    steps: int = 8,
+    view_time: str = "swept",
+    kinematics: str = "relative",
+    *,
+    delta: float = 0.1,
+    lengths: Sequence[float] = (0.15, 0.15),
+    half_width: float = 0.01,
+    u_max: float = 3.0,
+    v_d_max: float = 0.3,
+    v_p_max: float = 0.2,
+    input_levels: int = 5,
+    pursuer_radius: float = 0.04,
+    pursuer_box: float = 0.36,
+    target: Disk | Mapping[str, Any] = TARGET,
+    obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
+) -> ReachAvoidProblem:
+    """The robot arm of Sec. 5: reach a moving target, avoid known moving obstacles and a pursuer.
+
+    The paper leaves most of the numbers open; the defaults are this library's canonical ones.
+
+    Parameters
+    ----------
+    nodes : int or sequence of 4 int
+        Grid nodes on each of the axes q1, q2 (periodic, [-pi, pi)) and px, py.
+    steps : int
+        N, the number of sampling intervals.
+    view_time : {"swept", "sampled", "instantaneous"}
+        How the moving obstacles enter the game of one interval; see `ReachAvoidProblem`.
+    kinematics : {"relative", "printed"}
+        The textbook arm, or Eq. (8) to the letter; see `Arm`.
+    delta : float
+        Sampling interval, s.
+    lengths, half_width : (float, float), float
+        The links' lengths and half their thickness, m.
+    u_max, v_d_max, v_p_max : float
+        Bounds of each component of the input u and the disturbance v_d (rad/s, Eq. 9) and of the pursuer's velocity
+        v_p (m/s, Eq. 10).
+    input_levels : int
+        Samples of each input component from -u_max to u_max; L is its square, the first component slowest.
+    pursuer_radius, pursuer_box : float
+        The pursuer's radius, and half the side of the square its centre stays in, m.
+    target : Disk
+        The end-effector has to be in it at a sampling time.
+    obstacles : sequence of Disk
+        Known obstacles.
+
+    Raises
+    ------
+    ValueError
+        One line naming the argument that does not fit.
+    MemoryError
+        Where there is no room for that many nodes.
+    """
+    recipe = _recipe("arm_case_study", locals())  # nothing but the arguments exists yet
+    scene = _scene(recipe)
+    pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
+    goal = TargetSet(JOINTS, scene.target_value)
+    return _problem(recipe, scene, v_p_max, goal, (*scene.known_unsafe(), pursuer))
+
+
+def evader_case_study(
+    nodes: int | Sequence[int] = 25,
+    steps: int = 8,
+    view_time: str = "swept",
+    kinematics: str = "relative",
+    *,
+    delta: float = 0.1,
+    lengths: Sequence[float] = (0.15, 0.15),
+    half_width: float = 0.01,
+    u_max: float = 3.0,
+    v_d_max: float = 0.3,
+    v_e_max: float = 0.1,
+    input_levels: int = 5,
+    evader_radius: float = 0.06,
+    evader_box: float = 0.36,
+    obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
+) -> ReachAvoidProblem:
+    """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, past the known obstacles.
+
+    The evader is the target set, in the joint space; only the known obstacles are unsafe (the arm may touch the
+    evader). The paper gives no numbers: the evader has radius 0.06 m and velocity components up to 0.1 m/s, and all
+    else is as in `arm_case_study`. Its centre stays in [-0.36, 0.36]^2, beyond the arm's reach, so it can get away.
+
+    Parameters
+    ----------
+    v_e_max : float
+        Bound of each component of the evader's velocity, m/s.
+    evader_radius, evader_box : float
+        The evader's radius, and half the side of the square its centre stays in, m.
+
+    The others are those of `arm_case_study`.
+
+    Raises
+    ------
+    ValueError
+        One line naming the argument that does not fit.
+    MemoryError
+        Where there is no room for that many nodes.
+    """
+    recipe = _recipe("evader_case_study", locals())  # nothing but the arguments exists yet
+    scene = _scene(recipe)
+    goal = TargetSet(ALL_AXES, scene.evader_value, name="evader")
+    return _problem(recipe, scene, v_e_max, goal, scene.known_unsafe())
+
+
+BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
+    "arm_case_study": arm_case_study,
+    "evader_case_study": evader_case_study,
+}
+
+
+def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
+    """Build again the problem whose `recipe` this is; its digest is the same.
+
+    Raises
+    ------
+    ValueError
+        Where the builder is unknown, or its arguments are not the ones this version of the library takes.
+    """
+    builder, arguments = _checked_recipe(recipe)
+    return BUILDERS[builder](**arguments)
+
+
+def scene(problem: ReachAvoidProblem) -> ArmScene:
+    """The workspace of a case study: arm, obstacles, target and agent, to draw or to measure in.
+
+    Raises
+    ------
+    ValueError
+        Where the problem was not built by a case study.
+    """
+    if not problem.recipe:
+        raise ValueError(f"the problem {problem.name!r} has no workspace to draw: no case study built it")
+    return _scene(dict(zip(("builder", "arguments"), _checked_recipe(problem.recipe), strict=True)))
+
+
+@cache
+def _parameters(builder: str) -> frozenset[str]:
+    return frozenset(inspect.signature(BUILDERS[builder]).parameters)
+
+
+def _checked_recipe(recipe: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """Builder and arguments of a recipe, complete and known."""
+    if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
+        raise ValueError(f"a recipe must be {{'builder': name, 'arguments': {{...}}}}, got {recipe!r}")
+    builder, arguments = recipe["builder"], recipe["arguments"]
+    if builder not in BUILDERS:
+        raise ValueError(f"unknown builder {builder!r}; this version knows {', '.join(BUILDERS)}")
+    odd = set(arguments) ^ _parameters(builder)
+    if odd:
+        raise ValueError(
+            f"the recipe and {builder} disagree about {', '.join(sorted(odd))}: it was written by another version; "
+            "solve the problem again with this one"
+        )
+    return builder, arguments
+
+
+def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The checked arguments of a builder as plain numbers, lists and strings (JSON), defaults included."""
+    plain: dict[str, Any] = {}
+    for name, value in given.items():
+        if name == "nodes":
+            plain[name] = _node_counts(value)
+        elif name in ("steps", "input_levels"):
+            plain[name] = whole(name, value, least=1 if name == "steps" else 2, most=MOST)
+        elif name in ("view_time", "kinematics"):
+            plain[name] = str(value)
+        elif name == "lengths":
+            plain[name] = list(Arm(value).lengths)
+        elif name == "target":
+            plain[name] = Disk.of(value).describe()
+        elif name == "obstacles":
+            if not isinstance(value, Sequence):
+                raise ValueError(f"obstacles must be a list of disks, got {value!r}")
+            plain[name] = [Disk.of(disk).describe() for disk in value]
+        elif name in ("delta", "u_max") or name.endswith("_box"):
+            plain[name] = number(name, value, above=0.0)
+        else:
+            plain[name] = number(name, value, least=0.0)
+    return {"builder": builder, "arguments": plain}
+
+
+def _node_counts(nodes: int | Sequence[int]) -> list[int]:
+    """Nodes on each of the four axes; `Grid` says how few are too few."""
+    counts = [nodes] * len(AXES) if np.ndim(nodes) == 0 else list(nodes)  # type: ignore[arg-type]
+    if len(counts) != len(AXES):
+        raise ValueError(f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {nodes!r}")
+    return [whole("nodes", n, least=1, most=MOST) for n in counts]
+
+
+def _scene(recipe: Mapping[str, Any]) -> ArmScene:
+    """The workspace that a recipe describes."""
+    given = recipe["arguments"]
+    agent = "pursuer" if "pursuer_radius" in given else "evader"
+    return ArmScene(
+        arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
+        obstacles=tuple(Disk.of(disk) for disk in given["obstacles"]),
+        agent=agent,
+        agent_radius=given[f"{agent}_radius"],
+        agent_box=given[f"{agent}_box"],
+        target=Disk.of(given["target"]) if agent == "pursuer" else None,
+    )
+
+
+def _problem(
+    recipe: Mapping[str, Any], scene: ArmScene, agent_speed: float, target: TargetSet, unsafe: tuple[UnsafeSet, ...]
+) -> ReachAvoidProblem:
+    """Grid and integrator dynamics (Eq. 9 and 10) around the sets of a case study."""
+    given = recipe["arguments"]
+    box, levels = scene.agent_box, np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
+    inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = Grid(
+        lower=(-math.pi, -math.pi, -box, -box),
+        upper=(math.pi, math.pi, box, box),
+        shape=given["nodes"],
+        periodic=(True, True, False, False),
+        names=AXES,
+    )
+    grid.require_room()  # before the sets are sampled
+    return ReachAvoidProblem(
+        grid=grid,
+        dynamics=Dynamics(
+            inputs=inputs,
+            drift=np.hstack([inputs, np.zeros_like(inputs)]),
+            gain=np.eye(4),
+            bounds=np.array([given["v_d_max"], given["v_d_max"], agent_speed, agent_speed]),
+        ),
+        target=target,
+        unsafe=unsafe,
+        delta=given["delta"],
+        steps=given["steps"],
+        view_time=given["view_time"],
+        name=recipe["builder"],
+        recipe=recipe,
+    )

@@ -1,0 +1,244 @@
+"""Certified sets behind the table's interface, and the controller that plays them."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from toys import interval_problem
+
+import sdhj
+from sdhj.certified.sets import LipschitzBounds, certify
+from sdhj.certified.table import CertifiedController, CertifiedTable
+from labels import LABELS, labels, shares
+from sdhj.certified.check.verify import verify
+
+
+@pytest.fixture(scope="module")
+def table():
+    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+
+
+def test_values_and_contains_agree_and_tubes_grow(table):
+    points = table.grid.points()
+    inside = [table.values(start=0, within=n).ravel() <= 0 for n in range(4)]
+    for n in range(4):
+        assert np.array_equal(inside[n], table.contains(points, start=0, within=n))
+        assert n == 0 or (inside[n] >= inside[n - 1]).all()
+    shares = [table.fraction(start=0, within=n) for n in range(4)]
+    assert shares == sorted(shares) and 0 < shares[0] < shares[3] < 1
+    assert np.array_equal(table.values(start=0, within=9), table.values(start=0, within=3))
+
+
+def test_inputs_lead_from_every_certified_node(table):
+    newly = (table.values(start=0, within=2) <= 0) & (table.values(start=0, within=1) > 0)
+    assert newly.any()
+    assert table.inputs(start=0, within=2)[newly].any(axis=-1).all()
+
+
+def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
+    grid, width = table.grid, np.array([float(axis.width) for axis in table.sets.axes])
+    anywhere = rng.uniform(grid.lower, grid.upper, (20_000, 4))
+    edges = anywhere.copy()  # on an edge of a cell two cells hold a state, on a corner sixteen
+    edges[:, :2] = -np.pi + width[:2] * rng.integers(0, table.sets.shape[0], (20_000, 2))
+    for states in (anywhere, edges):
+        for step in range(4):
+            tubes = [table.contains(states, start=step, within=n) for n in range(4 - step)]
+            expected = np.where(np.any(tubes, axis=0), np.argmax(tubes, axis=0), 4 - step)
+            np.testing.assert_array_equal(table.steps_to_go(states, step), expected)
+            assert step > 0 or set(expected) == {0, 1, 2, 3, 4}
+
+
+def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_path):
+    """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
+    table.save(tmp_path / "certified.h5")
+    code = (
+        "import sys, sdhj\nfrom sdhj import simulation\nsimulation.threads = lambda: 2\n"
+        "controller = sdhj.Controller(sdhj.load(sys.argv[1]))\n"
+        "print(sdhj.monte_carlo(controller, 10_000, 'random', progress=False).counts['reached'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "certified.h5")],
+        env=os.environ | {"NUMBA_THREADING_LAYER": "workqueue", "NUMBA_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == "10000", done.stderr
+
+
+def test_round_trip(table, tmp_path):
+    table.save(tmp_path / "certified.h5")
+    loaded = sdhj.load(tmp_path / "certified.h5")
+    assert isinstance(loaded, CertifiedTable)
+    for k in range(4):
+        for n in range(4 - k):
+            assert loaded.fraction(start=k, within=n) == table.fraction(start=k, within=n)
+    assert np.array_equal(loaded.inputs(start=0, within=2), table.inputs(start=0, within=2))
+    with h5py.File(tmp_path / "certified.h5") as file:
+        assert file.attrs["method"] == "certified" and "obstacles" in file.attrs["recipe"]
+
+
+@pytest.mark.parametrize("adversary", ["random", "aggressive", "worst"])
+def test_no_run_from_a_certified_state_fails(table, adversary):
+    controller = sdhj.Controller(table)
+    assert isinstance(controller, CertifiedController)
+    report = sdhj.monte_carlo(controller, runs=2000, adversary=adversary, seed=3)
+    assert report.counts["reached"] == report.runs
+
+
+def test_outside_the_certified_set_it_says_so(table):
+    controller = sdhj.Controller(table)
+    with pytest.raises(sdhj.NotAdmissible, match="not admissible"):
+        controller.select([3.0, 3.0, 0.0, 0.0], 0)
+    assert controller.steps_to_go([3.0, 3.0, 0.0, 0.0], 0) is None
+    with pytest.raises(ValueError, match="NaN"):
+        controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)
+
+
+def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng):
+    """As for other tables. An index of -1 would be the last input, proved or not."""
+    states = rng.uniform(table.grid.lower, table.grid.upper, (20_000, 4))
+    there = states[table.steps_to_go(states, 0) == 0]
+    proved = table.sets.certified_inputs_many(there, 0, 1)
+    assert 0 < proved.any(axis=1).sum() < len(there)
+    controller = sdhj.Controller(table)
+    batch = controller.batch(there, 0)
+    assert np.array_equal(batch.safe, proved) and (batch.steps_to_go == 0).all()
+    assert (batch.margins[proved] <= 0).all() and np.isinf(batch.margins[~proved]).all()
+    held, lost = there[proved.any(axis=1)][0], there[~proved.any(axis=1)][0]
+    assert proved[np.flatnonzero((there == held).all(axis=1))[0], controller.select(held, 0)]
+    with pytest.raises(sdhj.NotAdmissible, match="in the target at step 0, and no input is proved to bring it back"):
+        controller.select(lost, 0)
+
+
+@pytest.mark.parametrize(("start", "within"), [(0, -1), (0, 1.5), (4, 0), (-1, 0)])
+def test_entries_that_are_not_there_are_refused(table, start, within):
+    with pytest.raises(ValueError, match="must be a whole number"):
+        table.values(start=start, within=within)
+
+
+@pytest.mark.parametrize("name", ["left/right", ".", "", "a\0b"])
+def test_sets_may_have_any_name(tmp_path, name):
+    problem = interval_problem(steps=1)
+    (part,) = problem.unsafe
+    problem = dataclasses.replace(problem, unsafe=(dataclasses.replace(part, name=name),))
+    bounds = LipschitzBounds(sets={"target": [1.0], name: [1.5]})
+    made = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    made.save(tmp_path / "own.h5")
+    proof = sdhj.load(tmp_path / "own.h5", problem=problem).sets.proof
+    assert {key: value.tolist() for key, value in proof.sets.items()} == {"target": [1.0], name: [1.5]}
+
+
+def test_solve_makes_certified_tables(monkeypatch):
+    monkeypatch.setattr("sdhj.certified.sets.ARM_CELLS", (105, 105, 36, 36))
+    problem = sdhj.arm_case_study(nodes=9, steps=1)
+    assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
+
+
+def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
+    monkeypatch.setattr("sdhj.memory.available", lambda: 10_000_000)
+    with pytest.raises(MemoryError, match=r"cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
+        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), method="certified", cells=(210, 210, 36, 36))
+
+
+def test_solve_certifies_a_problem_of_ones_own():
+    problem = interval_problem(steps=2)
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    table = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
+    with pytest.raises(ValueError, match="method=\"certified\", got method='hji'"):
+        sdhj.solve(problem, cells=[40])
+    with pytest.raises(ValueError, match=r"sets 'target', 'wall': give bounds=LipschitzBounds"):
+        sdhj.solve(problem, method="certified")
+
+
+def test_labels_part_the_states_of_a_tube(table):
+    grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
+    points = grid_table.grid.points()
+    found = labels(grid_table, table, points, within=3)
+    proved, claimed = (t.contains(points, start=0, within=3) for t in (table, grid_table))
+    assert np.array_equal(found == LABELS.index("certified"), proved)
+    assert np.array_equal(found == LABELS.index("not certified"), claimed & ~proved)
+    assert np.array_equal(found == LABELS.index("outside"), ~claimed & ~proved)
+    parts = shares(grid_table, table, within=3, draws=20_000)
+    # three standard deviations of a share of 20,000 draws
+    assert parts["certified"] == pytest.approx(table.fraction(start=0, within=3), abs=3 * 0.5 / 20_000**0.5)
+    with pytest.raises(ValueError, match="different games"):
+        shares(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, within=2)
+
+
+def test_labels_refuse_other_problems_of_ones_own():
+    """Nothing but the whole problem tells them apart, so it has to be the very same."""
+
+    def bounded(problem):
+        sets = {part.name: [1.0] for part in (problem.target, *problem.unsafe)}
+        return CertifiedTable(certify(problem, cells=[40], bounds=LipschitzBounds(sets=sets), progress=False))
+
+    problem = interval_problem(steps=2)
+    proved, other = bounded(problem), bounded(interval_problem(steps=2, wall=2.0))
+    claimed = sdhj.solve(problem, progress=False)
+    assert shares(claimed, proved, within=2, draws=2000)["certified"] > 0.3
+    with pytest.raises(ValueError, match="different problems"):
+        shares(claimed, other, within=2)
+
+
+def test_what_is_checked_is_what_is_loaded(table, tmp_path):
+    path = tmp_path / "forged.h5"
+    table.save(path)
+    with h5py.File(path, "r+") as file:
+        recipe = json.loads(file["certified"].attrs["recipe"])
+        recipe["arguments"]["obstacles"] = []
+        file["certified"].attrs["recipe"] = json.dumps(recipe)
+    with pytest.raises(ValueError, match="another recipe"):
+        verify(path)
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        sdhj.load(path)
+
+
+@pytest.mark.parametrize("name", ["index", "pool", "allowed"])
+def test_a_flipped_bit_is_noticed(table, tmp_path, name):
+    path = tmp_path / "flipped.h5"
+    table.save(path)
+    with h5py.File(path, "r+") as file:
+        data = file["certified"][name][()]
+        data.flat[data.size // 2] ^= 1
+        file["certified"][name][...] = data
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        sdhj.load(path)
+
+
+def test_verify_from_the_command_line(table, tmp_path):
+    from click.testing import CliRunner
+
+    from sdhj.cli import main
+
+    table.save(tmp_path / "certified.h5")
+    sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False).save(tmp_path / "hji.h5")
+    paths = {name: str(tmp_path / name) for name in ("certified.h5", "hji.h5", "labels.png")}
+    checked = CliRunner().invoke(main, ["verify", paths["certified.h5"], "--samples", "20"])
+    assert checked.exit_code == 0 and "proved" in checked.output and "NOT" not in checked.output
+    alone = CliRunner().invoke(main, ["verify", paths["hji.h5"]])
+    assert alone.exit_code == 2 and "--certified" in alone.output
+    arguments = ["verify", paths["hji.h5"], "--certified", paths["certified.h5"], "-o", paths["labels.png"]]
+    against = CliRunner().invoke(main, arguments)
+    assert against.exit_code == 0, against.output
+    assert "not certified" in against.output and (tmp_path / "labels.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("cells", [40, [None], [np.inf], ["40"], [40, 40], [1]])
+def test_cells_that_are_no_numbers_of_cells(cells):
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    with pytest.raises(ValueError, match="cells must be a whole number of at least 2 for each of the 1 axes"):
+        certify(interval_problem(steps=1), cells=cells, bounds=bounds, progress=False)
+
+
+def test_a_problem_of_ones_own_with_too_many_cells_is_refused_at_once():
+    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
+    with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*use fewer cells"):
+        certify(interval_problem(steps=1), cells=[10**12], bounds=bounds, progress=False)
+    with pytest.raises(ValueError, match="bounds must be LipschitzBounds"):
+        certify(interval_problem(steps=1), cells=[40], bounds={"wall": [1.0]}, progress=False)

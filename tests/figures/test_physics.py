@@ -1,0 +1,156 @@
+"""MuJoCo as a second judge: its distances and contacts against our geometry, and runs that it plays itself."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import toys
+from click.testing import CliRunner
+
+import sdhj
+from sdhj.arm.case_studies import OBSTACLES
+from sdhj.certified.sets import certify
+from sdhj.certified.table import CertifiedTable
+from sdhj.cli import main
+from sdhj.controller import Controller
+from sdhj.simulation import SUBSTEPS, simulate
+from sdhj.arm.workspace import Circle, Disk, Line, Still
+
+if importlib.util.find_spec("mujoco") is None:
+    pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)
+
+from physics import World, check_runs, frames, mjcf, replay
+
+# Both sides are closed forms in float64 on lengths below 1 m: a few dozen roundings of 1e-16 each; measured 3e-16.
+ROUNDING = 1e-14
+DRIFT = 1e-12  # MuJoCo adds 800 moves of a run, we add 160: as many roundings of 1e-16, of angles up to 4 rad
+
+
+@cache
+def table() -> sdhj.LookupTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
+
+
+@cache
+def certified_table() -> CertifiedTable:
+    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+
+
+def longest_run() -> tuple[sdhj.ReachAvoidProblem, object]:
+    controller = Controller(table())
+    starts = sdhj.simulation.admissible_states(controller, 60, np.random.default_rng(3))
+    return table().problem, max((simulate(controller, q, "none") for q in starts), key=lambda run: len(run.times))
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        sdhj.arm_case_study(nodes=9),
+        sdhj.arm_case_study(nodes=9, kinematics="printed"),
+        sdhj.arm_case_study(
+            nodes=9, lengths=(0.2, 0.1), half_width=0.02, obstacles=[Disk(Line((0.1, 0.2), (0.0, 0.0)), 0.03)]
+        ),
+        sdhj.arm_case_study(nodes=9, obstacles=[]),
+        sdhj.evader_case_study(nodes=9, obstacles=[Disk(Circle((0.1, 0.1), 0.1, -3.0, 0.5), 0.05)]),
+    ],
+    ids=["standard", "printed", "other arm", "pursuer alone", "evader"],
+)
+def test_distances_are_ours(problem, rng) -> None:
+    """On random states at random times, deep inside obstacles and far from them; contacts are where the distance
+    is not positive."""
+    world = World(problem)
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (500, 4))
+    touched = 0
+    for state, t in zip(states, rng.uniform(0.0, 0.8, 500), strict=True):
+        world.place(state, t)
+        ours = problem.unsafe_value(state[None], t)[0]
+        assert world.distance() == pytest.approx(ours, abs=ROUNDING)
+        assert world.touched() == (ours <= 0) or abs(ours) < ROUNDING
+        np.testing.assert_allclose(world.state, state, rtol=0, atol=ROUNDING)
+        touched += world.touched()
+    assert 20 < touched < 480
+
+
+def test_mujoco_moves_as_we_do() -> None:
+    controller = Controller(table())
+    for adversary, start in (("aggressive", 0), ("worst", 1), ("random", 2)):
+        starts = sdhj.simulation.admissible_states(controller, 40, np.random.default_rng(start))
+        runs = [simulate(controller, q, adversary, seed=start) for q in starts]
+        run = max(runs, key=lambda run: len(run.times))
+        seen = replay(World(controller.problem), run, finer=3)
+        assert len(run.inputs) >= 2 and len(seen.times) == 3 * (len(run.times) - 1) + 1
+        assert seen.drift < DRIFT and seen.difference < DRIFT
+        np.testing.assert_allclose(seen.times[::3], run.times, rtol=0, atol=DRIFT)
+
+
+def test_the_pursuer_stops_at_the_wall() -> None:
+    world = World(sdhj.arm_case_study(nodes=9))
+    world.place(np.array([0.0, 1.0, 0.35, -0.355]), 0.0)
+    world.move(np.array([1.0, -2.0, 0.2, -0.2]), 0.1)
+    np.testing.assert_allclose(world.state, [0.1, 0.8, 0.36, -0.36], rtol=0, atol=ROUNDING)
+
+
+def test_a_planted_collision_is_seen() -> None:
+    """The table does not know of a disk in the way of the tip; MuJoCo does."""
+    _, run = longest_run()
+    middle = run.states[SUBSTEPS]
+    tip = World(sdhj.arm_case_study(nodes=9)).given["lengths"][0] * np.array(
+        [np.cos(middle[0]) + np.cos(middle[:2].sum()), np.sin(middle[0]) + np.sin(middle[:2].sum())]
+    )
+    planted = sdhj.arm_case_study(nodes=9, steps=3, obstacles=[*OBSTACLES, Disk(Still(tuple(tip)), 0.005)])
+    assert not replay(World(table().problem), run).touched.any()
+    seen = replay(World(planted), run)
+    assert seen.touched[SUBSTEPS * 5] and not seen.touched.all()
+    np.testing.assert_array_equal(seen.touched, seen.distances <= 0)
+    ours = [planted.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
+    assert seen.distances.min() == pytest.approx(min(ours), abs=0.005)  # the tip passes 3.3 rad/s * 0.3 m * 5 ms
+    report = check_runs(Controller(replace(table(), problem=planted)), 30, "none", progress=False)
+    assert report.touched >= report.collided > 0 and report.disagree == report.touched - report.collided
+    assert report.closest < 0
+
+
+def test_runs_of_a_certified_table_touch_nothing() -> None:
+    for adversary in ("aggressive", "worst"):
+        report = check_runs(Controller(certified_table()), 40, adversary, seed=1, progress=False)
+        assert report.touched == report.collided == report.disagree == 0
+        assert report.closest > 0 and report.instants > 40 * 100
+        assert report.difference < DRIFT and report.drift < DRIFT
+        assert f"contacts in MuJoCo: 0 runs, looked at {report.instants} instants" in str(report)
+
+
+def test_what_cannot_be_modelled_is_refused() -> None:
+    with pytest.raises(ValueError, match="no case study"):
+        mjcf(toys.torus_problem())
+    with pytest.raises(ValueError, match=r"link1 has 0\.0"):
+        mjcf(sdhj.arm_case_study(nodes=9, half_width=0.0))
+    with pytest.raises(ValueError, match="finer must be"):
+        check_runs(Controller(table()), 5, finer=0)
+
+
+def test_pictures_and_the_command_line(tmp_path) -> None:
+    problem, run = longest_run()
+    try:
+        pictures = frames(World(problem), run, count=3, size=120)
+    except ValueError as error:
+        pytest.skip(str(error))
+    assert [t for t, _ in pictures] == pytest.approx([0.0, run.times[len(run.times) // 2], run.times[-1]])
+    for _, image in pictures:
+        assert image.shape == (120, 120, 3)
+        red, green, blue = (image[..., c].astype(int) for c in range(3))
+        assert (red > green + 60).sum() > 100 and (blue > red + 60).sum() > 50  # obstacles and arm
+    assert (pictures[0][1] != pictures[2][1]).mean() > 0.01
+    certified_table().save(tmp_path / "proved.h5")
+    arguments = ["physics", str(tmp_path / "proved.h5"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    assert "contacts in MuJoCo: 0 runs" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
+
+
+def test_without_mujoco_one_line_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.delitem(sys.modules, "physics")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    done = CliRunner().invoke(main, ["physics", "any.h5"])
+    assert done.exit_code == 2 and "sdhj[physics]" in done.output and "Traceback" not in done.output

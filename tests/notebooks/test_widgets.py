@@ -1,0 +1,368 @@
+"""The widgets' callbacks at the corners of their sliders; what they show is asserted as numbers, not as pixels."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj import figures, lessons, widgets
+from sdhj.certified.sets import certify
+from sdhj.certified.table import CertifiedTable
+from sdhj.plotting import teaching
+from sdhj.plotting.slices import plane
+from sdhj.schemes import Scheme
+from sdhj.table import LookupTable
+
+PNG = b"\x89PNG"
+SMALL = 9  # nodes: the smallest grid on which the case study's target is held
+
+
+@pytest.fixture(scope="module")
+def arm() -> LookupTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=SMALL, steps=3), progress=False)
+
+
+@pytest.fixture(scope="module")
+def projected(arm: LookupTable) -> LookupTable:
+    return sdhj.solve(arm.problem, method="projected", progress=False)
+
+
+@pytest.fixture(scope="module")
+def point() -> LookupTable:
+    return sdhj.solve(lessons.point_robot(25), progress=False)
+
+
+@pytest.fixture(scope="module")
+def car() -> LookupTable:
+    return sdhj.solve(lessons.car((17, 17, 16)), progress=False)
+
+
+def ends(control: Any) -> tuple[Any, Any]:
+    if hasattr(control, "options"):
+        return control.options[0], control.options[-1]
+    return control.min, control.max
+
+
+def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
+    """Move every control to both ends on its own, then all at once; the numbers shown at each stop."""
+    shown = []
+    first = explorer.values
+    stops = [{name: end} for name, control in explorer.controls.items() for end in ends(control)]
+    stops += [{name: ends(control)[side] for name, control in explorer.controls.items()} for side in (0, 1)]
+    for stop in stops:
+        shown.append(dict(explorer.set(**first | stop)))
+        assert explorer.error == "", f"{stop}: {explorer.error}"
+        assert explorer.png.startswith(PNG)
+    explorer.set(**first)
+    return shown
+
+
+# ---- every explorer, at its corners
+
+
+def test_sets_at_the_corners() -> None:
+    explorer = widgets.explore_sets(nodes=41)
+    for shown in visit_corners(explorer):
+        assert 0.0 <= shown["area of the result"] <= shown["area of A"] + shown["area of B"]
+    whole = explorer.set(operation="union")
+    parts = whole["area of A"] + whole["area of B"]
+    assert whole["area of the result"] + explorer.set(operation="intersection")["area of the result"] == pytest.approx(
+        parts,
+        abs=0.02,  # inclusion and exclusion, up to what interpolation cuts off at corners
+    )
+    assert explorer.set(radius=0.8)["area of A"] > 2 * whole["area of A"]
+
+
+def test_nodes_at_the_corners() -> None:
+    explorer = widgets.explore_nodes()
+    visit_corners(explorer)
+    lost = explorer.set(nodes=11, thickness=0.1, shift=0.1)  # between two rows of nodes
+    assert (lost["nodes inside"], lost["area held"]) == (0, 0.0)
+    assert explorer.set(shift=0.0)["nodes inside"] > 0
+    fine = explorer.set(nodes=41, thickness=0.6, shift=0.0)
+    assert fine["area held"] == pytest.approx(fine["true area"], rel=0.05)
+
+
+def test_upwinding_at_the_corners() -> None:
+    explorer = widgets.explore_upwinding()
+    visit_corners(explorer)
+    assert explorer.set(difference="right", velocity=1.0, cfl=1.0, nodes=80)["largest error (m)"] < 1e-12
+    assert explorer.set(cfl=1.5)["largest error (m)"] > 1.0
+    assert explorer.set(difference="left", cfl=0.75)["largest error (m)"] > 1.0
+    assert explorer.set(velocity=-1.0)["largest error (m)"] < 0.05
+
+
+def test_schemes_at_the_corners() -> None:
+    explorer = widgets.explore_schemes()
+    visit_corners(explorer)
+    errors = [explorer.set(order=order)["mean error near the boundary (m)"] for order in (1, 2, 3)]
+    assert errors[0] > 2 * errors[1] > 2 * errors[2]
+    sharp = explorer.set(order=1)["mean error near the boundary (m)"]
+    assert explorer.set(flux="lax-friedrichs")["mean error near the boundary (m)"] > sharp
+
+
+def test_interval_at_the_corners() -> None:
+    explorer = widgets.explore_interval(nodes=25)
+    visit_corners(explorer)
+    calm = explorer.set(show="reach-avoid", wind=0.0, x=-0.4, y=0.2)
+    windy = explorer.set(wind=0.5)
+    share = "share of the lake in the reach-avoid set"
+    assert calm[share] > windy[share]
+    assert float(calm["cost of q, Eq. (6)"]) < float(windy["cost of q, Eq. (6)"])
+    assert calm["runs won"] == "64 of 64"
+
+
+def test_holding_at_the_corners() -> None:
+    explorer = widgets.explore_holding(nodes=15)
+    visit_corners(explorer)
+    shares = [explorer.set(intervals=n)["share of the square inside"] for n in (1, 2, 4)]
+    assert shares[0] < shares[1] < shares[2]
+    assert explorer.numbers["one-step games solved"] == 9 * 10
+
+
+def test_plane_game_at_the_corners() -> None:
+    explorer = widgets.explore_plane_game(nodes=15)
+    for shown in visit_corners(explorer):
+        assert list(shown.values()) == sorted(shown.values())  # tubes are nested
+    assert explorer.set(v_max=0.0)["within 4"] > explorer.set(v_max=0.5)["within 4"]
+    assert "within 1" not in explorer.set(start=4)
+
+
+def test_row_at_the_corners(point: LookupTable) -> None:
+    explorer = widgets.explore_row(point)
+    visit_corners(explorer)
+    assert explorer.set(start=0, x=0.45, y=0.0) == {"fewest steps to go": 0, "tubes that hold the point": 5}
+    lost = explorer.set(start=4, x=-0.9)
+    assert np.isnan(lost["fewest steps to go"]) and lost["tubes that hold the point"] == 0
+
+
+def test_spaces_at_the_corners(arm: LookupTable) -> None:
+    explorer = widgets.explore_spaces(arm.problem)
+    visit_corners(explorer)
+    shown = explorer.set(q1=0.3, q2=-1.0, px=0.1, py=0.0, step=1.0)
+    state = np.array([[0.3, -1.0, 0.1, 0.0]])
+    assert shown["target (m, inside below 0)"] == pytest.approx(float(arm.problem.target_value(state, 0.1)[0]))
+    assert shown["unsafe sets (m, collision below 0)"] == pytest.approx(float(arm.problem.unsafe_value(state, 0.1)[0]))
+
+
+def test_view_time_at_the_corners() -> None:
+    explorer = widgets.explore_view_time(sdhj.arm_case_study(nodes=SMALL, delta=0.4, steps=2))
+    visit_corners(explorer)
+    missed = [explorer.set(step=1, samples=n)["of it missed by the samples"] for n in (1, 2, 20)]
+    assert missed[0] > missed[1] > missed[2] >= 0.0
+
+
+def test_tube_at_the_corners(arm: LookupTable) -> None:
+    explorer = widgets.explore_tube(arm)
+    visit_corners(explorer)
+    shares = [explorer.set(start=0, within=n)["share of the slice inside"] for n in range(4)]
+    assert shares == sorted(shares) and shares[0] < shares[-1]
+    assert explorer.numbers["share of C inside"] == arm.fraction(start=0, within=3)
+    state = np.array([[0.6, 1.2, 0.15, 0.24]])
+    held = [n for n in range(4) if arm.contains(state, start=0, within=n)[0]]
+    assert explorer.set(q1=0.6, q2=1.2, px=0.15, py=0.24)["steps to go of this state"] == held[0]
+
+
+def test_pursuer_at_the_corners(arm: LookupTable) -> None:
+    explorer = widgets.explore_pursuer(arm)
+    shown = visit_corners(explorer)
+    assert all(0.0 <= numbers["share of the pursuer's places"] <= 1.0 for numbers in shown)
+    share = "share of the pursuer's places"
+    far = explorer.set(q1=0.6, q2=1.2, start=0, within=3)[share]  # the end-effector is in the target
+    assert far > 0.5 and explorer.set(q1=-1.5, q2=0.0, within=0)[share] == 0.0
+
+
+def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
+    explorer = widgets.explore_gap(arm, projected)
+    for shown in visit_corners(explorer):
+        assert shown["slice inside, projected"] <= shown["slice inside, hji"] + shown["in projected and not in hji"]
+    assert widgets.explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
+
+
+def test_certified_at_the_corners(arm: LookupTable) -> None:
+    proved = CertifiedTable(certify(arm.problem, cells=(42, 42, 12, 12), progress=False))
+    explorer = widgets.explore_certified(arm, proved)
+    for shown in visit_corners(explorer):
+        assert 0.0 <= shown["proved and not inside by interpolation"] <= shown["slice proved"] <= 1.0
+    shares = [explorer.set(start=0, within=n)["slice proved"] for n in range(4)]
+    assert shares == sorted(shares)
+    same = widgets.explore_certified(arm, arm).numbers
+    assert same["slice proved"] == same["slice inside by interpolation"] > 0.0
+
+
+@pytest.mark.slow
+def test_arm_game_at_the_corners() -> None:
+    explorer = widgets.explore_arm_game(nodes=7, method="lax")
+    visit_corners(explorer)
+    strong = explorer.set(v_d=2.0)["share of C inside"]
+    assert explorer.set(v_d=0.0)["share of C inside"] > strong
+
+
+@pytest.mark.slow
+def test_evader_at_the_corners() -> None:
+    explorer = widgets.explore_evader(nodes=9, method="lax")
+    visit_corners(explorer)
+    assert explorer.set(v_e=0.0)["share of C inside"] > explorer.set(v_e=0.6)["share of C inside"]
+
+
+def test_run_at_the_corners(arm: LookupTable) -> None:
+    starts = figures.starts_of_runs(arm, 2, within=2)
+    explorer = widgets.explore_run(arm, [list(map(float, q)) for q in starts], rules=("deepest", "effort"))
+    visit_corners(explorer)
+    times = [float(explorer.set(moment=moment)["time (s)"]) for moment in (0, 48, 100)]
+    assert times == sorted(times) and times[0] == 0.0 and times[-1] > 0.0
+    controller = sdhj.Controller(arm, rule="effort")
+    run = sdhj.simulate(controller, starts[1], adversary="aggressive", seed=3)
+    shown = explorer.set(number=1, adversary="aggressive", rule="effort", seed=3, moment=100)
+    assert (shown["outcome"], shown["steps taken"]) == (run.outcome, len(run.inputs))
+
+
+def test_car_at_the_corners(car: LookupTable) -> None:
+    explorer = widgets.explore_car(car)
+    visit_corners(explorer)
+    shares = [explorer.set(within=n, heading=0.0)["share of places for this heading"] for n in range(car.steps + 1)]
+    assert shares == sorted(shares) and shares[0] < shares[-1]
+
+
+# ---- the explorer itself
+
+
+def draw_share(figure: Any, share: float) -> dict[str, float]:
+    if share > 0.8:
+        raise ValueError("share must be at most 0.8")
+    figure.subplots().plot([0, 1], [0, share])
+    return {"share": share}
+
+
+def slider(value: float) -> Any:
+    return widgets._slider("share", 0.0, 1.0, 0.1, value)
+
+
+def test_a_refused_setting_keeps_the_picture() -> None:
+    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
+    before = explorer.png
+    assert explorer.set(share=0.9) == {"share": 0.5}
+    assert "at most 0.8" in explorer.error and "at most 0.8" in explorer._status.value
+    assert explorer.png == before
+    assert explorer.set(share=0.2) == {"share": 0.2} and explorer.error == "" and explorer.png != before
+
+
+def test_a_first_setting_that_is_refused_raises() -> None:
+    with pytest.raises(ValueError, match=r"at most 0\.8"):
+        widgets.Explorer(draw_share, {"share": slider(0.9)})
+
+
+def test_slow_pictures_are_given_progress() -> None:
+    asked = []
+
+    def draw(figure: Any, share: float, progress: bool) -> dict[str, float]:
+        asked.append(progress)
+        return draw_share(figure, share)
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=True)
+    explorer.set(share=0.3)
+    assert asked == [False, True]  # a page that is only read shows no bar
+
+
+def test_axes_stay_where_the_first_picture_had_them() -> None:
+    places: list[Any] = []
+    one, _ = widgets.render(draw_share, (4.0, 3.0), places=places, share=0.5)
+    kept = list(places)
+    two, _ = widgets.render(draw_share, (4.0, 3.0), places=places, share=0.5)
+    assert one == two and [list(p.bounds) for p in places] == [list(p.bounds) for p in kept]
+
+
+def shown_by(act: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    shown: list[Any] = []
+    monkeypatch.setattr(widgets, "display", lambda thing, **options: shown.append(thing))
+    act()
+    return shown
+
+
+def test_a_page_without_a_kernel_has_text_and_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)}, alt="a line")
+    panel, image = shown_by(explorer._ipython_display_, monkeypatch)
+    assert widgets.VIEW in panel and "share (0.5)" in panel["text/plain"] and "Shown: share: 0.5" in panel["text/plain"]
+    assert image.data.startswith(PNG) and image.alt == "a line"
+
+
+def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, point: LookupTable) -> None:
+    (image,) = shown_by(lambda: widgets.picture(teaching.draw_plane_game, point, size=(3.0, 3.0)), monkeypatch)
+    assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
+    (image,) = shown_by(lambda: widgets.paper_figure("fig05_game"), monkeypatch)
+    assert image.alt == "Who acts on the joint configuration"
+    with pytest.raises(ValueError, match="figure must be one of"):
+        widgets.paper_figure("fig99")
+
+
+def test_the_library_needs_neither_widgets_nor_matplotlib() -> None:
+    code = "import sys, sdhj; print([m for m in ('ipywidgets', 'matplotlib', 'IPython') if m in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert answer.stdout.strip() == "[]", answer.stderr
+
+
+# ---- slices and lessons
+
+
+@pytest.mark.parametrize("axes", [(0, 1), (2, 3), (0, 2), (1, 3)])
+def test_slice_values_are_multilinear(axes: tuple[int, int], rng: np.random.Generator) -> None:
+    grid = sdhj.arm_case_study(nodes=(7, 8, 5, 6)).grid
+    values = rng.normal(size=grid.shape).astype(np.float32)
+    through = rng.uniform(grid.lower, grid.upper)
+    where = plane(grid, through, axes, resolution=23)
+    found = teaching.slice_values(grid, values, through, axes, where.x, where.y)
+    np.testing.assert_allclose(found, where.of(grid, values), atol=1e-12)  # float64 rounding of sums of 16 terms
+
+
+def test_steps_image_agrees_with_contains(arm: LookupTable) -> None:
+    through = (0.0, 0.0, 0.2, -0.1)
+    image = teaching.steps_image(arm, through=through, start=1, within=2, resolution=31)
+    where = plane(arm.grid, through, resolution=31)
+    expected = np.full(image.size, 3)
+    for n in (2, 1, 0):
+        expected[arm.contains(where.points, start=1, within=n)] = n
+    assert np.mean(image.ravel() != expected) < 0.002  # values within rounding of zero may fall on either side
+
+
+def test_one_interval_makes_the_table(point: LookupTable) -> None:
+    """Theorem 2, by hand: the union over inputs of reach and avoid, and the tube before."""
+    by_hand = point.values(start=1, within=1)
+    for j in range(len(point.problem.inputs)):
+        by_hand = np.minimum(by_hand, np.maximum(*lessons.one_interval(point.problem, j, start=1, within=2)))
+    np.testing.assert_allclose(by_hand, point.values(start=1, within=2), atol=1e-6)
+
+
+def test_area_of_a_rectangle() -> None:
+    grid = lessons.canvas(41)
+    assert lessons.area(grid, lessons.rectangle(grid, (0.1, 0.0), (0.5, 0.25))) == pytest.approx(0.5, abs=0.01)
+
+
+def test_shrink_converges_at_second_order() -> None:
+    errors = [lessons.shrink(n, Scheme(frame="fixed", dtype="float64")).mean_error for n in (21, 41, 81)]
+    order = -np.polyfit(np.log((20, 40, 80)), np.log(errors), 1)[0]
+    assert order > 1.5, order  # the solution has kinks, where no scheme is better than first order
+
+
+def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.random.Generator) -> None:
+    part = next(part for part in arm.problem.unsafe if part.moving)
+    points = rng.uniform(-np.pi, np.pi, (2000, 2))
+    swept = part.over(points, 0.0, 0.4, "swept")
+    unions = [lessons.union_of_samples(part, points, 0.0, 0.4, n) for n in (1, 3, 9)]
+    assert (unions[0] >= unions[1] - 1e-12).all() and (unions[1] >= unions[2] - 1e-12).all()
+    assert (unions[2] >= swept - 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        (lambda: lessons.combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one of"),
+        (lambda: lessons.carry("upwind"), "difference must be one of"),
+    ],
+)
+def test_unknown_options_are_refused(act: Callable[[], Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        act()

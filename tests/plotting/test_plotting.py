@@ -1,0 +1,575 @@
+"""The drawing functions: what is in the pictures, asserted on the artists' data, not on pixels."""
+
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from PIL import Image
+from toys import torus_problem
+
+import sdhj
+from sdhj import illustrations, plotting
+from sdhj.arm.case_studies import scene
+from sdhj.plotting import games, looks, runs, slices, studies, surfaces
+
+THROUGH = (0.0, 0.0, 0.2, 0.2)
+
+
+@pytest.fixture(scope="module")
+def table() -> sdhj.LookupTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+
+
+@pytest.fixture(scope="module")
+def run(table: sdhj.LookupTable) -> sdhj.simulation.Trajectory:
+    """The longest of some runs that reach the target."""
+    controller = sdhj.Controller(table)
+    states = np.random.default_rng(1).uniform(table.grid.lower, table.grid.upper, (4000, 4))
+    states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
+    tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
+    return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
+
+
+@pytest.fixture(scope="module")
+def boat() -> illustrations.OneStepGame:
+    return illustrations.one_step_game(illustrations.boat_problem(nodes=61))
+
+
+def axes(**options):
+    return plotting.new_figure(4, 4).subplots(**options)
+
+
+def named(ax, gid: str) -> list:
+    return [artist for artist in ax.get_children() if artist.get_gid() == gid]
+
+
+def vertices(ax, gid: str) -> np.ndarray:
+    """All points of the one contour set with that identifier."""
+    (artist,) = named(ax, gid)
+    assert isinstance(artist, ContourSet)
+    return np.concatenate([path.vertices for path in artist.get_paths()])
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Slices
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_slice_closes_the_seam_and_agrees_with_the_table(table):
+    where = slices.plane(table.grid, THROUGH, resolution=41)
+    assert where.x[0] == -np.pi and where.x[-1] == np.pi
+    values = where.of(table.grid, table.values(start=0, within=3))
+    assert np.abs(values[:, 0] - values[:, -1]).max() < 1e-12
+    assert np.abs(values[0] - values[-1]).max() < 1e-12
+    inside = table.contains(where.points, start=0, within=3)
+    assert np.array_equal(where.shaped(inside), values <= 0)
+    assert inside.any() and not inside.all()
+    row, column = 7, 30  # rows go with the second axis
+    assert np.array_equal(where.points[row * 41 + column], [where.x[column], where.y[row], 0.2, 0.2])
+
+
+def test_a_slice_along_other_axes(table):
+    where = slices.plane(table.grid, (0.5, -0.5, 0.0, 0.0), axes=(2, 3), resolution=11)
+    assert np.array_equal(where.points[:, :2], np.tile([0.5, -0.5], (121, 1)))
+    assert where.x[[0, -1]].tolist() == [-0.36, 0.36]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"axes": (0, 0)}, r"two different axes of the grid, got \(0, 0\)"),
+        ({"axes": (0, 4)}, "an axis of the slice must be a whole number from 0 to 3, got 4"),
+        ({"start": 99}, "start must be a whole number from 0 to 3, got 99"),
+    ],
+)
+def test_tubes_that_there_are_not_are_refused(table, options, said):
+    with pytest.raises(ValueError, match=said):
+        slices.draw_tubes(Figure().subplots(), table, through=(0.0, 0.0, 0.2, 0.2), **options)
+
+
+@pytest.mark.parametrize(
+    ("through", "said"),
+    [
+        ((0.0, 0.0), "one state of 4"),
+        ((0, 0, 0.4, 0.0), r"px in \[-0.36, 0.36\], got 0.4"),
+        ((0, 0, 0, np.nan), "py in"),
+    ],
+)
+def test_a_slice_through_no_state_is_refused(table, through, said):
+    with pytest.raises(ValueError, match=said):
+        slices.plane(table.grid, through)
+
+
+def test_a_drawn_set_is_the_set():
+    grid = sdhj.Grid([-1, -1], [1, 1], [5, 5])
+    where = slices.plane(grid, (0, 0), resolution=201)
+    values = where.shaped(np.hypot(where.points[:, 0] - 0.2, where.points[:, 1]) - 0.5)
+    ax = axes()
+    slices.draw_set(ax, where, values, looks.UNSAFE, "disk")
+    radii = np.hypot(*(vertices(ax, "disk-edge") - [0.2, 0.0]).T)
+    # linear interpolation of a distance on cells of h = 0.01 errs by at most h^2 / (8 r) times two
+    assert np.abs(radii - 0.5).max() < 2 * 0.01**2 / (8 * 0.5)
+    assert named(ax, "disk")[0].hatches == [looks.UNSAFE["hatch"]]
+
+
+def test_an_empty_set_draws_nothing_and_a_full_one_has_no_edge():
+    where = slices.plane(sdhj.Grid([-1, -1], [1, 1], [5, 5]), (0, 0), resolution=5)
+    ax = axes()
+    slices.draw_set(ax, where, np.ones((5, 5)), looks.UNSAFE, "empty")
+    slices.draw_set(ax, where, -np.ones((5, 5)), looks.UNSAFE, "full")
+    assert not named(ax, "empty") and not named(ax, "empty-edge") and not named(ax, "full-edge")
+    assert np.ptp(vertices(ax, "full"), axis=0).tolist() == [2.0, 2.0]
+
+
+def test_tubes_are_nested_and_follow_the_sliders(table):
+    ax = axes()
+    slices.draw_tubes(ax, table, through=THROUGH)
+    boxes = [np.concatenate([vertices(ax, f"tube-{n}").min(0), -vertices(ax, f"tube-{n}").max(0)]) for n in range(4)]
+    assert all((later <= earlier + 1e-9).all() for earlier, later in itertools.pairwise(boxes))
+    heights = [named(ax, f"tube-{n}")[0].get_zorder() for n in range(4)]
+    assert heights == sorted(heights, reverse=True)  # smaller sets lie on top
+    few = axes()
+    slices.draw_tubes(few, table, through=THROUGH, start=1, within=1)
+    assert named(few, "tube-1") and not named(few, "tube-2")
+    expected = axes()
+    where = slices.plane(table.grid, THROUGH)
+    slices.draw_set(expected, where, where.of(table.grid, table.values(start=1, within=1)), looks.FULL, "set")
+    assert np.array_equal(vertices(few, "tube-1"), vertices(expected, "set"))
+
+
+@pytest.mark.parametrize("px", [-0.36, 0.36])
+@pytest.mark.parametrize("py", [-0.36, 0.36])
+@pytest.mark.parametrize(("start", "within"), [(0, 0), (0, 3), (3, 0), (2, 99)])
+def test_tubes_at_the_corners_of_the_sliders(table, px, py, start, within):
+    ax = axes()
+    slices.draw_tubes(ax, table, through=(0, 0, px, py), start=start, within=within)
+    drawn = {artist.get_gid() for artist in ax.get_children()} - {None}
+    most = min(within, 3 - start)
+    inside = {
+        f"tube-{n}"
+        for n in range(most + 1)
+        if table.contains(slices.plane(table.grid, (0, 0, px, py)).points, start=start, within=n).any()
+    }
+    assert {gid for gid in drawn if gid.startswith("tube") and "edge" not in gid} == inside
+
+
+def test_constraints_move_with_time_and_pursuer(table):
+    problem = table.problem
+    here, there, later = axes(), axes(), axes()
+    slices.draw_constraints(here, problem, through=THROUGH, resolution=61)
+    slices.draw_constraints(there, problem, through=(0, 0, -0.2, 0.2), resolution=61)
+    slices.draw_constraints(later, problem, through=THROUGH, step=3, resolution=61)
+    assert not np.array_equal(vertices(here, "pursuer-edge"), vertices(there, "pursuer-edge"))
+    assert np.array_equal(vertices(here, "target-edge"), vertices(there, "target-edge"))
+    assert np.array_equal(vertices(here, "pursuer-edge"), vertices(later, "pursuer-edge"))
+    assert not np.array_equal(vertices(here, "target-edge"), vertices(later, "target-edge"))
+    assert not np.array_equal(vertices(here, "obstacles-edge"), vertices(later, "obstacles-edge"))
+    inside = problem.target_value(
+        np.column_stack([vertices(here, "target-edge"), np.zeros((len(vertices(here, "target-edge")), 2))]), 0.0
+    )
+    assert np.abs(inside).max() < 0.15 * (2 * np.pi / 60) ** 2  # h^2 / 8 times the curvature of a 0.3 m arm, with room
+    only = axes()
+    slices.draw_constraints(only, problem, through=THROUGH, parts=["pursuer"], resolution=61)
+    assert not named(only, "target") and named(only, "pursuer-edge")
+
+
+def test_slices_know_any_problem():
+    problem = torus_problem()
+    table = sdhj.solve(problem, method="lax", progress=False)
+    ax = axes()
+    slices.draw_tubes(ax, table, through=(0.0, 0.0))
+    slices.draw_constraints(ax, problem, through=(0.0, 0.0))
+    assert named(ax, "tube-3") and named(ax, "target") and named(ax, "orbiting disk")
+    assert ax.get_xlabel() == "x1"
+
+
+def test_comparison_lays_two_tables_over_each_other(table):
+    ax = axes()
+    slices.draw_comparison(ax, table, table, through=THROUGH, within=2)
+    assert np.array_equal(vertices(ax, "full"), vertices(ax, "inner"))
+    assert named(ax, "inner")[0].get_zorder() > named(ax, "full")[0].get_zorder()
+    assert len(slices.comparison_legend()) == 4
+
+
+def test_steps_bar_shows_every_number():
+    ax = axes()
+    slices.draw_steps_bar(ax, 5, horizontal=True)
+    assert ax.get_xticks().tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_path_is_cut_at_the_seam():
+    grid = sdhj.Grid([-np.pi, -np.pi, 0], [np.pi, np.pi, 1], [5, 5, 5], [True, True, False])
+    s = np.linspace(0, 1, 60)[:, None]
+    states = np.hstack([2.0 + 3.0 * s, -2.0 - 8.0 * s, s])  # over the right seam once, over the bottom one twice
+    path = slices.unwrapped(grid, states)
+    cuts = np.flatnonzero(np.isnan(path[:, 0]))
+    assert len(cuts) == 3
+    for cut in cuts:
+        before, after = path[cut - 1], path[cut + 1]
+        jump = np.abs(before - after)
+        assert np.isclose(jump.max(), 2 * np.pi) and jump.min() < 1e-12
+        assert np.isclose(np.abs(before[jump.argmax()]), np.pi)
+    kept = path[~np.isnan(path[:, 0])]
+    assert (np.abs(kept) <= np.pi + 1e-12).all()
+    steps = np.hypot(*np.diff(path, axis=0).T)
+    assert np.nanmax(steps) <= np.hypot(3, 8) / 59 + 1e-9
+    assert np.isclose(np.nansum(steps), np.hypot(3, 8))  # nothing of the path is lost
+
+
+def test_a_path_on_bounded_axes_is_itself():
+    grid = sdhj.Grid([-1, -1], [1, 1], [5, 5])
+    states = np.array([[-0.9, 0.0], [0.9, 0.5]])
+    assert np.array_equal(slices.unwrapped(grid, states), states)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Isosurfaces
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def ball(nodes: int, radius: float = 0.61) -> tuple[np.ndarray, list[np.ndarray]]:
+    coordinates = [np.linspace(-1, 1, nodes), np.linspace(-1, 1, nodes), np.linspace(-1, 1, nodes + 2)]
+    x, y, z = np.meshgrid(*coordinates, indexing="ij")
+    return np.sqrt(x**2 + y**2 + z**2) - radius, coordinates
+
+
+def edges_of(triangles: np.ndarray) -> np.ndarray:
+    """How often each directed edge occurs, and its opposite: rows of two counts."""
+    keys = [tuple(map(tuple, np.round(t, 9))) for t in triangles]
+    directed: dict = {}
+    for a, b, c in keys:
+        for edge in ((a, b), (b, c), (c, a)):
+            if edge[0] != edge[1]:
+                directed[edge] = directed.get(edge, 0) + 1
+    return np.array([(count, directed.get(edge[::-1], 0)) for edge, count in directed.items()])
+
+
+def volume(triangles: np.ndarray) -> float:
+    """By the divergence theorem; positive where the normals point out."""
+    return float(np.einsum("ti,ti->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
+
+
+def test_isosurface_of_a_ball():
+    errors = []
+    for nodes in (15, 29):
+        triangles = surfaces.isosurface(*ball(nodes))
+        assert np.abs(np.linalg.norm(triangles, axis=2) - 0.61).max() < (2 / (nodes - 1)) ** 2  # h^2 / 8 * 3 / r
+        area = np.linalg.norm(surfaces.normals(triangles), axis=1).sum() / 2
+        assert area == pytest.approx(4 * np.pi * 0.61**2, rel=0.05)
+        errors.append(abs(volume(triangles) - 4 / 3 * np.pi * 0.61**3))
+    assert errors[1] < errors[0] / 3  # second order: a quarter
+
+
+def test_isosurface_is_closed_and_oriented():
+    counts = edges_of(surfaces.isosurface(*ball(9)))
+    assert (counts[:, 0] == counts[:, 1]).all()  # every edge is passed once each way
+
+
+def test_isosurface_of_nothing():
+    assert surfaces.isosurface(np.ones((3, 3, 3)), [np.arange(3.0)] * 3).shape == (0, 3, 3)
+
+
+def test_a_block_closes_what_leaves_it():
+    grid = sdhj.Grid([0, 0, 0], [1, 1, 1], [6, 7, 8])
+    values = (grid.points()[:, 2] - 0.5).reshape(grid.shape)
+    triangles = surfaces.isosurface(*surfaces.block(grid, values, (0, 1, 2), (0, 0, 0)))
+    assert volume(triangles) == pytest.approx(0.5, abs=5 * surfaces.CAP)
+    counts = edges_of(triangles)
+    assert (counts[:, 0] == counts[:, 1]).all()
+
+
+def test_draw_isosurface(table):
+    figure = plotting.new_figure(4, 4, layout="none")
+    ax = figure.add_subplot(projection="3d")
+    surfaces.draw_isosurface(ax, table, through=THROUGH, within=3)
+    (surface,) = [c for c in ax.collections if c.get_gid() == "surface"]
+    assert len(surface.get_facecolor()) > 100
+    assert ax.get_zlabel() == "$p_x$ (m)"
+    empty = figure.add_subplot(projection="3d")
+    surfaces.draw_isosurface(empty, table, through=THROUGH, start=3, within=0, axes=(2, 3, 0))
+    assert len(empty.collections) <= 1
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Workspace
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_workspace_shows_everything_where_it_is(table):
+    view = scene(table.problem)
+    ax = axes()
+    state = np.array([0.4, 1.1, -0.2, 0.3])
+    plotting.draw_workspace(ax, view, state=state, time=0.5, trail=np.array([0.0, 0.4, 0.8]))
+    for place, disk in enumerate(view.obstacles):
+        (circle,) = named(ax, f"obstacle-{place}")
+        assert isinstance(circle, Circle)
+        assert np.allclose(circle.center, disk.centre(0.5)) and circle.radius == disk.radius
+    (agent,) = named(ax, "pursuer")
+    assert np.allclose(agent.center, state[2:]) and agent.radius == 0.04
+    (tip,) = named(ax, "tip")
+    assert np.allclose(np.ravel(tip.get_data()), view.arm.tip(state[:2]))
+    (arm,) = named(ax, "arm")
+    assert np.allclose(arm.get_xy()[:-1], view.arm.outline(state[:2])[:-1])
+    assert len(named(ax, "target-trail")) == 3 and not named(ax, "obstacle-0-trail")  # the first does not move
+    assert len(named(ax, "velocity")) == 3  # two obstacles and the target
+
+
+def test_arrows_point_along_the_velocity(table):
+    view = scene(table.problem)
+    ax = axes()
+    plotting.draw_workspace(ax, view)
+    tips = [arrow.get_path().vertices for arrow in named(ax, "velocity")]
+    assert tips
+    target = view.target
+    expected = target.centre(0.0) + plotting.workspace.ARROW_SECONDS * np.array(target.path.velocity)
+    starts_ends = [arrow._posA_posB for arrow in named(ax, "velocity")]
+    assert np.allclose(starts_ends[-1], [target.centre(0.0), expected], atol=1e-9)
+    assert not named(ax, "arm") and not named(ax, "pursuer")
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# One sampling interval
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "start", [(-0.42, 0.30), (-0.42, 0.03), (-0.60, 0.68), (-0.2, 0.2), (-0.3, -0.2), (-0.1, -0.4)]
+)
+def test_the_cost_bounds_what_winds_can_do(boat, start):
+    """V^j is a supremum: no wind does worse, some wind nearly attains it, both up to a scheme error of under a cell."""
+    value = boat.problem.grid.interpolate(boat.cost, np.array([start]))[0]
+    worst = illustrations.play(boat.problem, start).costs.max()
+    cell = max(boat.problem.grid.spacing)
+    assert value - cell < worst < value + cell
+
+
+def test_reach_avoid_is_reach_and_avoid(boat):
+    apart = np.maximum(boat.reach, boat.avoid)
+    assert np.abs(apart - boat.cost).max() < max(boat.problem.grid.spacing)
+    assert (boat.cost <= 0).sum() < (boat.reach <= 0).sum()
+
+
+def test_winds_stay_within_bounds_and_change_at_the_pieces():
+    problem = illustrations.boat_problem(nodes=11)
+    signals = illustrations.winds(problem, 20, seed=3)
+    assert signals.shape == (24, illustrations.PIECES, 2)
+    assert (np.abs(signals) == problem.dynamics.bounds).all()
+    assert np.array_equal(signals, illustrations.winds(problem, 20, seed=3))
+
+
+def test_one_step_pictures(boat):
+    for show in games.CONSTRUCTS:
+        ax = axes()
+        starts = [
+            ("$q$", illustrations.play(boat.problem, (-0.42, 0.30))),
+            ("$q'$", illustrations.play(boat.problem, (-0.6, 0.68))),
+        ]
+        games.draw_one_step(ax, boat, show=show, starts=starts)
+        assert named(ax, show) and named(ax, "target")
+        assert bool(named(ax, "unsafe")) == (show != "reach")
+        assert len(named(ax, "win")) == 1 and len(named(ax, "defeat")) == 1
+        assert games.one_step_legend(show)
+    ax = axes()
+    games.draw_cost(ax, boat)
+    edge = vertices(ax, "reach-avoid-edge")
+    assert np.abs(boat.problem.grid.interpolate(boat.cost, edge)).max() < max(boat.problem.grid.spacing) ** 2
+    with pytest.raises(ValueError, match="reach, avoid, reach-avoid"):
+        games.draw_one_step(axes(), boat, show="everything")
+
+
+def test_sampled_run_holds_its_input():
+    run = illustrations.sampled_run(wind=0.0, turn=0.0, delta=0.2, intervals=4)
+    assert set(run.held.ravel()) <= set(run.levels)
+    per = (len(run.times) - 1) // 4
+    for k in range(4):  # without wind and current the boat moves in straight lines
+        piece = run.states[k * per : (k + 1) * per + 1]
+        assert np.allclose(np.diff(piece, axis=0) / np.diff(run.times[: per + 1])[:, None], run.held[k])
+    assert not np.allclose(illustrations.sampled_run(seed=1).states, illustrations.sampled_run(seed=2).states)
+
+
+def test_sampled_data_picture():
+    run = illustrations.sampled_run()
+    above, below = axes(nrows=2)
+    runs.draw_sampled_data((above, below), run.times, run.states[:, 0], run.held[:, 0], run.delta, levels=run.levels)
+    (samples,) = named(above, "samples")
+    assert np.allclose(samples.get_ydata(), run.states[:: (len(run.times) - 1) // len(run.held), 0])
+    (steps,) = named(below, "input")
+    assert np.array_equal(steps.get_data().values, run.held[:, 0])
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Runs
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_the_way_through_the_table(table, run):
+    figure = Figure(figsize=(7, 7))
+    runs.draw_lookup(figure, table, run)
+    cells = {ax.get_gid() for ax in figure.axes} - {None}
+    assert cells == {f"cell-{k}-{n}" for k in range(4) for n in range(4 - k)}
+    framed = [ax.get_gid() for ax in figure.axes if ax.get_gid() and ax.spines["left"].get_linewidth() > 1.5]
+    way = [f"cell-{k}-{n}" for k, n in enumerate(run.steps_to_go)]
+    assert framed == way + ([f"cell-{len(way)}-0"] if run.outcome == "reached" else [])
+    for k, n in enumerate(run.steps_to_go):  # the leftmost set that holds the state
+        state = run.samples[k]
+        assert table.contains(state, start=k, within=n)[0]
+        assert not table.contains(state, start=k, within=n - 1)[0]
+
+
+def test_the_table_without_a_run(table):
+    figure = Figure(figsize=(7, 7))
+    runs.draw_lookup(figure, table, through=THROUGH)
+    assert sum(ax.spines["left"].get_linewidth() > 1.5 for ax in figure.axes) == 0
+
+
+def test_run_pictures(table, run):
+    problem = table.problem
+    ax = axes()
+    runs.draw_workspace_run(ax, problem, run)
+    (way,) = named(ax, "tip-path")
+    assert np.allclose(np.transpose(way.get_data()), scene(problem).arm.tip(run.states[:, :2]))
+    assert len(named(ax, "arm")) == len(runs.samples(run, problem))
+    ax = axes()
+    runs.draw_cspace_run(ax, table, run)
+    (way,) = named(ax, "path")
+    shown = np.transpose(way.get_data())
+    assert (np.abs(shown[~np.isnan(shown[:, 0])]) <= np.pi + 1e-12).all()
+    (marks,) = named(ax, "marks")
+    assert len(marks.get_xdata()) == len(runs.samples(run, problem))
+    assert named(ax, "tube")
+    strip = axes(nrows=2, ncols=3).ravel()
+    runs.draw_frames(strip, problem, run)
+    assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(runs.samples(run, problem)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_a_moment_of_a_run(table, run, share):
+    figure = plotting.new_figure(6, 3)
+    index = int(share * (len(run.times) - 1))
+    for _ in range(2):  # drawing again replaces what was there
+        runs.draw_moment(figure, table, run, index=index)
+    left, right = figure.axes
+    (agent,) = named(left, "pursuer")
+    assert np.allclose(agent.center, run.states[index, 2:])
+    assert named(right, "pursuer-edge") or not (table.problem.unsafe_value(run.states, 0.0) < 0).any()
+    assert (run.outcome in right.get_title(loc="center")) == (share == 1.0)
+
+
+def test_the_animation_is_a_gif_with_its_frames(table, run, tmp_path):
+    path = runs.save_animation(table, run, tmp_path / "run.gif", frames=3, rate=4, dpi=40)
+    with Image.open(path) as image:
+        assert image.format == "GIF"
+        assert image.n_frames == 3  # the writer merges the still at the end into the last frame
+    assert os.listdir(tmp_path) == ["run.gif"]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Studies
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_timings_beside_the_paper():
+    left, right = axes(ncols=2)
+    studies.draw_timings((left, right), {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}, "a machine")
+    (measured,) = named(left, "measured-hji")
+    assert measured.get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
+    (paper,) = named(left, "paper-hji")
+    assert paper.get_ydata().tolist() == [586, 1540, 3093, 5615]
+    (ratio,) = named(right, "measured-ratio")
+    assert ratio.get_ydata().tolist() == [4.0, 10.0]
+    (theirs,) = named(right, "paper-ratio")
+    assert theirs.get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
+    assert "Xeon W-2145" in "".join(text.get_text() for text in left.get_legend().get_texts())
+    alone = axes(ncols=2)
+    studies.draw_timings(alone, {"hji": {25: 8.0}})
+    assert not named(alone[1], "measured-ratio")
+
+
+def test_sweeps_levels_bars_and_entries():
+    ax = axes()
+    studies.draw_sweep(ax, [0.1, 0.2], {"hji": [0.4, 0.0], "projected": [0.3, 0.0]}, xlabel="bound", nominal=0.2)
+    assert named(ax, "sweep-hji")[0].get_ydata().tolist() == [0.4, 0.0]
+    gain, cost = axes(ncols=2)
+    studies.draw_input_levels((gain, cost), [3, 5, 7], [0.3, 0.4, 0.42], [0.9, 2.5, 4.9])
+    line = named(cost, "levels-line")[0].get_ydata()
+    assert line == pytest.approx([0.0, 4.9])  # these seconds are 0.1 for each input
+    ax = axes()
+    studies.draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0], "y": [3.0, 4.0]}, ylabel="metres")
+    assert [bar.get_height() for container in ax.containers for bar in container] == [1, 2, 3, 4]
+    ax = axes()
+    triangle = np.where(np.add.outer(range(3), range(3)) <= 2, 0.5, np.nan)
+    studies.draw_entries(ax, triangle, label="kept")
+    assert len(ax.texts) == 6
+    ax = axes()
+    lines = studies.fraction_curves(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
+    assert lines[1].get_ydata()[-1] == 0.2
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Style and files
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_colours_read_in_grey():
+    lightness = looks.grey(looks.step_colours(8))
+    assert (np.diff(lightness) > 0.02).all()
+    full, inner = (
+        looks.grey([tuple(int(look["facecolor"][i : i + 2], 16) / 255 for i in (1, 3, 5))])[0]
+        for look in (looks.FULL, looks.INNER)
+    )
+    assert full - inner > 0.3
+    assert looks.UNSAFE["hatch"] and not looks.TARGET["hatch"]
+    assert looks.look("something new") is looks.UNSAFE
+
+
+def picture() -> Figure:
+    with plotting.style():
+        figure = plotting.new_figure(2, 2)
+        ax = figure.subplots()
+        ax.plot([0, 1], [1, 0], label=r"$\mathcal{S}_k^i$")
+        ax.contourf(np.arange(9.0).reshape(3, 3), levels=[0, 4], hatches=["//"])
+        ax.legend()
+    return figure
+
+
+def test_the_same_figure_gives_the_same_bytes(tmp_path, caplog):
+    first = plotting.save(picture(), tmp_path / "a", "p", ("pdf", "svg", "png"))
+    second = plotting.save(picture(), tmp_path / "b", "p", ("pdf", "svg", "png"))
+    assert [path.name for path in first] == ["p.pdf", "p.svg", "p.png"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+        assert b"Date" not in one.read_bytes() or one.suffix == ".png"
+    assert not caplog.records
+
+
+def test_bad_formats_and_folders_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="pdf, svg, png, got tiff"):
+        plotting.save(picture(), tmp_path, "p", ("tiff",))
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    with pytest.raises(OSError, match=r"cannot write in .*file.*choose a folder"):
+        plotting.save(picture(), blocked / "inside", "p")
+
+
+def test_the_style_leaves_no_trace():
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    with plotting.style():
+        assert mpl.rcParams["svg.hashsalt"] == "sdhj"
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    ("statement", "absent"),
+    [("import sdhj", "matplotlib"), ("import sdhj.plotting, catalogue", "matplotlib.pyplot")],
+)
+def test_imports_stay_light(statement, absent):
+    code = f"{statement}; import sys; sys.exit({absent!r} in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
