@@ -21,7 +21,7 @@ Time is discretised by the total-variation-diminishing Runge-Kutta schemes of or
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +153,9 @@ def layout_of(grid: Grid, order: int) -> Layout:
         near[:, axis, side, o] = plane * (rows + 2 * top) * width + within
     source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
-    return Layout(near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1])
+    return Layout(
+        near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+    )
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
@@ -173,13 +175,13 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
-    """Arrange parts (leading..., *grid.shape) as (parts, leading..., planes, plane); constant ones as one plane."""
+    """Arrange parts (leading..., *grid.shape) as (parts, leading..., nodes); constant ones as one plane for all."""
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None, None], (*shape, 1, plane)), dtype)
-    out = np.empty((*shape, layout.near.shape[0], plane), dtype)
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None], (*shape, plane)), dtype)
+    out = np.empty((*shape, layout.near.shape[0] * plane), dtype)
     for place in np.ndindex(shape):  # none where the adversary has no components
-        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).reshape(out.shape[-2:])
+        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).ravel()
     return out
 
 
@@ -188,17 +190,14 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
     spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
     if velocities.drift is None and velocities.lower.ndim == 1:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
-    field = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
+    terms = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is None or velocities.gain is None:
-        return field
-    return (*field, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
+        return terms
+    return (*terms, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
 
 
-Given, Arranged = TypeVar("Given"), TypeVar("Arranged")
-
-
-def _over_time(given: Given | Callable[[float], Given], arrange: Callable[[Given], Arranged]) -> Callable[[float], Arranged]:
-    """What is given, or given as a function of tau, arranged: a function of tau that remembers the last."""
+def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
+    """`given`, or what it is as a function of tau, arranged: a function of tau that remembers its last answer."""
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
     arranged = arrange(given)
@@ -222,13 +221,14 @@ def evolve(
     values : (shape) array
         Level-set function at the end of the sampling interval.
     velocities : Velocities, or callable tau -> Velocities
-        tau counted back from the interval's end.
+        tau counts back from the interval's end.
     duration : float
         Length of the interval, s.
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
-        Number of time steps; by default what the CFL condition asks for.
+        Number of time steps; by default what the CFL condition asks for, which velocities that depend on tau do not
+        say: they need it.
 
     Returns
     -------
@@ -237,23 +237,39 @@ def evolve(
     Raises
     ------
     ValueError
-        Where velocities depend on time and `steps` is not given, or is more than `MOST_STEPS`.
+        Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
     """
     if steps is None:
         if callable(velocities):
-            raise ValueError("velocities that depend on time need `steps`: as many as the fastest of them ask for")
+            raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
         steps = velocities.steps(grid, duration, scheme.cfl)
-    dtype, dt, layout = np.dtype(scheme.dtype).type, duration / max(steps, 1), layout_of(grid, scheme.order)
-    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    wall = _over_time(
-        obstacle,
-        lambda g: np.empty((0,) * grid.ndim, dtype) if g is None else _padded(grid, layout, g, scheme.dtype),
-    )
+    layout, dt = layout_of(grid, scheme.order), duration / max(steps, 1)
+    phi, none = _padded(grid, layout, np.asarray(values), scheme.dtype), np.empty((0,) * grid.ndim, scheme.dtype)
+    wall = _over_time(obstacle, lambda g: none if g is None else _padded(grid, layout, np.asarray(g), scheme.dtype))
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
-    phi = _padded(grid, layout, np.asarray(values), scheme.dtype)
+    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
+    kind = np.dtype(scheme.dtype).type
+
+    def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
+        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
-    stages = STAGES[scheme.integrator]
+    phi, free = _integrate(phi, euler, STAGES[scheme.integrator], steps, dt)
+    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    return inner.reshape(grid.shape)
+
+
+def _integrate(
+    phi: FloatArray, euler: Callable[..., None], stages: tuple[tuple[float, float], ...], steps: int, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Phi after some steps of `STAGES`, from `phi`, which may be written over, and an array that is free.
+
+    euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
+        result being that at `then`.
+    """
     work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):
         source, now = phi, step * dt
@@ -262,11 +278,8 @@ def evolve(
             if keep and out is not phi:
                 np.copyto(out, phi)
             then = (step + reached) * dt
-            stage(source, out, wall(then), terms(now), order, flux, layout, (dtype(dt), dtype(keep)))
+            euler(source, out, now, then, keep)
             source, now = out, then
         if source is not phi:
             phi, work = work, phi
-    inner = work.ravel()[: grid.size]  # no longer needed: fresh memory would cost a tenth of a solve
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
-    return inner.reshape(grid.shape)
+    return phi, work
