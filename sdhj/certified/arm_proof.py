@@ -5,18 +5,22 @@ and the agent moves alike under all of them, so its part of an image is an erosi
 set.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
+from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import CellAxis, measured, velocity_bounds
-from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear
+from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.certified.links import Agent, joint_moves
-from sdhj.certified.packed import to_words
+from sdhj.certified.packed import add_certified, erode_packed, erode_rows, to_words
+from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 
@@ -35,24 +39,68 @@ def is_arm(problem: ReachAvoidProblem) -> bool:
 
 @dataclass(frozen=True)
 class ArmProof:
-    """What is asked about single states.
+    """What one interval does to the cells, for the recursion and for questions about states.
 
     Attributes
     ----------
-    motion : ArmMotion
+    problem : ReachAvoidProblem
+    axes : tuple of CellAxis
     parts : int
         Parts of the interval under the fastest input.
+    motion : ArmMotion
     """
 
-    motion: ArmMotion
+    problem: ReachAvoidProblem
+    axes: tuple[CellAxis, ...]
     parts: int
+    motion: ArmMotion
     kind = "arm"
     rows = 2
+
+    @classmethod
+    def of(
+        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, allowed: FloatArray | None = None
+    ) -> "ArmProof":
+        """Everything that does not depend on a set; `allowed` is computed where it is None."""
+        stage, count, delta = scene(problem), len(problem.inputs), measured(problem.delta)
+        arm, (x, y) = arm_numbers(stage), axes[2:]
+        if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
+            raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
+        speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(2)]
+        velocities = np.array(speeds, dtype=np.float64)  # (2, L, 2)
+        pieces, widest = parts_of(velocities, parts), max(axis.count for axis in axes[:2])
+        first, number = np.zeros((2, 2, count, widest), np.int64)
+        moves = np.zeros((2, count, widest, pieces.max(), 6))
+        for axis in range(2):
+            n, edges = axes[axis].count, axes[axis].edges()
+            for j in range(count):
+                first[axis, j, :n], number[axis, j, :n] = axes[axis].image(*speeds[axis][j], delta)
+                joint_moves(edges, *velocities[axis, j], problem.delta, pieces[j], moves[axis, j, :n])
+        speed = float(max(velocity_bounds(problem, axis, 0)[1] for axis in (2, 3)))
+        plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
+        motion = ArmMotion(
+            first=first,
+            number=number,
+            window=agent_window(problem, axes),
+            moves=moves,
+            parts=pieces,
+            allowed=clear_of_obstacles(problem, stage, axes, velocities) if allowed is None else allowed,
+            arm=arm,
+            agent=Agent(float(problem.delta), speed, float(stage.agent_radius + stage.arm.half_width), *plane),
+            pursued=stage.agent == "pursuer",
+        )
+        return cls(problem, axes, parts, motion)
 
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
         return sum(part.nbytes for part in self.motion if isinstance(part, np.ndarray))
+
+    @cached_property
+    def shape(self) -> tuple[int, int, int]:
+        """Of a set: cells of the joints, words."""
+        n1, n2, nx, ny = (axis.count for axis in self.axes)
+        return n1, n2, -(-nx * ny // 64)
 
     def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, 4), bool (M, L); places of S_k^n and S_{k+1}^{n-1} in the index."""
@@ -68,53 +116,67 @@ class ArmProof:
         group.create_dataset("allowed", data=np.packbits(allowed, bitorder="little"), compression="gzip")
 
     @classmethod
-    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> "ArmProof":
+    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "ArmProof":
         """Read what `save` wrote."""
         shape = tuple(int(n) for n in group.attrs["allowed_shape"])
-        bits = np.unpackbits(group["allowed"][()], count=int(np.prod(shape)), bitorder="little")
+        bits = np.unpackbits(group["allowed"][()], count=math.prod(shape), bitorder="little")
         return cls.of(problem, axes, int(group.attrs["parts"]), bits.view(np.bool_).reshape(shape))
 
-    @classmethod
-    def of(
-        cls, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int, allowed: FloatArray | None = None
-    ) -> "ArmProof":
-        """Everything that does not depend on a set; `allowed` is computed where it is None."""
-        stage, count, delta = scene(problem), len(problem.inputs), measured(problem.delta)
-        arm = arm_numbers(stage)
-        reach = (arm[0] + arm[1], stage.agent_box, *(disk.radius + disk.speed for disk in stage.obstacles))
-        if max(reach) > LONGEST:
-            raise ValueError(
-                f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second"
-            )
-        speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(2)]
-        velocities = np.array(speeds, dtype=np.float64)  # (2, L, 2)
-        pieces, widest = parts_of(velocities, parts), max(axis.count for axis in axes[:2])
-        first, number = np.zeros((2, 2, count, widest), np.int64)
-        moves = np.zeros((2, count, widest, pieces.max(), 6))
-        for axis in range(2):
-            n, edges = axes[axis].count, axes[axis].edges()
-            for j in range(count):
-                first[axis, j, :n], number[axis, j, :n] = axes[axis].image(*speeds[axis][j], delta)
-                joint_moves(edges, *velocities[axis, j], problem.delta, pieces[j], moves[axis, j, :n])
-        x, y = axes[2:]
-        motion = ArmMotion(
-            first=first,
-            number=number,
-            window=agent_window(problem, axes),
-            moves=moves,
-            parts=pieces,
-            allowed=clear_of_obstacles(problem, stage, axes, velocities) if allowed is None else allowed,
-            arm=arm,
-            agent=Agent(
-                delta=float(problem.delta),
-                speed=float(max(velocity_bounds(problem, axis, 0)[1] for axis in (2, 3))),
-                radius=float(stage.agent_radius + stage.arm.half_width),
-                **{"x": float(x.lower), "y": float(y.lower), "width_x": float(x.width), "width_y": float(y.width)},
-                **{"nx": x.count, "ny": y.count},
-            ),
-            pursued=stage.agent == "pursuer",
-        )
-        return cls(motion, parts)
+    # ---- the recursion; sets are (n1 * n2, W) uint64
+
+    @property
+    def needed(self) -> int:
+        """Bytes that the recursion takes: where each input is clear, two sets, scratch."""
+        return 8 * (len(self.problem.inputs) + 6) * math.prod(self.shape)
+
+    def prepare(self, progress: bool | None) -> list[FloatArray]:
+        """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
+        motion, clear = self.motion, []
+        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
+            clear.append(np.empty(self.shape, np.uint64))
+            if motion.pursued:
+                moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))
+                pursuer_clear(*map(np.ascontiguousarray, moves), motion.arm, motion.agent, clear[j])
+            else:
+                clear[j][:] = to_words(np.ones(motion.agent.nx * motion.agent.ny, np.bool_))
+        return clear
+
+    def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
+        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
+        motion, (n1, n2, words) = self.motion, self.shape
+        eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
+        erode_packed(eroded, *packed_window(motion.window, motion.agent.nx, motion.agent.ny))
+        tables = np.stack([motion.first[0, :, :n1], motion.number[0, :, :n1]], axis=1)
+        for table in np.unique(tables, axis=0):  # inputs that move the first joint alike
+            erode_rows(eroded.reshape(n1, n2 * words), *table, scratch)
+            for j in np.flatnonzero((tables == table).all(axis=(1, 2))):
+                second = motion.first[1, j, :n2], motion.number[1, j, :n2]
+                allowed, out = motion.allowed[step, j], cells.reshape(self.shape)
+                add_certified(scratch.reshape(self.shape), *second, allowed, clear[j], out)
+
+    def goal(self, step: int) -> FloatArray:
+        """Cells inside the target and outside the unsafe set at t_k."""
+        motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
+        out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
+        edges = [axis.edges() for axis in self.axes[:2]]
+        still = [at_rest(own) for own in edges]
+        if stage.target is None:
+            tips_within(*still, stage.agent_radius, motion.arm, motion.agent, out)
+        else:
+            pursuer_clear(*still, motion.arm, motion.agent._replace(delta=0.0, speed=0.0), out)
+            (x, y), width = stage.target.centre(t), 0.0
+            centre = Agent(0.0, 0.0, 0.0, float(x), float(y), width, width, 1, 1)
+            tips_within(*still, stage.target.radius, motion.arm, centre, inside)
+            out *= inside
+        if stage.obstacles:
+            clear = np.empty((1, 1, *self.shape[:2]), np.bool_)
+            known = known_disks(stage, np.full((3, 1), t), 0.0, 0)
+            cells_clear(*edges, np.zeros((2, 1, 2)), known, motion.arm, clear)
+            out *= clear[0, 0, :, :, None].astype(np.uint64)
+        return out.reshape(-1, self.shape[2])
+
+    def share(self, step: int, within: int) -> None:
+        """Nothing is kept of the inputs."""
 
 
 def arm_numbers(stage: ArmScene) -> FloatArray:

@@ -9,18 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.certified.links import (
-    CONTACT_MARGIN,
-    LINKS,
-    Agent,
-    box_of,
-    convex_hull,
-    hull_distance,
-    joint_ends,
-    link_points,
-    make_room,
-    touch_cells,
-)
+from sdhj.certified import links
+from sdhj.certified.links import CONTACT_MARGIN, LINKS, Agent
 from sdhj.certified.packed import FULL, ONE, Array, cells_at, has_bit, has_bits, row_and_bit, set_bits
 from sdhj.compiling import kernel
 
@@ -74,11 +64,11 @@ def touch_swept(link, moves1, moves2, arm, agent, room, block):
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
-        n, remainder = link_points(link, moves1[part], moves2[part], arm, room)
-        size = convex_hull(n, room)
+        n, remainder = links.link_points(link, moves1[part], moves2[part], arm, room)
+        size = links.convex_hull(n, room)
         growth = agent.speed * agent.delta * (part + 1) / parts
         radius = agent.radius + CONTACT_MARGIN + remainder
-        touch_cells(size, radius, growth, agent, rows, room, block)
+        links.touch_cells(size, radius, growth, agent, rows, room, block)
 
 
 @kernel(parallel=True)
@@ -91,7 +81,7 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
     for i1 in prange(n1):
-        room, block, first_link = make_room(), np.empty(words, np.uint64), np.zeros(words, np.uint64)
+        room, block, first_link = links.make_room(), np.empty(words, np.uint64), np.zeros(words, np.uint64)
         touch_swept(0, moves1[i1], moves2[0], arm, agent, room, first_link)
         for i2 in range(n2):
             block[:] = first_link
@@ -109,8 +99,8 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
 def joints_during(cell, tau0, tau1, room):
     """`joint_ends` of both joints in room.ends; cell (2, 4) has low, high, slow and fast of each."""
     for joint in range(2):
-        low, high, slow, fast = cell[joint]
-        joint_ends(low, high, slow, fast, tau0, tau1, room.ends[joint])
+        low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
+        links.joint_ends(low, high, slow, fast, tau0, tau1, room.ends[joint])
 
 
 @kernel()
@@ -119,21 +109,21 @@ def disks_met(disks, instant, near, wanted, arm, room):
 
     The disks are within a time `near` of where they are at an instant of the interval.
     """
-    met = np.uint64(0)
+    met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
-        n, remainder = link_points(link, room.ends[0], room.ends[1], arm, room)
-        size = convex_hull(n, room)
-        left, right, low, high = box_of(room.hull_x, room.hull_y, size)
-        for step in range(disks.centres.shape[1]):
+        n, remainder = links.link_points(link, room.ends[0], room.ends[1], arm, room)
+        size = links.convex_hull(n, room)
+        left, right, low, high = links.box_of(room.hull_x, room.hull_y, size)
+        for step in range(len(centres)):
             bit = ONE << np.uint64(step)
             if wanted & bit == 0:
                 continue
-            for disk in range(disks.radii.size):
-                px, py = disks.centres[instant, step, disk, 0], disks.centres[instant, step, disk, 1]
-                gap = disks.radii[disk] + disks.speeds[disk] * near + remainder + CONTACT_MARGIN
+            for disk in range(radii.size):
+                px, py = centres[step, disk, 0], centres[step, disk, 1]
+                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN
                 if px < left - gap or px > right + gap or py < low - gap or py > high + gap:
                     continue
-                if hull_distance(px, py, size, room) <= gap:
+                if links.hull_distance(px, py, size, room) <= gap:
                     met |= bit
                     break
     return met
@@ -179,7 +169,7 @@ def cells_clear(edges1, edges2, velocities, disks, arm, out):
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
-        room, cell, wanted = make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
+        room, cell, wanted = links.make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
         cell[0, :2] = edges1[i1 : i1 + 2]
         for i2 in range(n2):
             cell[1, :2] = edges2[i2 : i2 + 2]
@@ -194,34 +184,17 @@ def cells_clear(edges1, edges2, velocities, disks, arm, out):
 
 
 @kernel(parallel=True)
-def tip_in_disk(moves1, moves2, centre, radius, arm, out):
-    """Cells of the joint angles whose every tip is inside a disk; out (n1, n2) bool, overwritten.
-
-    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest
-    """
-    n1, n2 = out.shape
-    for i1 in prange(n1):
-        room = make_room()
-        for i2 in range(n2):
-            n, remainder = link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
-            furthest = 0.0
-            for corner in range(2, n):
-                furthest = max(furthest, math.hypot(room.x[corner] - centre[0], room.y[corner] - centre[1]))
-            out[i1, i2] = furthest + remainder + CONTACT_MARGIN <= radius
-
-
-@kernel(parallel=True)
-def tip_near_cells(moves1, moves2, radius, arm, agent, out):
+def tips_within(moves1, moves2, radius, arm, agent, out):
     """Cells of all four axes whose every tip is within `radius` of every point of the agent's cell.
 
-    moves1, moves2 as in `tip_in_disk`; out (n1, n2, W) uint64, overwritten.
+    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. out (n1, n2, W) uint64, overwritten.
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
-        room = make_room()
+        room = links.make_room()
         for i2 in range(n2):
             out[i1, i2] = 0
-            n, remainder = link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
+            n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
             for bit in range(agent.nx * agent.ny):
                 left = agent.x + (bit // agent.ny) * agent.width_x
                 low = agent.y + (bit % agent.ny) * agent.width_y
@@ -269,15 +242,15 @@ def pursuer_meets(cell, j, motion, room, block):
         growth = agent.speed * agent.delta * (part + 1) / parts
         ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
         for link in range(LINKS):
-            n, remainder = link_points(link, ends1, ends2, motion.arm, room)
+            n, remainder = links.link_points(link, ends1, ends2, motion.arm, room)
             radius = agent.radius + 0.5 * CONTACT_MARGIN + remainder
-            least_x, most_x, least_y, most_y = box_of(room.x, room.y, n)
+            least_x, most_x, least_y, most_y = links.box_of(room.x, room.y, n)
             reach = radius + growth
             beside = least_x - reach > left + agent.width_x or most_x + reach < left
             if beside or least_y - reach > low + agent.width_y or most_y + reach < low:
                 continue
             block[bit >> 6] = 0
-            touch_cells(convex_hull(n, room), radius, growth, agent, rows, room, block)
+            links.touch_cells(links.convex_hull(n, room), radius, growth, agent, rows, room, block)
             if has_bit(block, bit):
                 return True
     return False
@@ -289,7 +262,7 @@ def arm_inputs(states, step, cells, motion, index, following, pool, out):
 
     index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks
     """
-    room, block, found = make_room(), np.empty(pool.shape[1], np.uint64), np.empty((16, 4), np.int64)
+    room, block, found = links.make_room(), np.empty(pool.shape[1], np.uint64), np.empty((16, 4), np.int64)
     out[:] = False
     for m in range(len(states)):
         for k in range(cells_at(states[m], cells, found)):

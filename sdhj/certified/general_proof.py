@@ -14,18 +14,23 @@ box is cut at them.
 
 import itertools
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
 import numpy as np
+from tqdm import tqdm
 
-from sdhj.certified.cells import CellAxis
-from sdhj.certified.packed import cell_masks
+from sdhj.certified.cells import CellAxis, measured, velocity_bounds
+from sdhj.certified.packed import STATE_SLACK, cell_masks, covered, to_bits, to_words
+from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.table import entry
 
 if TYPE_CHECKING:
     from sdhj.certified.table import CertifiedTable
@@ -182,29 +187,44 @@ class Reach:
 
 @dataclass(frozen=True)
 class GeneralProof:
-    """Which inputs are certified in which cells, for a problem without special geometry.
+    """What one interval does to the cells, for the recursion and for questions about states.
 
     Attributes
     ----------
-    masks : (entries, bytes, cells) uint8
-        Bit j % 8 of byte j // 8: the input u_j is certified for the cell.
-    rows : int
-        Leading axes that number the blocks of the packed sets: all but the last.
-    matrix, drifting, sets : what `LipschitzBounds.checked` returns
+    problem : ReachAvoidProblem
+    axes : tuple of CellAxis
     parts : int
         Parts of the interval.
-    count : int
-        L, how many inputs there are.
+    matrix, drifting, sets : what `LipschitzBounds.checked` returns
+    masks : (entries, bytes, cells) uint8
+        Bit j % 8 of byte j // 8: the input u_j is certified for the cell. Filled by the recursion.
     """
 
-    masks: FloatArray
-    rows: int
+    problem: ReachAvoidProblem
+    axes: tuple[CellAxis, ...]
+    parts: int
     matrix: FloatArray
     drifting: FloatArray
     sets: Mapping[str, FloatArray]
-    parts: int
-    count: int
+    masks: FloatArray
     kind = "general"
+
+    @classmethod
+    def of(
+        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, bounds: LipschitzBounds
+    ) -> "GeneralProof":
+        """Check the bounds and make room."""
+        told, size = bounds.checked(problem), math.prod(axis.count for axis in axes)
+        masks = (entry(problem.steps, problem.steps, 0) + 1, -(-len(problem.inputs) // 8), size)
+        require(math.prod(masks), f"certifying {size:.1e} cells", "use fewer cells")
+        proof = cls(problem, axes, parts, *told, np.zeros(masks, np.uint8))
+        check_bounds(proof)
+        return proof
+
+    @property
+    def rows(self) -> int:
+        """Leading axes that number the blocks of the packed sets: all but the last."""
+        return len(self.axes) - 1
 
     @property
     def nbytes(self) -> int:
@@ -215,7 +235,7 @@ class GeneralProof:
         """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
         out = np.empty((len(states), self.masks.shape[1]), np.uint8)
         cell_masks(states, table.cells, self.masks[places[0]], out)
-        return np.unpackbits(out, axis=1, count=self.count, bitorder="little").view(np.bool_)
+        return np.unpackbits(out, axis=1, count=len(self.problem.inputs), bitorder="little").view(np.bool_)
 
     def save(self, group: h5py.Group) -> None:
         """Write the inputs and the bounds that they rest on."""
@@ -226,92 +246,175 @@ class GeneralProof:
         group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
 
     @classmethod
-    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> "GeneralProof":
+    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "GeneralProof":
         """Read what `save` wrote."""
         sets = {name: np.array(bounds) for name, bounds in json.loads(group.attrs["sets"]).items()}
-        masks, matrix, drifting = (group[name][()] for name in ("masks", "matrix", "drifting"))
-        return cls(masks, len(axes) - 1, matrix, drifting, sets, int(group.attrs["parts"]), len(problem.inputs))
+        matrix, drifting, masks = (group[name][()] for name in ("matrix", "drifting", "masks"))
+        return cls(problem, axes, int(group.attrs["parts"]), matrix, drifting, sets, masks)
+
+    # ---- the recursion; sets are (rows, W) uint64
+
+    @cached_property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends of all cells, the last axis fastest, each (cells, ndim)."""
+        edges = [axis.edges() for axis in self.axes]
+        low, high = (np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij") for side in (0, 1))
+        return np.stack([own.ravel() for own in low], axis=1), np.stack([own.ravel() for own in high], axis=1)
+
+    @property
+    def starts(self) -> range:
+        """Steps whose intervals differ in what the dynamics do."""
+        return range(self.problem.steps if timed(self.problem) else 1)
+
+    @property
+    def needed(self) -> int:
+        """Bytes that the recursion takes: where each input is clear, images, the tube of one input."""
+        count, images = len(self.problem.inputs), len(self.problem.inputs) * len(self.starts)
+        return self.masks.shape[2] * (self.problem.steps * count + 16 * len(self.axes) * (images + self.parts + 2))
+
+    def prepare(self, progress: bool | None) -> tuple[dict[tuple[int, int], Any], FloatArray]:
+        """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
+        problem, (low, high), images = self.problem, self.ends, {}
+        clear = np.ones((problem.steps, len(problem.inputs), len(low)), np.bool_)
+        reach = Reach(problem, self.matrix, self.drifting, self.parts)
+        pairs = list(itertools.product(self.starts, range(len(problem.inputs))))
+        for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
+            tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
+            images[start, j] = self._cover(*image, j)
+            for step in [start] if timed(problem) else range(problem.steps):
+                for boxes in tube:
+                    clear[step, j] &= self._clear(boxes, problem.time(step))
+        return images, clear
+
+    def _clear(self, boxes: Boxes, begin: float) -> FloatArray:
+        """Whether boxes are outside every unsafe set at all their times, (M,)."""
+        out = np.ones(len(boxes.centre), np.bool_)
+        for part in self.problem.unsafe:
+            out &= boxes.least(self.problem, part, self.sets[part.name], begin) > 0.0
+        return out
+
+    def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+        """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
+        first, number = np.empty((2, len(self.axes), len(low)), np.int64)
+        own, delta = np.indices([axis.count for axis in self.axes]), measured(self.problem.delta)
+        for axis, cells in enumerate(self.axes):
+            if self.problem.dynamics.constant:  # exactly
+                tables = cells.image(*velocity_bounds(self.problem, axis, j), delta)
+                first[axis], number[axis] = (table[own[axis].ravel()] for table in tables)
+            else:
+                first[axis], number[axis] = cover(low[:, axis], high[:, axis], cells)
+        return first, number
+
+    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
+        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
+        (images, clear), shape = prepared, np.array([axis.count for axis in self.axes])
+        inside = to_bits(following, shape[-1]).ravel()
+        reached, new = np.empty_like(inside), np.zeros_like(inside)
+        masks = self.masks[entry(self.problem.steps, step, within)]
+        for j in range(len(self.problem.inputs)):
+            covered(inside, *images[min(step, self.starts[-1]), j], shape, clear[step, j], reached)
+            masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
+            new |= reached
+        cells |= to_words(new.reshape(-1, shape[-1]))
+
+    def goal(self, step: int) -> FloatArray:
+        """Cells inside the target and outside the unsafe set at t_k."""
+        (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
+        axes, half = list(target.axes), (high - low) / 2 + STATE_SLACK
+        boxes = Boxes((low + high) / 2, half, 0.0, 0.0)
+        value = np.asarray(target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
+        most = value + half[:, axes] @ self.sets[target.name] + ALLOWANCE * (1.0 + np.abs(value))
+        return to_words(((most <= 0.0) & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
+
+    def share(self, step: int, within: int) -> None:
+        """The inputs of entry (step, within) are those of (step, within - 1)."""
+        place = entry(self.problem.steps, step, within)
+        self.masks[place] = self.masks[place - 1]
 
 
 # ---- what of the bounds can be refuted by looking at the functions
 
 
-def functions_of(problem: ReachAvoidProblem, times: Sequence[float]) -> Iterator[tuple[str, Callable[..., Any]]]:
-    """Name and function of points (M, ndim) of every unsafe set, drift and gain, at the times that make a difference."""
-    for part in problem.unsafe:
-        for t in times if part.moving else times[:1]:
-            yield f"level set of {part.name!r} at t = {t:g}", partial(problem.value_of, part, t=t)
-    if problem.dynamics.constant:
-        return
-    for t, j in itertools.product(times if timed(problem) else times[:1], range(len(problem.inputs))):
-        told = f" under input {j}" + (f" at t = {t:g}" if timed(problem) else "")
-        for term, name in enumerate(("drift", "gain")):
-            yield name + told, lambda q, j=j, t=t, term=term: velocity_terms(problem, q, j, t)[term]
+class Known(NamedTuple):
+    """A function that has bounds, of states (M, ndim) and a time: (M, rows, terms), whose changes add up."""
+
+    names: list[str]  # of the rows
+    function: Callable[[FloatArray, float], FloatArray]
+    bounds: FloatArray  # (rows, ndim)
+    drifting: FloatArray | None  # (rows,) bounds in time, where they are not looked at elsewhere
+    moving: bool
+    seamless: bool  # whether it may not jump where a periodic axis closes
 
 
-def check_seams(problem: ReachAvoidProblem, parts: int) -> None:
-    """Refuse functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump.
+def known_functions(proof: GeneralProof) -> Iterator[Known]:
+    """The level sets, and the velocity under each input."""
+    problem, ndim = proof.problem, proof.problem.grid.ndim
+    for part in known_sets(problem):
+        bounds, unsafe = np.zeros((1, ndim)), isinstance(part, UnsafeSet)
+        bounds[0, list(part.axes)] = proof.sets[part.name]
 
-    Boxes of tubes reach across that seam; cells of the goal do not, so the target may jump there. What moves may jump
-    at some times only: it is tried at the middles of all parts, where it is evaluated, and between them.
+        def level(points: FloatArray, t: float, part: Any = part) -> FloatArray:
+            return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
+
+        moving = part.moving if isinstance(part, UnsafeSet) else True
+        yield Known([f"the level set of {part.name!r}"], level, bounds, None, moving, unsafe)
+    for j in range(0 if problem.dynamics.constant else len(problem.inputs)):
+
+        def velocity(points: FloatArray, t: float, j: int = j) -> FloatArray:
+            drift, gain, most = velocity_terms(problem, points, j, t)
+            return np.concatenate([drift[..., None], gain * most], axis=2)
+
+        names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
+        yield Known(names, velocity, proof.matrix, proof.drifting, timed(problem), True)
+
+
+def check_bounds(proof: GeneralProof) -> None:
+    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others.
+
+    And functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump. Boxes of
+    tubes reach across that seam; cells of the goal do not, so the target may jump there. What moves may jump at some
+    times only: it is tried at the middles of all parts, where it is evaluated, and between them.
     """
-    times = (np.arange(2 * parts * problem.steps + 1) * problem.delta / (2 * parts)).tolist()
-    grid = problem.grid
-    for axis in np.flatnonzero(grid.periodic):
-        points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
-        other = points.copy()
-        other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
-        for name, function in functions_of(problem, times):
-            here, there = (np.asarray(function(q), dtype=np.float64) for q in (points, other))
-            if (jump := float(np.abs(here - there).max(initial=0.0))) > SEAM * (1.0 + float(np.abs(here).max())):
-                raise ValueError(
-                    f"{name} jumps by {jump:.3g} where the periodic axis {grid.names[axis]!r} closes, so no Lipschitz "
-                    f"bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
-                )
+    problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
+    span, halves = problem.steps * problem.delta, 2 * proof.parts * problem.steps
+    for known in known_functions(proof):
+        for axis in np.flatnonzero(grid.periodic) if known.seamless else ():
+            points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
+            other = points.copy()
+            other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
+            for t in np.linspace(0.0, span, halves + 1).tolist() if known.moving else (0.0,):
+                _refuse_jump(known, points, other, t, grid.names[axis])
+        for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
+            step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower
+            room[axis] -= step  # the target may jump at the seam
+            points = grid.lower + rng.random((PAIRS, grid.ndim)) * room
+            beside = points + step * np.eye(grid.ndim)[axis]
+            told, later = f"over {step:.3g} along the axis {grid.names[axis]!r}", share * problem.delta
+            for t in (0.0, 0.37 * span, span - later) if known.moving else (0.0,):
+                _refute(known, (points, t), (beside, t), known.bounds[:, axis], step, told)
+                if known.drifting is not None and known.moving:
+                    _refute(known, (points, t), (points, t + later), known.drifting, later, f"over {later:.3g} s")
 
 
-def check_bounds(problem: ReachAvoidProblem, proof: GeneralProof) -> None:
-    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others."""
-    grid, span, moving = problem.grid, problem.steps * problem.delta, timed(problem)
-    low, rng, times = np.array(grid.lower), np.random.default_rng(0), (0.0, 0.37 * span, span)
-    inputs = range(0 if problem.dynamics.constant else len(problem.inputs))
-    for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
-        step = share * grid.spacing[axis]
-        room = np.array(grid.upper) - low
-        room[axis] -= step  # seams are looked at elsewhere, and the target may jump there
-        points = low + rng.random((PAIRS, grid.ndim)) * room
-        beside = points.copy()
-        beside[:, axis] += step
-        told = f"over {step:.3g} along the axis {grid.names[axis]!r}"
-        for part, t in itertools.product(known_sets(problem), times):
-            bound = float(proof.sets[part.name][part.axes.index(axis)]) if axis in part.axes else 0.0
-            here, there = (np.asarray(problem.value_of(part, q, t)) for q in (points, beside))
-            _refute(f"the level-set function of {part.name!r}", np.abs(there - here), here, bound, step, told)
-        for j, t in itertools.product(inputs, times if moving else times[:1]):
-            _refute_velocities(problem, j, [(points, t), (beside, t)], proof.matrix[:, axis], step, told)
-            if moving:
-                later, before = share * problem.delta, max(t - share * problem.delta, 0.0)
-                pair = [(points, before), (points, before + later)]
-                _refute_velocities(problem, j, pair, proof.drifting, later, f"over {later:.3g} s at t = {before:.3g}")
-
-
-def _refute_velocities(
-    problem: ReachAvoidProblem, j: int, pair: Sequence[Any], bounds: FloatArray, step: float, told: str
-) -> None:
-    """Refuse bounds (ndim,) that the velocities at a pair of (states, time), `step` apart, refute."""
-    (f, g, b), (f_there, g_there, b_there) = (velocity_terms(problem, q, j, t) for q, t in pair)
-    change = np.abs(f_there - f) + np.abs(g_there * b_there - g * b).sum(axis=2)
-    for row, name in enumerate(problem.grid.names):
-        told_row = f"the velocity along {name!r} under input {j}"
-        _refute(told_row, change[:, row], f[:, row], float(bounds[row]), step, told)
-
-
-def _refute(name: str, change: FloatArray, values: FloatArray, bound: float, step: float, told: str) -> None:
-    worst = int(np.argmax(change))
-    if change[worst] > bound * step * (1 + ALLOWANCE) + ALLOWANCE * (1.0 + abs(values[worst])):
+def _refuse_jump(known: Known, points: FloatArray, other: FloatArray, t: float, axis: str) -> None:
+    here, there = known.function(points, t), known.function(other, t)
+    jumps = np.abs(here - there).sum(axis=2).max(axis=0)
+    if (jump := jumps.max()) > SEAM * (1.0 + np.abs(here).max()):
         raise ValueError(
-            f"{name} changes by {change[worst]:.3g} {told}, and its Lipschitz bound {bound:g} allows "
-            f"{bound * step:.3g}; give a bound of at least {change[worst] / step:.3g}"
+            f"{known.names[jumps.argmax()]} at t = {t:g} jumps by {jump:.3g} where the periodic axis {axis!r} closes, "
+            "so no Lipschitz bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
+        )
+
+
+def _refute(known: Known, one: Any, other: Any, bounds: FloatArray, step: float, told: str) -> None:
+    here, there = known.function(*one), known.function(*other)
+    change = np.abs(there - here).sum(axis=2)
+    over = change - bounds * step * (1 + ALLOWANCE) - ALLOWANCE * (1.0 + np.abs(here[:, :, 0]))
+    worst, row = np.unravel_index(np.argmax(over), over.shape)
+    if over[worst, row] > 0.0:
+        raise ValueError(
+            f"{known.names[row]} changes by {change[worst, row]:.3g} {told}, and its Lipschitz bound {bounds[row]:g} "
+            f"allows {bounds[row] * step:.3g}; give a bound of at least {change[worst, row] / step:.3g}"
         )
 
 

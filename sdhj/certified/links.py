@@ -47,7 +47,7 @@ class Room(NamedTuple):
     ends: Array
 
 
-@kernel()
+@kernel(forceinline=True)
 def make_room():
     return Room(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
 
@@ -62,7 +62,7 @@ def make_room():
 # variance of at most w^2 / 4. The elbow is alike with l1 alone, and a point of the link is a mean of elbow and tip.
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def joint_ends(low, high, slow, fast, tau0, tau1, ends):
     """Where a joint of [low, high] can be during [tau0, tau1] if its velocity stays in [slow, fast].
 
@@ -74,7 +74,7 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
     ends[4], ends[5] = math.cos(ends[3]), math.sin(ends[3])
 
 
-@kernel()
+@kernel(forceinline=True)
 def joint_moves(edges, slow, fast, delta, parts, out):
     """`joint_ends` of every cell of one joint in every part of the interval; out (n, parts, 6), overwritten."""
     for i in range(out.shape[0]):
@@ -83,7 +83,7 @@ def joint_moves(edges, slow, fast, delta, parts, out):
             joint_ends(edges[i], edges[i + 1], slow, fast, tau0, tau1, out[i, part])
 
 
-@kernel()
+@kernel(forceinline=True)
 def link_points(link, ends1, ends2, arm, room):
     """Points whose hull holds a link for every q of the box, up to the remainder; return (how many, remainder).
 
@@ -108,7 +108,7 @@ def link_points(link, ends1, ends2, arm, room):
     return 6, (l1 * w1 * w1 + l2 * (turn * turn * w1 * w1 + w2 * w2)) / 8.0
 
 
-@kernel()
+@kernel(forceinline=True)
 def convex_hull(n, room):
     """Counter-clockwise hull, in room.hull_x and hull_y, of n points, which are sorted in place; return its size.
 
@@ -138,7 +138,7 @@ def convex_hull(n, room):
     return max(size - 1, 1)
 
 
-@kernel()
+@kernel(forceinline=True)
 def box_of(x, y, n):
     """(least x, greatest x, least y, greatest y) of n points."""
     left, right, low, high = x[0], x[0], y[0], y[0]
@@ -148,7 +148,7 @@ def box_of(x, y, n):
     return left, right, low, high
 
 
-@kernel()
+@kernel(forceinline=True)
 def hull_distance(px, py, size, room):
     """Distance from a point to the hull of `convex_hull`; 0 inside."""
     hull_x, hull_y = room.hull_x, room.hull_y
@@ -173,7 +173,7 @@ def hull_distance(px, py, size, room):
 # ---- the pursuer's cells that the thick hull touches
 
 
-@kernel()
+@kernel(forceinline=True)
 def thick_chain(first, last, step, radius, size, room, pieces):
     """The upper (step -1) or lower (step 1) boundary of {hull thickened by radius}, from left to right.
 
@@ -207,7 +207,7 @@ def thick_chain(first, last, step, radius, size, room, pieces):
     pieces[count, 2], pieces[count, 3] = hull_x[k], sign * hull_y[k]
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def piece_height(pieces, at, xq, radius):
     """Height, times sign, of one piece of a boundary over xq."""
     off = xq - pieces[at, 2]
@@ -217,7 +217,7 @@ def piece_height(pieces, at, xq, radius):
     return pieces[at, 3] + math.sqrt(max(radius * radius - off * off, 0.0))
 
 
-@kernel()
+@kernel(forceinline=True)
 def touch_cells(size, radius, growth, agent, rows, room, block):
     """Set the bits of the cells which, grown by `growth` on each side, meet the hull thickened by `radius`. In place.
 

@@ -47,12 +47,12 @@ def to_bits(blocks: Array, count: int) -> Array:
 # ---- bits of a block
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def has_bit(block, bit):
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != 0
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def bits_between(word, start, stop):
     """The bits of word number `word` that are among the bits start..stop-1 of a block."""
     bits = FULL
@@ -63,14 +63,14 @@ def bits_between(word, start, stop):
     return bits
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def set_bits(block, start, stop):
     """Set the bits start..stop-1 of a block. In place."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         block[word] |= bits_between(word, start, stop)
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def has_bits(block, start, stop):
     """Whether the bits start..stop-1 are all set."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
@@ -79,7 +79,7 @@ def has_bits(block, start, stop):
     return True
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _shifted_word(block, word, shift):
     """Word `word` of the block moved so that bit b shows bit b + shift (zero beyond the ends)."""
     start = word * 64 + shift
@@ -154,17 +154,21 @@ def add_certified(cells, first, number, allowed, clear, out):
         for i in range(n):
             if not allowed[a, i]:
                 continue
-            block[:] = clear[a, i]
             k = first[i]
-            for _ in range(number[i]):
+            some = np.uint64(0)
+            for word in range(words):
+                block[word] = cells[a, k, word] & clear[a, i, word]
+                some |= block[word]
+            for _ in range(1, number[i]):
+                if some == 0:
+                    break
+                k = k + 1 if k + 1 < n else 0
                 some = np.uint64(0)
                 for word in range(words):
                     block[word] &= cells[a, k, word]
                     some |= block[word]
-                if some == 0:
-                    break
-                k = k + 1 if k + 1 < n else 0
-            out[a, i] |= block
+            for word in range(words if some != 0 else 0):
+                out[a, i, word] |= block[word]
 
 
 @kernel(parallel=True)
@@ -228,7 +232,7 @@ def cells_at(state, cells, found):
     return held
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def row_and_bit(cell, cells):
     """(row, bit) of a cell."""
     row, bit = 0, 0

@@ -39,39 +39,22 @@ makes no difference here. Images lose nothing where cells are aligned (`sdhj.cer
 exact set is a layer of cells along the target, the obstacles and the pursuer.
 """
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
-from tqdm import tqdm
 
-from sdhj.arm.case_studies import scene
-from sdhj.certified.arm_proof import ArmProof, at_rest, is_arm, known_disks, packed_window
+from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds, velocity_bounds
-from sdhj.certified.contact import cells_clear, pursuer_clear, tip_in_disk, tip_near_cells
-from sdhj.certified.general_proof import (
-    ALLOWANCE,
-    Boxes,
-    GeneralProof,
-    LipschitzBounds,
-    Reach,
-    check_bounds,
-    check_seams,
-    cover,
-    timed,
-)
-from sdhj.certified.packed import STATE_SLACK, add_certified, covered, erode_packed, erode_rows, to_bits, to_words
+from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
-from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import entry
 
 ARM_CELLS = (419, 419, 72, 72)
 GENERAL_CELLS = 64  # on each axis
@@ -117,8 +100,8 @@ class Certified:
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
-            return ArmSets(problem, axes, self.parts, progress)
-        return GeneralSets(problem, axes, self.bounds or LipschitzBounds(), self.parts, progress)
+            return CellSets(ArmProof.of(problem, axes, self.parts), progress)
+        return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
@@ -141,25 +124,22 @@ class Certified:
 
 
 class CellSets:
-    """Every S_k^n as packed blocks; what the recursion asks of them.
+    """Every S_k^n as packed blocks (rows, words); what the recursion asks of them.
 
     Two sets are kept whole, S_k^n at hand and S_{k+1}^{n-1}; of all others only the rows that they add to the set with
     a step less.
     """
 
-    proof: ArmProof | GeneralProof
-
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int, rows: int) -> None:
-        self.problem, self.axes, self.parts = problem, tuple(axes), parts
-        self.shape = tuple(axis.count for axis in axes)
-        self.bits = math.prod(self.shape[rows:])  # in a block
-        self.blocks = math.prod(self.shape[:rows]), -(-self.bits // 64)
+    def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
+        counts = [axis.count for axis in proof.axes]
+        require(proof.needed, f"certifying {math.prod(counts):.1e} cells", "use fewer cells")
+        self.proof, self.prepared = proof, proof.prepare(progress)
+        self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
     def goal(self, step: int) -> None:
         """S_k^N = L(t_k) minus G(t_k)."""
-        self.following = np.zeros(self.blocks, np.uint64)
-        self.cells = self.goal_cells(step)
+        self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, self.cells.any(axis=1))
 
     def extend(self, step: int, within: int) -> None:
@@ -167,7 +147,7 @@ class CellSets:
         rows, blocks = self.added[step + 1, within - 1]
         self.following[rows] = blocks
         before = self.cells.copy()
-        self.add_cells(step, within)
+        self.proof.add(self.prepared, self.cells, self.following, step, within)
         self._keep(step, within, (self.cells != before).any(axis=1))
 
     def stopped(self, step: int, within: int) -> bool:
@@ -176,7 +156,8 @@ class CellSets:
 
     def share(self, step: int, within: int) -> None:
         """Entry (step, within) is the one of (step, within - 1)."""
-        self._keep(step, within, np.zeros(self.blocks[0], np.bool_))
+        self.proof.share(step, within)
+        self._keep(step, within, np.zeros(self.shape[0], np.bool_))
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
         rows = np.flatnonzero(changed)
@@ -184,174 +165,13 @@ class CellSets:
 
     def finish(self, details: dict[str, Any]) -> CertifiedTable:
         """The table; `details` get what there is to say of the cells."""
-        details |= {"parts": self.parts, "cells": list(self.shape)}
-        index = np.zeros((len(self.added), self.blocks[0]), np.uint32)
-        pool, used = [np.zeros((1, self.blocks[1]), np.uint64)], 1  # its first block is empty
+        details |= {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
+        index = np.zeros((len(self.added), self.shape[0]), np.uint32)
+        pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
         for place, (step, within) in enumerate(sorted(self.added)):
             rows, blocks = self.added.pop((step, within))
             index[place] = index[place - 1] if within else 0
             index[place, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
-        return CertifiedTable(self.problem, self.axes, index, np.concatenate(pool), self.proof, details)
-
-    def goal_cells(self, step: int) -> FloatArray:
-        """Cells inside the target and outside the unsafe set at t_k, as `blocks`."""
-        raise NotImplementedError
-
-    def add_cells(self, step: int, within: int) -> None:
-        """Add to `cells`, which holds S_k^{n-1}, those that an input takes into `following`."""
-        raise NotImplementedError
-
-
-class ArmSets(CellSets):
-    """Of an arm: the agent's part of an image is one erosion for all inputs, the joints' parts two more."""
-
-    def __init__(
-        self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int, progress: bool | None
-    ) -> None:
-        super().__init__(problem, axes, parts, ArmProof.rows)
-        held = len(problem.inputs) + 6  # where each input is clear, two sets, scratch
-        needed = 8 * held * math.prod(self.blocks)
-        require(needed, f"certifying {math.prod(self.shape):.1e} cells", "use fewer cells")
-        self.proof = ArmProof.of(problem, axes, parts)
-        self.motion = self.proof.motion
-        self.whole = (*self.shape[:2], self.blocks[1])
-        self.shifts, self.passes = packed_window(self.motion.window, *self.shape[2:])
-        self.clear = list(self._clear_of_agent(progress))
-
-    def _clear_of_agent(self, progress: bool | None) -> Iterator[FloatArray]:
-        """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
-        motion, everything = self.motion, to_words(np.ones(self.bits, np.bool_))
-        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
-            if not motion.pursued:
-                yield np.broadcast_to(everything, self.whole)
-                continue
-            moves = [
-                np.ascontiguousarray(motion.moves[axis, j, : self.shape[axis], : motion.parts[j]]) for axis in (0, 1)
-            ]
-            clear = np.empty(self.whole, np.uint64)
-            pursuer_clear(*moves, motion.arm, motion.agent, clear)
-            yield clear
-
-    def add_cells(self, step: int, within: int) -> None:
-        motion, (n1, n2, words) = self.motion, self.whole
-        eroded = self.following.copy()
-        erode_packed(eroded, self.shifts, self.passes)
-        scratch = np.empty((n1, n2 * words), np.uint64)
-        tables = np.stack([motion.first[0, :, :n1], motion.number[0, :, :n1]], axis=1)
-        for table in np.unique(tables, axis=0):  # inputs that move the first joint alike
-            erode_rows(eroded.reshape(n1, n2 * words), *table, scratch)
-            for j in np.flatnonzero((tables == table).all(axis=(1, 2))):
-                first, number = motion.first[1, j, :n2], motion.number[1, j, :n2]
-                allowed, out = motion.allowed[step, j], self.cells.reshape(self.whole)
-                add_certified(scratch.reshape(self.whole), first, number, allowed, self.clear[j], out)
-
-    def goal_cells(self, step: int) -> FloatArray:
-        motion, t = self.motion, self.problem.time(step)
-        stage, agent = scene(self.problem), motion.agent
-        out, (n1, n2) = np.empty(self.whole, np.uint64), self.shape[:2]
-        edges = [axis.edges() for axis in self.axes[:2]]
-        still = [at_rest(own) for own in edges]
-        if stage.target is None:
-            tip_near_cells(*still, stage.agent_radius, motion.arm, agent, out)
-        else:
-            pursuer_clear(*still, motion.arm, agent._replace(delta=0.0, speed=0.0), out)
-            inside = np.empty((n1, n2), np.bool_)
-            tip_in_disk(*still, stage.target.centre(t), stage.target.radius, motion.arm, inside)
-            out *= inside[:, :, None].astype(np.uint64)
-        if stage.obstacles:
-            clear = np.empty((1, 1, n1, n2), np.bool_)
-            known = known_disks(stage, np.full((3, 1), t), 0.0, 0)
-            cells_clear(*edges, np.zeros((2, 1, 2)), known, motion.arm, clear)
-            out *= clear[0, 0, :, :, None].astype(np.uint64)
-        return out.reshape(self.blocks)
-
-
-class GeneralSets(CellSets):
-    """Of any problem: images and tubes of all cells are computed in advance, by Lipschitz bounds."""
-
-    proof: GeneralProof
-
-    def __init__(
-        self,
-        problem: ReachAvoidProblem,
-        axes: Sequence[CellAxis],
-        bounds: LipschitzBounds,
-        parts: int,
-        progress: bool | None,
-    ) -> None:
-        super().__init__(problem, axes, parts, len(axes) - 1)
-        matrix, drifting, sets = bounds.checked(problem)
-        check_seams(problem, parts)
-        entries, count = entry(problem.steps, problem.steps, 0) + 1, len(problem.inputs)
-        starts = range(problem.steps if timed(problem) else 1)
-        size = math.prod(self.shape)
-        # masks, where each input is clear, images, and the tube of one input
-        each = entries * -(-count // 8) + problem.steps * count + 16 * len(axes) * (count * len(starts) + parts + 2)
-        require(size * each, f"certifying {size:.1e} cells", "use fewer cells")
-        masks = np.zeros((entries, -(-count // 8), size), np.uint8)
-        self.proof = GeneralProof(masks, len(axes) - 1, matrix, drifting, sets, parts, count)
-        check_bounds(problem, self.proof)
-        edges = [axis.edges() for axis in axes]
-        self.low, self.high = (_mesh([own[side : own.size - 1 + side] for own in edges]) for side in (0, 1))
-        self.clear = np.ones((problem.steps, count, size), np.bool_)
-        self.images: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
-        reach = Reach(problem, matrix, drifting, parts)
-        pairs = list(itertools.product(starts, range(count)))
-        for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
-            tube, low, high = reach.run(self.low - STATE_SLACK, self.high + STATE_SLACK, j, problem.time(start))
-            self.images[start, j] = self._cover(low, high, j)
-            for step in [start] if timed(problem) else range(problem.steps):
-                for boxes in tube:
-                    self.clear[step, j] &= self._clear(boxes, problem.time(step))
-
-    def _clear(self, boxes: Boxes, begin: float) -> FloatArray:
-        """Whether boxes are outside every unsafe set at all their times, (M,)."""
-        out = np.ones(len(boxes.centre), np.bool_)
-        for part in self.problem.unsafe:
-            out &= boxes.least(self.problem, part, self.proof.sets[part.name], begin) > 0.0
-        return out
-
-    def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
-        """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
-        first, number = np.empty((2, len(self.axes), len(low)), np.int64)
-        own, delta = np.indices(self.shape).reshape(len(self.axes), -1), measured(self.problem.delta)
-        for axis, cells in enumerate(self.axes):
-            if self.problem.dynamics.constant:  # exactly
-                tables = cells.image(*velocity_bounds(self.problem, axis, j), delta)
-                first[axis], number[axis] = (table[own[axis]] for table in tables)
-            else:
-                first[axis], number[axis] = cover(low[:, axis], high[:, axis], cells)
-        return first, number
-
-    def add_cells(self, step: int, within: int) -> None:
-        inside = to_bits(self.following, self.bits).ravel()
-        reached, new = np.empty_like(inside), np.zeros_like(inside)
-        masks = self.proof.masks[entry(self.problem.steps, step, within)]
-        for j in range(len(self.problem.inputs)):
-            first, number = self.images[step if timed(self.problem) else 0, j]
-            covered(inside, first, number, np.array(self.shape), self.clear[step, j], reached)
-            masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
-            new |= reached
-        self.cells |= to_words(new.reshape(-1, self.bits))
-
-    def share(self, step: int, within: int) -> None:
-        super().share(step, within)
-        place = entry(self.problem.steps, step, within)
-        self.proof.masks[place] = self.proof.masks[place - 1]
-
-    def goal_cells(self, step: int) -> FloatArray:
-        problem, t = self.problem, self.problem.time(step)
-        target, half = problem.target, (self.high - self.low) / 2 + STATE_SLACK
-        boxes = Boxes((self.low + self.high) / 2, half, 0.0, 0.0)
-        axes = list(target.axes)
-        value = np.asarray(target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
-        most = value + half[:, axes] @ self.proof.sets[target.name] + ALLOWANCE * (1.0 + np.abs(value))
-        inside = (most <= 0.0) & self._clear(boxes, t)
-        return to_words(inside.reshape(-1, self.bits))
-
-
-def _mesh(coordinates: Sequence[FloatArray]) -> FloatArray:
-    """All combinations of the axes' coordinates, the last axis fastest, (M, ndim)."""
-    return np.stack([grid.ravel() for grid in np.meshgrid(*coordinates, indexing="ij")], axis=1)
+        return CertifiedTable(self.proof, index, np.concatenate(pool), details)

@@ -37,28 +37,32 @@ class CertifiedTable:
 
     Attributes
     ----------
-    problem : ReachAvoidProblem
-    axes : tuple of CellAxis
+    proof : ArmProof or GeneralProof
+        What one interval does to the cells.
     index : (entries, rows) uint32
         For each (start, within) and each cell of the leading axes, which block of the pool holds its cells.
     pool : (blocks, words) uint64
         Blocks of packed cells of the remaining axes; block 0 is empty.
-    proof : ArmProof or GeneralProof
-        What one interval does to the cells.
     details : mapping
         How it was computed.
     """
 
-    problem: ReachAvoidProblem
-    axes: tuple[CellAxis, ...]
+    proof: ArmProof | GeneralProof
     index: FloatArray
     pool: FloatArray
-    proof: ArmProof | GeneralProof
     details: Mapping[str, Any]
     method: ClassVar[str] = "certified"
 
     def __repr__(self) -> str:
         return in_a_line(self)
+
+    @property
+    def problem(self) -> ReachAvoidProblem:
+        return self.proof.problem
+
+    @property
+    def axes(self) -> tuple[CellAxis, ...]:
+        return self.proof.axes
 
     @cached_property
     def cells(self) -> Cells:
@@ -210,7 +214,7 @@ class CertifiedTable:
             for lower, extent, width, periodic in told
         )
         proof = PROOFS[str(group.attrs["kind"])].load(group, problem, axes)
-        return cls(problem, axes, group["index"][()], group["pool"][()], proof, details)
+        return cls(proof, group["index"][()], group["pool"][()], details)
 
 
 def _slabs(array: Any) -> Iterator[FloatArray]:
