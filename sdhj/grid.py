@@ -206,6 +206,11 @@ class Grid:
         free = np.array(self.periodic)
         return np.where(free, -np.inf, self.lower), np.where(free, np.inf, self.upper)
 
+    def held(self, states: FloatArray) -> FloatArray:
+        """States (M, ndim) with the coordinates of bounded axes clipped to the walls."""
+        low, high = self.walls
+        return np.minimum(np.maximum(states, low), high)
+
     @cached_property
     def weights(self) -> FloatArray:
         """The share of the volume that each node stands for, shape `shape`; the end of a bounded axis: half a cell."""
