@@ -16,9 +16,11 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 __version__ = "0.1.0"
 
 from sdhj.controller import Controller, NotAdmissible
+from sdhj.dynamics import Dynamics
+from sdhj.games import HJI, HopfLax
 from sdhj.grid import Grid
-from sdhj.loading import load
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.projections import Projected
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme
 from sdhj.simulation import monte_carlo, simulate
@@ -32,6 +34,7 @@ _ELSEWHERE = {  # the outer rings, imported when they are asked for
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
     "search_losing": "sdhj.certified.search",
+    "load": "sdhj.loading",
 }
 
 __all__ = [

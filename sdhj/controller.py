@@ -30,7 +30,10 @@ import numpy as np
 from sdhj.checks import whole
 from sdhj.lookup import decide, take_best, tube_values
 from sdhj.grid import FloatArray, Grid
-from sdhj.motion import clip_to_walls, displacements, reachable_boxes
+
+def clip_to_walls(grid, x): return grid.held(x)
+def displacements(problem, states): return problem.interval(0).displacements(states)
+def reachable_boxes(problem, states): return problem.interval(0).reachable(states)
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import LookupTable
 
@@ -156,6 +159,7 @@ class Controller:
         if not callable(rule) and rule not in RULES:
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of a Choice, got {rule!r}")
         self.table, self.problem, self.rule = table, table.problem, rule
+        object.__setattr__(table, '_c', self)
         self._effort = np.linalg.norm(self.problem.inputs, axis=1)
 
     # ---- one state

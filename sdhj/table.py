@@ -73,13 +73,29 @@ class LookupTable:
 
     @classmethod
     def empty(
-        cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]
+        cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes
     ) -> "LookupTable":
         """A table with room for everything and nothing filled in."""
         entries = entry(problem.steps, problem.steps, 0) + 1
         tubes = np.empty((entries, *problem.grid.shape), dtype)
         masks = np.zeros((entries, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
-        return cls(problem, method, tubes, masks, avoid, details)
+        return cls(problem, method, tubes, masks, avoid, {})
+
+    @staticmethod
+    def rooms(problem): return entry(problem.steps, problem.steps, 0) + 1
+    def share(self, k, n):
+        self.value_array(k, n)[:] = self.value_array(k, n-1)
+        self.mask_array(k, n)[:] = self.mask_array(k, n-1)
+    def finish(self, details):
+        self.details.update(details)
+        if self.problem.timeless:
+            for k in range(1, self.steps+1):
+                for n in range(self.steps-k+1):
+                    self.value_array(k, n)[:] = self.value_array(0, n)
+                    self.mask_array(k, n)[:] = self.mask_array(0, n)
+        return self
+    def values_at(self, points, step, within):
+        return self._c.tube_values(points, step, within)
 
     @property
     def grid(self) -> Grid:
@@ -233,3 +249,5 @@ def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, detail
     layout = file.create_group("grid")
     layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
     file["inputs"] = problem.inputs
+
+Table = LookupTable
