@@ -64,7 +64,7 @@ class HJI:
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, lambda: self.on(problem), self.scheme.dtype, self.told)
+        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.told)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class HopfLax:
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, lambda: self.on(problem), self.dtype, self.told)
+        return GridSets(problem, self.name, self.on, self.dtype, self.told)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Projected:
         told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
         dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
 
-        def games() -> ProjectedGames:
+        def games(problem: ReachAvoidProblem) -> ProjectedGames:
             return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), subspaces)
 
         return ProjectedSets(problem, self.name, games, dtype, told)

@@ -179,8 +179,8 @@ class GridSets:
     problem : ReachAvoidProblem
     method : str
         Its name, for the table.
-    games : callable () -> Games
-        Made when it is known that there is memory enough.
+    games : callable (problem) -> Games
+        Called when it is known that there is memory enough.
     dtype : {"float32", "float64"}
     told : mapping
         The method's options, for the table's details.
@@ -195,12 +195,12 @@ class GridSets:
         self,
         problem: ReachAvoidProblem,
         method: str,
-        games: Callable[[], Games],
+        games: Callable[[ReachAvoidProblem], Games],
         dtype: str = "float32",
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
-        self.problem, self.games, self.told = problem, games(), dict(told or {})
+        self.problem, self.games, self.told = problem, games(problem), dict(told or {})
         tubes = avoid_tubes(problem, self.games)
         self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
         self.rows = _Rows(problem.grid, tubes)
