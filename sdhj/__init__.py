@@ -17,16 +17,17 @@ __version__ = "0.2.0"
 
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
+from sdhj.files import TableFileError, load
 from sdhj.grid import Grid
 from sdhj.methods import HJI, HopfLax, Projected, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
-from sdhj.table import LookupTable, TableFileError
+from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
-    from sdhj.simulation import monte_carlo, simulate
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.certified.search import search_losing
+    from sdhj.simulation import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",
@@ -35,7 +36,6 @@ _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what pl
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
     "search_losing": "sdhj.certified.search",
-    "load": "sdhj.loading",
 }
 
 __all__ = [

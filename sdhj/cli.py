@@ -14,8 +14,7 @@ import numpy as np
 import sdhj
 from sdhj.adversaries import ADVERSARIES
 from sdhj.compiling import announced
-from sdhj.files import writable_file, writable_folder
-from sdhj.loading import header
+from sdhj.files import header, writable_file, writable_folder
 
 METHOD = click.Choice(["hji", "projected", "lax", "certified"])
 VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
@@ -237,8 +236,9 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
     for name, share in shares(table, proof, within=table.steps, seed=seed).items():
         click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
     if output is not None:
-        from sdhj import plotting
         from label_pictures import draw_labels, label_legend
+
+        from sdhj import plotting
 
         with plotting.style():
             figure = plotting.new_figure(5.0, 4.6)

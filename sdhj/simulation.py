@@ -23,9 +23,10 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
-from sdhj.controller import CHUNK, Controller, threads
+from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 
 OUTCOMES = ("reached", "collided", "left", "late")
