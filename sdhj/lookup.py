@@ -58,9 +58,10 @@ class Reach(NamedTuple):
 class Room(NamedTuple):
     """Room to work in.
 
-    axes (ndim,): all; index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a
-    block, for each axis in `order`: begin, width, its span; rest, how many nodes lie behind one step along it; source,
-    where in `values` those begin from which the maximum along it is taken. offsets: where its nodes are on the grid.
+    axes (ndim,): all of them; index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an
+    input. Of a block: the first node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind
+    it have, rest (ndim + 1,); where they are on the grid, offsets (size,). What is left when the maxima along the axes
+    before it are taken begins at values[rest[a]], behind all that is left later: values (2 size,).
     """
 
     axes: Any
@@ -68,9 +69,7 @@ class Room(NamedTuple):
     weight: Any
     marks: Any
     begin: Any
-    width: Any
     rest: Any
-    source: Any
     offsets: Any
     values: Any
 
@@ -103,35 +102,28 @@ def _mark(masks, place, index, count, marks):
 
 @kernel(**UNCOUNTED)
 def _gather(values, state, reach, own, lattice, room):
-    """Copy flat `values` at the nodes that any box touches to the front of room.values, the axis order[0] slowest."""
-    room.offsets[0] = room.source[0] = 0
-    size = 1
-    for a in range(state.size):
+    """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
+    offsets, rest = room.offsets, room.rest
+    offsets[0], rest[state.size] = 0, 1
+    for a in range(state.size - 1, -1, -1):
         axis = reach.order[a]
-        nodes, stride = lattice.shape[axis], 1
+        nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.shape[later]
         begin, _ = locate(state[axis] + reach.lowest[own, axis], axis, lattice)
         end, _ = locate(state[axis] + reach.highest[own, axis], axis, lattice)
-        width = end + 2 - begin
-        for c in range(size - 1, -1, -1):  # backwards: everything is read before it is overwritten
-            offset, node = room.offsets[c], begin % nodes
-            for i in range(width):
-                room.offsets[c * width + i] = offset + node * stride
-                node = node + 1 if node + 1 < nodes else 0
-        room.begin[a], room.width[a] = begin, width
-        size *= width
-    for c in range(size):
-        room.values[c] = values[room.offsets[c]]
-    for a in range(state.size):
-        room.source[a + 1] = room.source[a] + size
-        size //= room.width[a]
-        room.rest[a] = size
+        for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
+            node = (begin + i) % nodes
+            for c in range(size):
+                offsets[i * size + c] = offsets[c] + node * stride
+        room.begin[a], rest[a] = begin, (end + 2 - begin) * size
+    for c in range(rest[0]):
+        room.values[rest[0] + c] = values[offsets[c]]
 
 
 @kernel(**UNCOUNTED)
-def _reduce(values, source, target, nodes, rest, near, far):
-    """Maximum over an interval along the leading axis of values[source:] (nodes, rest), to values[target:] (rest,).
+def _reduce(values, source, nodes, rest, near, far):
+    """Maximum over an interval along the leading axis of values[source:] (nodes, rest), to values[rest:] (rest,).
 
     near and far: weight of the second node at the interval's low end, of the last node at its high end. Views, because
     loops over them vectorise.
@@ -139,7 +131,7 @@ def _reduce(values, source, target, nodes, rest, near, far):
     last = source + (nodes - 1) * rest
     first, second = values[source : source + rest], values[source + rest : source + 2 * rest]
     before_last, final = values[last - rest : last], values[last : last + rest]
-    out = values[target : target + rest]
+    out = values[rest : 2 * rest]
     for i in range(rest):
         low = (1.0 - near) * first[i] + near * second[i]
         high = (1.0 - far) * before_last[i] + far * final[i]
@@ -157,21 +149,18 @@ def _worst_values(values, state, reach, own, lattice, room, out):
     The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side.
     """
     _gather(values, state, reach, own, lattice, room)
-    low, high, order = reach.low[own], reach.high[own], reach.order
+    low, high, order, rest = reach.low[own], reach.high[own], reach.order, room.rest
     for j in range(out.size):
-        done = 0
-        while j > 0 and done < order.size:
-            axis = order[done]
-            if low[j, axis] != low[j - 1, axis] or high[j, axis] != high[j - 1, axis]:
-                break
-            done += 1
-        for a in range(done, order.size):
+        same = j > 0  # as for the input before
+        for a in range(order.size):
             axis = order[a]
-            first, near = locate(state[axis] + low[j, axis], axis, lattice)
-            last, far = locate(state[axis] + high[j, axis], axis, lattice)
-            start = room.source[a] + (first - room.begin[a]) * room.rest[a]
-            _reduce(room.values, start, room.source[a + 1], last - first + 2, room.rest[a], near, far)
-        out[j] = room.values[room.source[order.size]]
+            same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
+            if not same:
+                first, near = locate(state[axis] + low[j, axis], axis, lattice)
+                last, far = locate(state[axis] + high[j, axis], axis, lattice)
+                source = rest[a] + (first - room.begin[a]) * rest[a + 1]
+                _reduce(room.values, source, last - first + 2, rest[a + 1], near, far)
+        out[j] = room.values[1]
 
 
 @kernel(**UNCOUNTED)
@@ -249,12 +238,10 @@ def decide(states, rows, step, shelf, reach, lattice, out):
         step.
     """
     reach, lattice = Reach(*reach), Lattice(*lattice)
-    inputs, ndim = reach.low.shape[1], states.shape[1]
-    index, weight = np.empty((2, 1 << ndim), np.int64), np.empty((2, 1 << ndim))
-    spans = np.empty((4, ndim + 1), np.int64)
-    offsets, values = np.empty(reach.size, np.int64), np.empty(2 * reach.size)
-    marks = np.empty(inputs, np.bool_)
-    room = Room(np.arange(ndim), index, weight, marks, spans[0], spans[1], spans[2], spans[3], offsets, values)
+    ndim, around = states.shape[1], (2, 1 << states.shape[1])
+    marks, spans = np.empty(reach.low.shape[1], np.bool_), np.empty((2, ndim + 1), np.int64)
+    block = np.empty(reach.size, np.int64), np.empty(2 * reach.size)
+    room = Room(np.arange(ndim), np.empty(around, np.int64), np.empty(around), marks, spans[0], spans[1], *block)
     _decide(states, rows, step, Shelf(*shelf), reach, lattice, room, out)
 
 
