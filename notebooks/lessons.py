@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.games import HJISolver
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme, Velocities, evolve
 from sdhj.table import LookupTable
-from sdhj.arm.workspace import Disk, Line, Still
 
 DIFFERENCES = ("left", "central", "right")
 OPERATIONS = ("union", "intersection", "difference")

@@ -8,15 +8,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from lessons import Profile, Shrunk, union_of_samples
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from sdhj.plotting.workspace import draw_arm, draw_workspace
 
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray, Grid
-from lessons import Profile, Shrunk, union_of_samples
 from sdhj.plotting.looks import FULL, INK, INNER, OUTCOME_INK, TARGET, UNSAFE, look, step_colours
 from sdhj.plotting.slices import (
     draw_constraints,
@@ -27,7 +28,6 @@ from sdhj.plotting.slices import (
     plane,
 )
 from sdhj.plotting.surfaces import draw_isosurface
-from sdhj.plotting.workspace import draw_arm, draw_workspace
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import LookupTable
 

@@ -21,12 +21,12 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import figures, illustrations, lessons
+from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.plotting import games, runs, teaching
 from sdhj.plotting.looks import UNDATED, new_figure, style
 from sdhj.problem import ReachAvoidProblem
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
-from sdhj.arm.workspace import Disk, Line, Still
 
 DPI = 115
 WIDE = (8.2, 3.5)

@@ -8,13 +8,13 @@ import sys
 import h5py
 import pytest
 from click.testing import CliRunner
+from reproduce import reproduce
+from sdhj.warmup import CELLS
 from toys import torus_problem
 
 import sdhj
 from sdhj.certified.check import verify
 from sdhj.cli import main
-from reproduce import reproduce
-from sdhj.warmup import CELLS
 
 
 def run(*arguments):

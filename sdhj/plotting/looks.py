@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 
 from sdhj.files import replaced_whole, writable_folder
 
-STYLE_FILE = Path(__file__).resolve().parent.parent / "style.mplstyle"
+STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
 FORMATS = ("pdf", "svg", "png")
 UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on any day
     "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},

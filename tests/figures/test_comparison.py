@@ -7,13 +7,13 @@ import io
 import naive_projections as naive
 import numpy as np
 import pytest
+from comparison import compare, default_slices, distance_to, hausdorff
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import sdhj
 from sdhj import Grid
-from comparison import compare, default_slices, distance_to, hausdorff
 
 TORUS = Grid([0.0, -1.0], [1.0, 1.0], [5, 6], [True, False])
 

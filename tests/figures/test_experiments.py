@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from experiments import compare_rules, compare_view_times, evading_target, sweep_adversary, sweep_input_levels
 
 import sdhj
 from sdhj import experiments
-from experiments import compare_rules, compare_view_times, evading_target, sweep_adversary, sweep_input_levels
-from sdhj.simulation import simulate
 from sdhj.arm.workspace import Disk, Still
+from sdhj.simulation import simulate
 
 
 @pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])

@@ -12,12 +12,12 @@ from click.testing import CliRunner
 
 import sdhj
 from sdhj.arm.case_studies import OBSTACLES
+from sdhj.arm.workspace import Circle, Disk, Line, Still
 from sdhj.certified.sets import certify
 from sdhj.certified.table import CertifiedTable
 from sdhj.cli import main
 from sdhj.controller import Controller
 from sdhj.simulation import SUBSTEPS, simulate
-from sdhj.arm.workspace import Circle, Disk, Line, Still
 
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)

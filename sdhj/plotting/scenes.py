@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from sdhj.arm.case_studies import ArmScene
+from sdhj.arm.workspace import Disk
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import FAINT, INK, PURSUER, ROBOT, TARGET, UNSAFE
-from sdhj.arm.workspace import Disk
 
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
 MARGIN = 0.02
