@@ -37,8 +37,8 @@ if sys.platform == "linux" and not os.environ.get("DISPLAY"):
 
 try:
     import mujoco
-except ModuleNotFoundError as error:
-    raise ImportError("runs in MuJoCo need the extra that brings it: pip install 'sdhj[physics]'") from error
+except ModuleNotFoundError:  # `main` says what to do about it
+    mujoco = None
 
 UPRIGHT = 0.015  # half-length of the segment of an upright capsule, m
 FAR = 10.0  # distances beyond it, m, are not told apart
@@ -420,6 +420,8 @@ def main(
     context: click.Context, table: Path, runs: int, adversary: str, rule: str, seed: int, output: Path | None
 ) -> None:
     """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
+    if mujoco is None:
+        raise ImportError("runs in MuJoCo need the extra that brings it: pip install 'sdhj[physics]'")
     writable_picture(output, [".png"])
     report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
     click.echo(str(report))
