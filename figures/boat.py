@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from sdhj.games import HJISolver, JointSolver
 from sdhj.grid import FloatArray, Grid
-from sdhj.plotting.looks import FULL, INK, OUTCOME_INK, UNSAFE, patch
+from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, UNSAFE_LOOKS, patch
 from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
@@ -200,7 +200,7 @@ def draw_one_step(
         raise ValueError(f"construct must be one of {', '.join(CONSTRUCTS)}, got {show!r}")
     values = {"reach": game.reach, "avoid": game.avoid, "reach-avoid": game.cost}[show]
     where = draw_lake(ax, game, unsafe=show != "reach")
-    draw_set(ax, where, where.of(game.problem.grid, values), FULL, show, zorder=1.0)
+    draw_set(ax, where, where.of(game.problem.grid, values), FULL_LOOKS, show, zorder=1.0)
     if show == "reach-avoid":  # what the reach set was without the obstacle
         draw_set(ax, where, where.of(game.problem.grid, game.reach), OUTLINE, "reach", zorder=1.6)
     for label, rollouts in starts:
@@ -212,11 +212,11 @@ def one_step_legend(show: str) -> list[Patch | Line2D]:
     names = {"reach": r"reach set $\underline{\mathcal{R}}_k^j(\mathcal{S})$", "avoid": r"avoid tube $\mathcal{A}_k^j$"}
     shown = names.get(show, r"reach-avoid set, $V^j \leq 0$")
     entries: list[Patch | Line2D] = [
-        Patch(**FULL, label=shown),
+        Patch(**FULL_LOOKS, label=shown),
         patch("target", r"$\mathcal{S}$, to be in at $t_{k+1}$"),
     ]
     if show != "reach":
-        entries.append(Patch(**UNSAFE, label=r"unsafe $\mathcal{G}$"))
+        entries.append(Patch(**UNSAFE_LOOKS, label=r"unsafe $\mathcal{G}$"))
     if show == "reach-avoid":
         entries.append(Line2D([], [], color="#0b3c5d", linestyle=(0, (5, 2)), linewidth=1.0, label="reach set alone"))
     entries.append(Line2D([], [], color=WIN, linestyle="-", marker="o", label="worst run, the robot wins"))

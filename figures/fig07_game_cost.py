@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.plotting.looks import FULL
+from sdhj.plotting.looks import FULL_LOOKS
 
 
 def draw(context: Context) -> Figure:
@@ -34,7 +34,7 @@ def draw_cost(ax: Axes, game: OneStepGame) -> None:
             where.x, where.y, cost, levels=chosen, colors=["#666666"], linewidths=0.7, linestyles=style, zorder=1.2
         )
         ax.clabel(lines, [level for level in chosen[::2] if level < 0.4], fontsize=6.5, fmt="%.1f")
-    plotting.draw_set(ax, where, cost, FULL | {"linewidth": 2.0}, "reach-avoid", zorder=1.0)
+    plotting.draw_set(ax, where, cost, FULL_LOOKS | {"linewidth": 2.0}, "reach-avoid", zorder=1.0)
 
 
 if __name__ == "__main__":

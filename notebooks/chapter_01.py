@@ -9,7 +9,7 @@ from widgets import Explorer, Numbers, choice, slider
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_set, frame_slice, plane
-from sdhj.plotting.looks import FULL
+from sdhj.plotting.looks import FULL_LOOKS
 
 OPERATIONS = ("union", "intersection", "difference")
 
@@ -59,7 +59,7 @@ def draw_functions(figure: Figure, grid: Grid, functions: Mapping[str, FloatArra
     for ax, (title, values) in zip(axes, functions.items(), strict=True):
         where = plane(grid, (0.0, 0.0), resolution=201)
         fine = where.of(grid, values)
-        draw_set(ax, where, fine, FULL | {"linewidth": 2.0}, title, zorder=1.0)
+        draw_set(ax, where, fine, FULL_LOOKS | {"linewidth": 2.0}, title, zorder=1.0)
         thin = {"colors": "#8c8c8c", "linewidths": 0.5, "linestyles": "-"}
         lines = ax.contour(where.x, where.y, fine, levels=levels, zorder=2.0, **thin)
         ax.clabel(lines, lines.levels[::2], fontsize=6, fmt="%.1f")

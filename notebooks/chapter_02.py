@@ -13,7 +13,7 @@ from widgets import Explorer, Numbers, choice, slider
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_set, frame_slice, plane
-from sdhj.plotting.looks import FULL, OUTCOME_INK
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.schemes import Scheme, Velocities, evolve
 
 DIFFERENCES = ("left", "central", "right")
@@ -160,7 +160,7 @@ def draw_shrunk(ax: Axes, shrunk: Shrunk) -> None:
     where = plane(grid, (0.0, 0.0), resolution=301)
     outline = {"facecolor": "none", "edgecolor": "#8c8c8c", "linewidth": 1.0}
     draw_set(ax, where, where.of(grid, shrunk.start), outline, "target", 1.0)
-    draw_set(ax, where, where.of(grid, shrunk.computed), FULL | {"linewidth": 1.8}, "computed", 1.2)
+    draw_set(ax, where, where.of(grid, shrunk.computed), FULL_LOOKS | {"linewidth": 1.8}, "computed", 1.2)
     dashed = {"colors": EXACT["color"], "linewidths": 1.6, "linestyles": "--"}
     ax.contour(where.x, where.y, where.of(grid, shrunk.exact), levels=[0.0], zorder=3, **dashed)
     wrong = grid.points()[((shrunk.computed <= 0) & (shrunk.exact > 0)).ravel()]

@@ -16,7 +16,7 @@ from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.games import HJISolver
 from sdhj.grid import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
-from sdhj.plotting.looks import TARGET
+from sdhj.plotting.looks import TARGET_LOOKS
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
@@ -101,7 +101,7 @@ def draw_plane_game(
     where = plane(table.grid, state, resolution=201)
     target = table.problem.target
     goal = where.shaped(target.level_set(where.points[:, target.axes], start * table.problem.delta))
-    draw_set(ax, where, goal, TARGET | {"facecolor": "none"}, "target", zorder=5.0)
+    draw_set(ax, where, goal, TARGET_LOOKS | {"facecolor": "none"}, "target", zorder=5.0)
     ax.set_aspect("equal")
 
 

@@ -10,7 +10,7 @@ from widgets import Explorer, Numbers, agent_sliders, angle, slider
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_workspace, frame_slice, plane
-from sdhj.plotting.looks import INK, UNSAFE
+from sdhj.plotting.looks import INK, UNSAFE_LOOKS
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 
@@ -52,7 +52,7 @@ def draw_view_time(
     where = plane(grid, (0.0, 0.0), resolution=241)
     swept = where.shaped(part.over(where.points, t0, t1, "swept"))
     union = where.shaped(union_of_samples(part, where.points, t0, t1, samples))
-    draw_set(right, where, swept, UNSAFE, "swept", zorder=1.0)
+    draw_set(right, where, swept, UNSAFE_LOOKS, "swept", zorder=1.0)
     draw_set(right, where, union, {"facecolor": "#e2e2e2", "edgecolor": INK, "linewidth": 0.8}, "sampled", zorder=2.0)
     frame_slice(right, grid)
     right.set_title("swept (red, all of it) and sampled (grey)")

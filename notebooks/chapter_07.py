@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, agent_sliders, step_sliders
 
 from sdhj.plotting import plane
-from sdhj.plotting.looks import FULL, INNER, OUTCOME_INK
+from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
 from sdhj.table import LookupTable
 
 
@@ -35,7 +35,7 @@ def draw_gap(
     )
     image = np.zeros((*a.shape, 4))
     image[a <= 0], image[b <= 0], image[(b <= 0) & (a > 0)] = (
-        to_rgba(colour) for colour in (FULL["facecolor"], INNER["facecolor"], OUTCOME_INK)
+        to_rgba(colour) for colour in (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK)
     )
     extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
     draw_pixels(right, image, extent, "gap")

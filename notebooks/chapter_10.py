@@ -12,7 +12,7 @@ from widgets import Explorer, Numbers, agent_sliders, step_sliders
 
 from sdhj.grid import FloatArray
 from sdhj.plotting import plane
-from sdhj.plotting.looks import FULL, INNER
+from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS
 from sdhj.table import LookupTable
 
 
@@ -43,7 +43,7 @@ def draw_certified(
     where = plane(table.grid, state, resolution=LIVE)
     said, proved = (where.shaped(t.contains(where.points, start=start, within=within)) > 0 for t in (table, certified))
     image = np.zeros((*said.shape, 4))
-    image[said], image[proved] = to_rgba(FULL["facecolor"]), to_rgba(INNER["facecolor"])
+    image[said], image[proved] = to_rgba(FULL_LOOKS["facecolor"]), to_rgba(INNER_LOOKS["facecolor"])
     draw_pixels(right, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "certified")
     draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
     right.set_title(f"dark: proved; light: interpolated only; within {within}")

@@ -17,14 +17,15 @@ from sdhj.adversaries import ADVERSARIES
 from sdhj.compiling import announced
 from sdhj.files import replaced_whole, writable_file
 from sdhj.loading import header
+from sdhj.problem import VIEW_TIMES
 
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])
-VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
-KINEMATICS = click.Choice(["relative", "printed"])
 PICTURES = (".png", ".pdf", ".svg")
 RUNS = click.IntRange(1, 10**8)  # whose starts and ends are held in memory
 SEED = click.IntRange(0)
+VIEWS = click.Choice(VIEW_TIMES)
+READINGS = click.Choice(["relative", "printed"])
 WARM_CELLS = (63, 63, 18, 18)  # of the certified table that is made to compile its kernels: enough that its tubes grow
 
 
@@ -95,16 +96,21 @@ def main() -> None:
     """Sampled-data Hamilton-Jacobi reachability for robust motion planning."""
 
 
-@main.command()
+@main.command("solve")
 @click.option("--nodes", default=25, help="Nodes on each axis.")
 @click.option("--steps", default=8, help="N, the number of sampling intervals.")
 @click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
-@click.option("--view-time", default="swept", type=VIEW_TIME, help="How moving obstacles enter an interval.")
-@click.option("--kinematics", default="relative", type=KINEMATICS, help="Textbook arm, or Eq. (8) as printed.")
+@click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles enter an interval.")
+@click.option(
+    "--kinematics",
+    default="relative",
+    type=READINGS,
+    help="Textbook arm, or Eq. (8) as printed.",
+)
 @click.option("--cells", help="With --method certified: cells of each axis, separated by commas.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
 @plainly
-def solve(
+def solve_command(
     nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
 ) -> None:
     """Solve the arm case study and write its look-up table."""
@@ -117,7 +123,7 @@ def solve(
     click.echo(f"{output}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
 
 
-@main.command()
+@main.command("simulate")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
 @click.option("--runs", default=10_000, type=RUNS, help="Without --start: runs from uniformly drawn admissible states.")
@@ -127,7 +133,9 @@ def solve(
 @click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
 @click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
 @plainly
-def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int) -> None:
+def simulate_command(
+    table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int
+) -> None:
     """Run the controller of a table against an adversary, in the true geometry."""
     controller = sdhj.Controller(loaded(table), rule=rule)
     if start is None:
@@ -165,7 +173,7 @@ def info(table: Path) -> None:
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
 
 
-@main.command()
+@main.command("verify")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
     "--samples",
@@ -180,7 +188,7 @@ def info(table: Path) -> None:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
 @click.pass_context
 @plainly
-def verify(
+def verify_command(
     context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
 ) -> None:
     """Re-derive the claims of a certified table, or say what of another one is certified."""

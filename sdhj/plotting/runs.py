@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sdhj.arm.case_studies import scene
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
-from sdhj.plotting.looks import FULL, OUTCOME_INK, PURSUER, new_figure, style
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK, PURSUER_LOOKS, new_figure, style
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import draw_constraints, draw_path, draw_set, plane
 from sdhj.problem import ReachAvoidProblem
@@ -60,7 +60,7 @@ def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Run) -> None:
     tips = view.arm.tip(run.states[:, :2])
     ax.plot(*tips.T, zorder=6, gid="tip-path", **WAY)
     ax.plot(*tips[at].T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5)
-    ax.plot(*run.states[:, 2:4].T, color=PURSUER["edgecolor"], linestyle=":", linewidth=1.0, zorder=4)
+    ax.plot(*run.states[:, 2:4].T, color=PURSUER_LOOKS["edgecolor"], linestyle=":", linewidth=1.0, zorder=4)
 
 
 def draw_run(ax: Axes, table: LookupTable, run: Run, *, axes: Sequence[int] = (0, 1)) -> None:
@@ -68,7 +68,7 @@ def draw_run(ax: Axes, table: LookupTable, run: Run, *, axes: Sequence[int] = (0
     problem, at = table.problem, samples(run, table.problem)
     where = plane(problem.grid, run.states[0], axes)
     n = int(run.steps_to_go[0])
-    draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL, "tube", zorder=1.0)
+    draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
     draw_constraints(ax, problem, through=run.states[-1], step=float(run.times[-1]) / problem.delta, axes=axes)
     draw_path(ax, problem.grid, run.states, axes, marks=run.states[at])
 
@@ -108,7 +108,7 @@ def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> 
     state = run.states[index]
     where = plane(problem.grid, state, resolution=LIVE)
     values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
-    draw_set(right, where, values, FULL, "tube", zorder=1.0)
+    draw_set(right, where, values, FULL_LOOKS, "tube", zorder=1.0)
     draw_constraints(right, problem, through=state, step=float(run.times[index]) / problem.delta, resolution=LIVE)
     draw_path(right, problem.grid, run.states[: index + 1], marks=state[None])
     left.set_title(f"$t = {run.times[index]:.2f}$ s, step {step}")

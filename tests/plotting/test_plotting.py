@@ -93,18 +93,18 @@ def test_a_drawn_set_is_the_set():
     where = slices.plane(grid, (0, 0), resolution=201)
     values = where.shaped(np.hypot(where.points[:, 0] - 0.2, where.points[:, 1]) - 0.5)
     ax = axes()
-    slices.draw_set(ax, where, values, looks.UNSAFE, "disk")
+    slices.draw_set(ax, where, values, looks.UNSAFE_LOOKS, "disk")
     radii = np.hypot(*(vertices(ax, "disk-edge") - [0.2, 0.0]).T)
     # linear interpolation of a distance on cells of h = 0.01 errs by at most h^2 / (8 r) times two
     assert np.abs(radii - 0.5).max() < 2 * 0.01**2 / (8 * 0.5)
-    assert named(ax, "disk")[0].hatches == [looks.UNSAFE["hatch"]]
+    assert named(ax, "disk")[0].hatches == [looks.UNSAFE_LOOKS["hatch"]]
 
 
 def test_an_empty_set_draws_nothing_and_a_full_one_has_no_edge():
     where = slices.plane(sdhj.Grid([-1, -1], [1, 1], [5, 5]), (0, 0), resolution=5)
     ax = axes()
-    slices.draw_set(ax, where, np.ones((5, 5)), looks.UNSAFE, "empty")
-    slices.draw_set(ax, where, -np.ones((5, 5)), looks.UNSAFE, "full")
+    slices.draw_set(ax, where, np.ones((5, 5)), looks.UNSAFE_LOOKS, "empty")
+    slices.draw_set(ax, where, -np.ones((5, 5)), looks.UNSAFE_LOOKS, "full")
     assert not named(ax, "empty") and not named(ax, "empty-edge") and not named(ax, "full-edge")
     assert np.ptp(vertices(ax, "full"), axis=0).tolist() == [2.0, 2.0]
 
@@ -121,7 +121,7 @@ def test_tubes_are_nested_and_follow_the_sliders(table):
     assert named(few, "tube-1") and not named(few, "tube-2")
     expected = axes()
     where = slices.plane(table.grid, THROUGH)
-    slices.draw_set(expected, where, where.of(table.grid, table.values(start=1, within=1)), looks.FULL, "set")
+    slices.draw_set(expected, where, where.of(table.grid, table.values(start=1, within=1)), looks.FULL_LOOKS, "set")
     assert np.array_equal(vertices(few, "tube-1"), vertices(expected, "set"))
 
 
@@ -397,11 +397,11 @@ def test_colours_read_in_grey():
     assert (np.diff(lightness) > 0.02).all()
     full, inner = (
         looks.grey([tuple(int(look["facecolor"][i : i + 2], 16) / 255 for i in (1, 3, 5))])[0]
-        for look in (looks.FULL, looks.INNER)
+        for look in (looks.FULL_LOOKS, looks.INNER_LOOKS)
     )
     assert full - inner > 0.3
-    assert looks.UNSAFE["hatch"] and not looks.TARGET["hatch"]
-    assert looks.look("something new") is looks.UNSAFE
+    assert looks.UNSAFE_LOOKS["hatch"] and not looks.TARGET_LOOKS["hatch"]
+    assert looks.look("something new") is looks.UNSAFE_LOOKS
 
 
 def picture() -> Figure:
