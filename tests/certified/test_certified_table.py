@@ -14,7 +14,7 @@ from toys import interval_problem
 import sdhj
 from sdhj.certified.sets import LipschitzBounds, certify
 from sdhj.certified.table import CertifiedController, CertifiedTable
-from labels import LABELS, labels, shares
+from sdhj.certified.labels import LABELS, labels, shares
 from sdhj.certified.check.verify import verify
 
 
