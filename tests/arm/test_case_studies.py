@@ -11,9 +11,10 @@ import pytest
 
 from sdhj.arm import case_studies
 from sdhj.arm.case_studies import BUILDERS, arm_case_study, evader_case_study, rebuild, scene
-from sdhj.grid import Grid
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet
 from sdhj.arm.workspace import KINEMATICS, Circle, Disk, Line, Still
+from sdhj.dynamics import Dynamics
+from sdhj.grid import Grid
+from sdhj.problem import ReachAvoidProblem, TargetSet
 
 ROUNDING = 1e-13  # some dozen operations on numbers of order one
 
