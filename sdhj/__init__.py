@@ -13,24 +13,25 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
-from sdhj.games import HJI, HopfLax
 from sdhj.grid import Grid
+from sdhj.methods import HJI, HopfLax, Projected, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.projections import Projected
-from sdhj.recursion import solve
 from sdhj.schemes import Scheme
-from sdhj.simulation import monte_carlo, simulate
 from sdhj.table import LookupTable, TableFileError
 
 if TYPE_CHECKING:
+    from sdhj.simulation import monte_carlo, simulate
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.certified.search import search_losing
 
-_ELSEWHERE = {  # the outer rings, imported when they are asked for
+_ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
+    "Certified": "sdhj.certified",
+    "monte_carlo": "sdhj.simulation",
+    "simulate": "sdhj.simulation",
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
     "search_losing": "sdhj.certified.search",
@@ -38,11 +39,15 @@ _ELSEWHERE = {  # the outer rings, imported when they are asked for
 }
 
 __all__ = [
+    "HJI",
+    "Certified",
     "Controller",
     "Dynamics",
     "Grid",
+    "HopfLax",
     "LookupTable",
     "NotAdmissible",
+    "Projected",
     "ReachAvoidProblem",
     "Scheme",
     "TableFileError",

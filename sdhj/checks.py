@@ -66,3 +66,10 @@ def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
     """Raise ValueError where `value` is not one of a closed set of options."""
     if value not in allowed or type(value) is not type(allowed[0]):
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+
+
+def sequence(name: str, value: Any) -> Any:
+    """`value` if it is a list or the like with an entry for each axis; ValueError naming it otherwise."""
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.ndim(value) == 0:
+        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {value!r}")
+    return value

@@ -228,9 +228,7 @@ class Interval:
             velocity[inputs == j] = self.drift(states[inputs == j], int(j), t)
         return velocity
 
-    def advance(
-        self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float
-    ) -> FloatArray:
+    def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
         """States `duration` s after t under held inputs (M,) and v (M, D), the velocity clipped at walls.
 
         Exact for constant velocities, else one Runge-Kutta step of order 4.
@@ -375,9 +373,9 @@ class Interval:
         spread = np.abs(b).sum(axis=2)
         lower, upper = f - spread, f + spread
         hull = lower.min(axis=0), upper.max(axis=0)
-        moved = sum(bool((lower[:, i] != hull[0][i]).any() or (upper[:, i] != hull[1][i]).any()) for i in range(len(axes)))
+        swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
         coupled = (np.count_nonzero(b.any(axis=(0, *range(3, b.ndim))), axis=0) > 1).any()
-        return Velocities(*hull) if moved <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
+        return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _modes(self, j: int, axes: Sequence[int], t: float) -> tuple[FloatArray, FloatArray]:
         """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""

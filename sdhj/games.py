@@ -11,22 +11,35 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Protocol
 
 import numpy as np
 
-from sdhj.checks import option
 from sdhj.grid import FloatArray, Grid
-from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
+from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.recursion import KEPT, Games, GridSets
-from sdhj.schemes import DTYPES, MOST_STEPS, Scheme, Velocities, evolve, too_fast
+from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
+KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 INSTANTS = np.linspace(0.0, 1.0, 9)  # of an interval, at which velocities that depend on time are looked at
 Axes = tuple[int, ...]
+
+
+class Games(Protocol):
+    """What the recursion needs of a method: the games of one interval, on the whole grid."""
+
+    @property
+    def dtype(self) -> str: ...
+
+    @property
+    def solved(self) -> int: ...  # PDEs so far
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
+
+    def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -134,9 +147,7 @@ class HJIGames(_OnAxes):
         for j, tube in enumerate(tubes):
             velocities = self.velocities(j, wall.axes, step)
             obstacle = at if wall.instant else at(0.0)
-            tube[:] = evolve(
-                grid, at(0.0), velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps
-            )
+            tube[:] = evolve(grid, at(0.0), velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
             self.solved += 1
         return tubes
 
@@ -251,72 +262,3 @@ class HopfLaxGames(_OnAxes):
     def _pieces(self, axes: list[int]) -> int:
         """Pieces of the interval short enough that no axis moves more than a quarter of a cell."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4)))
-
-
-@dataclass(frozen=True)
-class HJI:
-    """Finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
-
-    Parameters
-    ----------
-    scheme : Scheme
-        How the equations are discretised.
-    games : {"decomposed", "joint"}
-        Reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
-    """
-
-    scheme: Scheme = field(default_factory=Scheme)
-    games: str = "decomposed"
-    name: ClassVar[str] = "hji"
-
-    def __post_init__(self) -> None:
-        option("games", self.games, ("decomposed", "joint"))
-        if not isinstance(self.scheme, Scheme):
-            raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """The options, for a table's details."""
-        return {"games": self.games} | vars(self.scheme)
-
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
-        """The games on some axes of a problem, by default all."""
-        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, lambda: self.on(problem), self.scheme.dtype, self.told)
-
-
-@dataclass(frozen=True)
-class HopfLax:
-    """The Hopf-Lax formula (`sdhj.hopf_lax`), where the velocity set does not depend on the state.
-
-    Parameters
-    ----------
-    interpolation : {"limited", "linear"}
-        What a function is between nodes.
-    dtype : {"float32", "float64"}
-    """
-
-    interpolation: str = "limited"
-    dtype: str = "float32"
-    name: ClassVar[str] = "lax"
-
-    def __post_init__(self) -> None:
-        option("interpolation", self.interpolation, INTERPOLATIONS)
-        option("dtype", self.dtype, DTYPES)
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """The options, for a table's details."""
-        return {"interpolation": self.interpolation, "dtype": self.dtype}
-
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
-        """The games on some axes of a problem, by default all."""
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, lambda: self.on(problem), self.dtype, self.told)
-
-
-__all__ = ["HJI", "Games", "HJIGames", "HopfLax", "HopfLaxGames", "JointGames", "Wall"]

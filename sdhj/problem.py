@@ -257,7 +257,7 @@ class ReachAvoidProblem:
         return part.moving or self.dynamics.timed
 
     def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set is solved: the smallest that hold its own and move alone."""
+        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need."""
         axes: tuple[int, ...] = part.axes
         intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
         while (grown := reduce(lambda known, interval: interval.closed(known), intervals, axes)) != axes:

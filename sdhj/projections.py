@@ -23,15 +23,14 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numba import get_num_threads, set_num_threads
 
-from sdhj.games import HJI, HJIGames, HopfLax, HopfLaxGames, Wall
+from sdhj.games import HJIGames, HopfLaxGames, Wall
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.recursion import GridSets
@@ -87,51 +86,12 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
     return tuple(chosen)
 
 
-@dataclass(frozen=True)
-class Projected:
-    """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
-
-    Parameters
-    ----------
-    subspaces : sequence of sequence of int, optional
-        The axes that each subspace keeps; see `default_subspaces`. For the case studies by default the paper's
-        (0, 1, 2) and (0, 1, 3).
-    inner : HJI or HopfLax, optional
-        How the games on the subspaces are solved.
-    """
-
-    subspaces: Sequence[Sequence[int]] | None = None
-    inner: HJI | HopfLax = field(default_factory=HJI)
-    name: ClassVar[str] = "projected"
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "decomposed") != "decomposed":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {self.inner!r}")
-        if self.subspaces is None:
-            return
-        collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]
-        whole = all(
-            isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
-            for axes in collection
-        )
-        if not whole or any(isinstance(axis, bool | np.bool_) for axes in self.subspaces for axis in axes):
-            raise ValueError(
-                "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
-                f"[(0, 1, 2), (0, 1, 3)], got {self.subspaces!r}"
-            )
-        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in self.subspaces))
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        subspaces = checked_subspaces(problem, self.subspaces)
-        told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
-        dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
-        return ProjectedSets(problem, self.name, lambda: ProjectedGames(problem, self.inner, subspaces), dtype, told)
-
-
 class ProjectedGames:
-    """Games 2 and 3 on a collection of subspaces, back-projected and united."""
+    """Games 2 and 3 on a collection of subspaces, back-projected and united; `inner` makes those of one."""
 
-    def __init__(self, problem: ReachAvoidProblem, inner: HJI | HopfLax, subspaces: tuple[Axes, ...]) -> None:
+    def __init__(
+        self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
+    ) -> None:
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -146,7 +106,7 @@ class ProjectedGames:
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
         """The games on the subspace of some axes."""
         if axes not in self._games:
-            self._games[axes] = self.inner.on(self.problem, axes)
+            self._games[axes] = self.inner(axes)
         return self._games[axes]
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
@@ -224,6 +184,8 @@ class ProjectedGames:
 class ProjectedSets(GridSets):
     """`GridSets` that tell what the projections cost."""
 
+    games: ProjectedGames
+
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         table = super().finish(details)
         table.details["projection"] = self._diagnosis(table)  # type: ignore[index]
@@ -239,7 +201,7 @@ class ProjectedSets(GridSets):
             (a share; the largest over the steps). "free": for each unsafe set that had to be projected, the largest
             share of a subspace outside its outer projection. "warnings": sentences.
         """
-        games: Any = self.games
+        games = self.games
         grid, starts = table.grid, range(1 if self.problem.timeless else table.steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:

@@ -6,29 +6,20 @@ With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, 
 every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
 """
 
-import importlib
-import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from numba import prange
-from tqdm import tqdm
 
-from sdhj.compiling import announced, hidden, kernel
+from sdhj.compiling import kernel
+from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.table import AvoidTubes, LookupTable, Table
 
-METHODS = {  # by the short forms that users type; imported when they are asked for
-    "hji": "sdhj.games:HJI",
-    "projected": "sdhj.projections:Projected",
-    "lax": "sdhj.games:HopfLax",
-    "certified": "sdhj.certified:Certified",
-}
-KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
 
 
@@ -51,29 +42,6 @@ class Sets(Protocol):
         """The table of all entries; `details` tell how it came about."""
 
 
-class Method(Protocol):
-    """How the sets are represented and the games of an interval are played: `HJI`, `HopfLax`, `Projected`, ..."""
-
-    @property
-    def name(self) -> str: ...
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> Sets: ...
-
-
-class Games(Protocol):
-    """What `GridSets` need of a method: the games of one interval, on the whole grid (see `sdhj.games`)."""
-
-    @property
-    def dtype(self) -> str: ...
-
-    @property
-    def solved(self) -> int: ...  # PDEs so far
-
-    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
-
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
-
-
 def recursion(sets: Sets, steps: int, *, timeless: bool, done: Callable[[], Any]) -> None:
     """Fill all entries (Theorem 2): rows k from the last to the first, within a row one more step to go at a time.
 
@@ -88,59 +56,6 @@ def recursion(sets: Sets, steps: int, *, timeless: bool, done: Callable[[], Any]
             else:
                 sets.extend(step, within)
             done()
-
-
-def method_of(method: str | Method) -> Method:
-    """The method that a short form stands for; a method itself is returned.
-
-    Raises
-    ------
-    ValueError
-        Where it is neither.
-    """
-    if isinstance(method, str) and method in METHODS:
-        module, _, name = METHODS[method].partition(":")
-        return getattr(importlib.import_module(module), name)()
-    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)):
-        raise ValueError(
-            f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
-        )
-    return method
-
-
-def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress: bool | None = None) -> Table:
-    """Compute every S_k^i and the inputs that are guaranteed to make progress there (Algorithm 1).
-
-    Parameters
-    ----------
-    problem : ReachAvoidProblem
-    method : Method, or "hji", "projected", "lax" or "certified" for one with its usual options
-        `sdhj.HJI`: finite differences on the whole grid; `sdhj.Projected`: on lower-dimensional subspaces (Sec. 5.1);
-        `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
-    progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
-
-    Returns
-    -------
-    LookupTable, or CertifiedTable for a certified method
-
-    Raises
-    ------
-    ValueError
-        For an unknown option, or a method that does not fit the problem.
-    MemoryError
-        Where less memory is available than is needed; before anything is solved.
-    """
-    if not isinstance(problem, ReachAvoidProblem):
-        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
-    method, started = method_of(method), time.perf_counter()
-    steps = problem.steps
-    total = steps if problem.timeless else steps * (steps + 1) // 2
-    with announced(progress):
-        sets = method.sets(problem, progress)
-        with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-            recursion(sets, steps, timeless=problem.timeless, done=bar.update)
-    return sets.finish({"seconds": time.perf_counter() - started})
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
@@ -216,7 +131,7 @@ def _add_row(tube, mask, reach, wall, level, bit):
 
 
 class _Rows:
-    """Avoid tubes as `add_input` reads them: the grid in rows of its last axes, as many as each tube has all or none of.
+    """Avoid tubes as `add_input` reads them: the grid in rows of its last axes, of which each tube has all or none.
 
     What a tube says of a row is then one value, or a row of its own that other rows of the grid may share.
     """
@@ -264,8 +179,8 @@ class GridSets:
     problem : ReachAvoidProblem
     method : str
         Its name, for the table.
-    games : callable () -> Games
-        Made when it is known that there is memory enough.
+    games : callable (problem) -> Games
+        Called when it is known that there is memory enough.
     dtype : {"float32", "float64"}
     told : mapping
         The method's options, for the table's details.
@@ -280,12 +195,12 @@ class GridSets:
         self,
         problem: ReachAvoidProblem,
         method: str,
-        games: Callable[[], Games],
+        games: Callable[[ReachAvoidProblem], Games],
         dtype: str = "float32",
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
-        self.problem, self.games, self.told = problem, games(), dict(told or {})
+        self.problem, self.games, self.told = problem, games(problem), dict(told or {})
         tubes = avoid_tubes(problem, self.games)
         self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
         self.rows = _Rows(problem.grid, tubes)
