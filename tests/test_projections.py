@@ -81,7 +81,8 @@ def solve_quietly(problem, method="hji"):
 
 
 def projected_games(problem, subspaces=None, inner=None):
-    return ProjectedGames(problem, inner or HJI(DOUBLE), checked_subspaces(problem, subspaces))
+    inner = inner or HJI(DOUBLE)
+    return ProjectedGames(problem, lambda axes: inner.on(problem, axes), checked_subspaces(problem, subspaces))
 
 
 def entries(steps):

@@ -293,7 +293,7 @@ def test_a_problem_of_your_own_has_no_scene():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"nodes": 4}, "axis 0 has 4 nodes; the schemes need at least 5"),
+        ({"nodes": 4}, r"shape\[0\] must be a whole number from 5 to 1,000,000,000, got 4"),
         ({"nodes": [25, 25, 25]}, "nodes must be one number or one for each of the axes q1, q2, px, py"),
         ({"nodes": 25.5}, "nodes must be a whole number from 1 to 1,000,000, got 25.5"),
         ({"nodes": math.nan}, "nodes must be a whole number .*, got nan"),
