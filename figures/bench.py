@@ -31,7 +31,8 @@ from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writ
 from sdhj.controller import RULES, Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
-from sdhj.recursion import memory_needed, solve
+from sdhj.methods import solve
+from sdhj.recursion import memory_needed
 from sdhj.schemes import Scheme, Velocities, evolve
 from sdhj.simulation import admissible_states
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from sdhj.games import HJISolver, JointSolver
+from sdhj.games import HJIGames, JointGames
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, UNSAFE_LOOKS, patch
 from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
@@ -114,13 +114,13 @@ def boat_problem(
 def one_step_game(problem: ReachAvoidProblem, scheme: Scheme | None = None) -> OneStepGame:
     """Solve the games of App. A.3 and the one of Prop. 1 for the first input of a problem over its first interval."""
     scheme = Scheme() if scheme is None else scheme
-    solver = HJISolver(problem, scheme)
+    games = HJIGames(problem, scheme)
     goal = problem.grid.points()
     shape = problem.grid.shape
     s = problem.target_value(goal, problem.time(1)).reshape(shape)
-    reach = next(values for _, values in solver.reach(s))
-    avoid = np.maximum.reduce([solver.avoid(part, 0)[0] for part in problem.unsafe])
-    cost = next(values for _, values in JointSolver(problem, scheme).reach_avoid(s, 0))
+    reach = next(values for _, values in games.reach(s, 0))
+    avoid = np.maximum.reduce([games.avoid(part, 0)[0] for part in problem.unsafe])
+    cost = next(values for _, values in JointGames(problem, scheme).reach(s, 0))
     return OneStepGame(problem, np.array(reach), avoid, np.array(cost))
 
 

@@ -42,7 +42,7 @@ def sweep_cells(problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say:
     numbers, fractions = [], []
     for each in cells:
         say(f"certifying with {' x '.join(map(str, each))} cells")
-        finest = sdhj.solve(problem, method="certified", cells=each)
+        finest = sdhj.solve(problem, sdhj.Certified(cells=each))
         numbers.append(int(np.prod(finest.sets.shape, dtype=np.int64)))
         fractions.append(finest.fraction(start=0, within=problem.steps))
     return CellSweep(tuple(numbers), tuple(fractions), finest)

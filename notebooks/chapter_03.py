@@ -13,7 +13,7 @@ from widgets import Explorer, Numbers, choice, slider
 
 import sdhj
 from sdhj.arm.workspace import Disk, Line, Still
-from sdhj.games import HJISolver
+from sdhj.games import HJIGames
 from sdhj.grid import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
 from sdhj.plotting.looks import TARGET_LOOKS
@@ -82,11 +82,11 @@ def one_interval(problem: ReachAvoidProblem, j: int, start: int = 0, within: int
 
     S is what the table has for `within` - 1 steps to go one step later; level-set functions on the grid.
     """
-    solver = HJISolver(problem, Scheme())
+    games = HJIGames(problem, Scheme())
     following = sdhj.solve(problem, progress=False).values(start=start + 1, within=within - 1)
-    reach = next(values for i, values in solver.reach(following) if i == j)
+    reach = next(values for i, values in games.reach(following, start) if i == j)
     grid = problem.grid
-    tubes = [grid.lift(solver.avoid(part, start)[j], part.axes) for part in problem.unsafe]
+    tubes = [grid.lift(games.avoid(part, start)[j], problem.avoid_axes(part)) for part in problem.unsafe]
     return np.array(reach), np.maximum.reduce([np.broadcast_to(tube, grid.shape) for tube in tubes])
 
 

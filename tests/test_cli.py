@@ -163,7 +163,7 @@ def test_warmup_covers_every_method(monkeypatch):
     for method in ("hji", "projected", "lax", "certified"):
         assert f"warming up {method}" in result.output
     assert len(verified) == 1 and verified[0].ok and all(claim.checked > 0 for claim in verified[0].claims)
-    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method="certified", cells=WARM_CELLS, progress=False)
+    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), sdhj.Certified(cells=WARM_CELLS), progress=False)
     assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
 
 
