@@ -200,6 +200,13 @@ def test_the_front_door_opens_the_core_only() -> None:
     assert not modules & (rings | {"IPython", "click", "ipywidgets", "matplotlib", "scipy.optimize", "shapely"})
 
 
+def test_the_command_line_needs_no_pictures() -> None:
+    absent = "".join(f"sys.modules[{name!r}] = None; " for name in ("matplotlib", "scipy", "shapely"))
+    run = fresh(f"import sys; {absent}\nfrom sdhj.cli import main\nmain(['--help'])")
+    assert run.returncode == 0, run.stderr
+    assert "Commands:" in run.stdout
+
+
 @pytest.mark.parametrize(
     ("missing", "line"),
     [
