@@ -85,6 +85,7 @@ def test_the_method_agrees_with_the_exact_one(names: dict[str, Any]) -> None:
     assert sdhj.monte_carlo(sdhj.Controller(own), runs=100, adversary="random", seed=0, progress=False)
 
 
+@pytest.mark.slow  # another package, so everything is compiled anew
 def test_the_numerical_hamiltonian_lies_between_the_two_that_are_there(tmp_path: Path) -> None:
     """In a copy of the package: dissipation grows from Godunov's flux over the local one to Lax-Friedrichs."""
     package = shutil.copytree(ROOT / "sdhj", tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
