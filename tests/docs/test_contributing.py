@@ -76,11 +76,11 @@ def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:
 
 def test_the_method_agrees_with_the_exact_one(names: dict[str, Any]) -> None:
     """Corners and samples see less than the Hopf-Lax formula does, so their tubes hold as much and a little more."""
-    own, exact = names["own"], sdhj.solve(names["problem"], "lax", progress=False)
+    own, exact = names["own"], sdhj.solve(names["problem"], sdhj.HopfLax(interpolation="linear"), progress=False)
     assert own.method == "corners"
     for within in range(9):
         mine, theirs = (table.fraction(start=0, within=within) for table in (own, exact))
-        assert theirs - 1e-3 <= mine <= theirs + 0.05
+        assert theirs <= mine <= theirs + 0.05
     assert own.fraction(start=0, within=8) > 2 * own.fraction(start=0, within=0)
     assert sdhj.monte_carlo(sdhj.Controller(own), runs=100, adversary="random", seed=0, progress=False)
 
