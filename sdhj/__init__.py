@@ -2,6 +2,25 @@
 
 Conventions, everywhere: a set is where its level-set function is <= 0 (inside is negative), union is min, intersection
 is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
+
+A robot on a line, pushed about at up to 0.2 m/s, is to come within 1 m of the origin and never beyond 3 m:
+
+>>> import sdhj
+>>> speeds = [[-1.0], [0.0], [1.0]]
+>>> problem = sdhj.ReachAvoidProblem(
+...     grid=sdhj.Grid([-4.0], [4.0], [81]),
+...     dynamics=sdhj.Dynamics(inputs=speeds, drift=speeds, gain=[[1.0]], bounds=[0.2]),
+...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
+...     unsafe=[sdhj.UnsafeSet((0,), lambda points, t: 3.0 - points[:, 0])],
+...     delta=0.5,
+...     steps=5,
+... )
+>>> table = sdhj.solve(problem)
+>>> table.contains([[-2.1], [2.95]], start=0, within=3)
+array([ True, False])
+>>> controller = sdhj.Controller(table)
+>>> controller.steps_to_go([-2.1], 0), problem.inputs[controller.select([-2.1], 0)]
+(3, array([1.]))
 """
 
 import importlib
