@@ -38,7 +38,7 @@ from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
 from sdhj.files import TableFileError, load
 from sdhj.grid import Grid
-from sdhj.methods import HJI, HopfLax, Projected, solve
+from sdhj.methods import HJI, HopfLax, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
@@ -46,10 +46,12 @@ from sdhj.table import LookupTable
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.certified.search import search_losing
+    from sdhj.projections import Projected
     from sdhj.simulation import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",
+    "Projected": "sdhj.projections",
     "monte_carlo": "sdhj.simulation",
     "simulate": "sdhj.simulation",
     "arm_case_study": "sdhj.arm.case_studies",

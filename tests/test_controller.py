@@ -9,10 +9,10 @@ import naive_controller
 import numpy as np
 import pytest
 import toys
+from sdhj.motion import reachable_boxes
 
 import sdhj
 from sdhj.controller import CHUNK, RULES, Controller
-from sdhj.motion import reachable_boxes
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable
 

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from sdhj.compiling import kernel
 from numpy.typing import ArrayLike, NDArray
 
 from sdhj.checks import number, pair
+from sdhj.compiling import kernel
 
 FloatArray = NDArray[Any]
 

@@ -9,14 +9,14 @@ import pytest
 import toys
 
 import sdhj
-from sdhj import simulation
 from sdhj.certified import search
-from sdhj.adversaries import ADVERSARIES
+from sdhj.certified.search import planned, search_losing
 from sdhj.certified.sets import certify
 from sdhj.certified.table import CertifiedTable
 from sdhj.controller import Controller
-from sdhj.certified.search import planned, search_losing
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
