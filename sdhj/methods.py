@@ -103,11 +103,6 @@ METHODS: dict[str, Any] = {  # by their short forms; named are those that are im
     "projected": ("sdhj.projections", "Projected"),
     "certified": ("sdhj.certified", "Certified"),
 }
-    "hji": HJI,
-    "lax": HopfLax,
-    "projected": ("sdhj.projections", "Projected"),
-    "certified": ("sdhj.certified", "Certified"),
-}
 
 
 def method_of(method: str | Method) -> Method:
