@@ -123,7 +123,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
     problem = replace(problem, dynamics=replace(problem.dynamics, bounds=np.full(2, bounds)))
-    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng), {})
+    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng))
     for step in range(3):
         for n in range(3 - step):
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
