@@ -1,15 +1,48 @@
-"""Saying when kernels are being compiled: the first use takes up to half a minute in which nothing else happens."""
+"""Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
 from typing import Any
 
+from numba import njit
 from numba.core.event import Listener, install_listener
 from tqdm import tqdm
 
 LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
 _listening: list[Listener] = []
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
+
+    Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
+    constant of another file. Here any change to a file of this package throws what is kept away. Functions compiled in
+    other packages or notebooks may use it too: changes to their own file count as ever.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(cache=True, **options)(function)
+        # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rule stays
+        kept: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if hasattr(kept, "_source_stamp"):
+            kept._source_stamp = kept._source_stamp, package_digest()
+        return dispatcher
+
+    return compiled
+
+
+@cache
+def package_digest() -> str:
+    """A digest of all source files of this package, names included."""
+    folder, digest = Path(__file__).parent, blake2b(digest_size=16)
+    for file in sorted(folder.rglob("*.py")):
+        text = file.read_bytes()
+        digest.update(f"{file.relative_to(folder).as_posix()} {len(text)} ".encode() + text)
+    return digest.hexdigest()
 
 
 class _Announcer(Listener):

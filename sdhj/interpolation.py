@@ -1,16 +1,14 @@
-"""Multilinear interpolation on a grid, in any number of dimensions.
-
-Every compiled function that calls another lives in the same file as its callee: Numba's disk cache
-watches one file for each function and would otherwise run an old helper (see tests/test_cache.py).
-"""
+"""Multilinear interpolation on a grid, in any number of dimensions."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from sdhj.compiling import kernel
 
 OUTSIDE = np.inf  # what a level-set function is worth where nothing is known: outside every set
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def locate(coordinate, lower, spacing, nodes, periodic):
     """Return (left node, right node, weight of the right node) of a coordinate on one axis.
 
@@ -32,7 +30,7 @@ def locate(coordinate, lower, spacing, nodes, periodic):
     return left, left + 1, min(max(position - left, 0.0), 1.0)
 
 
-@njit(cache=True)
+@kernel()
 def corners(point, lower, spacing, shape, periodic, index, weight):
     """Fill the 2^ndim flat node indices and weights around a point; return False where it is off the grid.
 
@@ -54,7 +52,7 @@ def corners(point, lower, spacing, shape, periodic, index, weight):
     return True
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def interpolate(values, points, lower, spacing, shape, periodic):
     """Interpolate flat grid `values` (size,) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
     count = points.shape[0]
@@ -77,7 +75,7 @@ def interpolate(values, points, lower, spacing, shape, periodic):
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
     """Turn the coordinates of periodic axes to where they are between the ends, upper left out; `points` is written."""
     for m in range(points.shape[0]):

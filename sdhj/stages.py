@@ -11,8 +11,9 @@ All are parallel over pieces of whole rows, each written by one thread, so resul
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from sdhj.compiling import kernel
 from sdhj.grid import FloatArray
 
 BLOCKS = 64  # pieces that threads share a stage in
@@ -41,19 +42,19 @@ class Layout(NamedTuple):
     periodic: bool  # the last axis
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _smaller(a, b):
     return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _upwind2(a2, a1, c, b1, half):
     """Second order: c - a1, corrected by half the smaller of the second differences at a1 and c."""
     d = c - a1
     return d + half * _smaller(d - (a1 - a2), (b1 - c) - d)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _upwind3(a3, a2, a1, c, b1, b2, half, third, sixth):
     """Third order: the parabola through a2, a1, c or a1, c, b1, whichever bends less, then its smaller cubic term."""
     d, e = c - a1, b1 - c
@@ -64,19 +65,19 @@ def _upwind3(a3, a2, a1, c, b1, b2, half, third, sixth):
     return d + half * centre - sixth * _smaller(inner, ((b2 - b1) - e) - centre)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _larger(a, b):
     return a if a > b else b
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_axis1(rhs, m1, c, p1, f0, f1, f2, f3, f4):
     for i in range(rhs.size):
         minus, plus = c[i] - m1[i], p1[i] - c[i]
         rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _both2(m2, m1, c, p1, p2, half):
     """The upwind differences of second order on both sides, which share a second difference."""
     left, right = c - m1, p1 - c
@@ -84,7 +85,7 @@ def _both2(m2, m1, c, p1, p2, half):
     return left + half * _smaller(left - (m1 - m2), bend), right - half * _smaller((p2 - p1) - right, bend)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_axis2(rhs, m2, m1, c, p1, p2, f0, f1, f2, f3, f4):
     half = rhs.dtype.type(0.5)
     for i in range(rhs.size):
@@ -92,7 +93,7 @@ def _add_axis2(rhs, m2, m1, c, p1, p2, f0, f1, f2, f3, f4):
         rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_axis3(rhs, m3, m2, m1, c, p1, p2, p3, f0, f1, f2, f3, f4):
     half, third, sixth = rhs.dtype.type(0.5), rhs.dtype.type(1 / 3), rhs.dtype.type(1 / 6)
     for i in range(rhs.size):
@@ -111,7 +112,7 @@ def _add_axis3(rhs, m3, m2, m1, c, p1, p2, p3, f0, f1, f2, f3, f4):
         rhs[i] += _larger(_larger(f0 * minus + f1 * plus, f2 * minus + f3 * plus), f4)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _run(phi, layout, plane, axis, offset, start, stop):
     """The values `offset` nodes along an axis from those at start:stop of a plane."""
     leading = layout.near.shape[1]
@@ -121,7 +122,7 @@ def _run(phi, layout, plane, axis, offset, start, stop):
     return phi[plane, start + shift : stop + shift]
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_axis(rhs, phi, layout, plane, axis, start, stop, f):
     """Add one axis's numerical Hamiltonian for constant velocities; f (5,) from `flux_coefficients`, divided by dx."""
     f0, f1, f2, f3, f4 = f[0], f[1], f[2], f[3], f[4]
@@ -142,7 +143,7 @@ def _add_axis(rhs, phi, layout, plane, axis, start, stop, f):
     _add_axis3(rhs, m3, m2, m1, c, p1, p2, p3, f0, f1, f2, f3, f4)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _differences(down, up, phi, layout, plane, axis, start, stop):
     """Upwind differences: down = dx p-, up = -dx p+ (its mirror image). Both are written."""
     order = layout.ghosts
@@ -158,7 +159,7 @@ def _differences(down, up, phi, layout, plane, axis, start, stop):
     _upwind(up, p3, p2, p1, c, m1, m2, order)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _upwind(out, a3, a2, a1, c, b1, b2, order):
     """out = the upwind difference of `order` towards a."""
     half, third, sixth = out.dtype.type(0.5), out.dtype.type(1 / 3), out.dtype.type(1 / 6)
@@ -173,20 +174,20 @@ def _upwind(out, a3, a2, a1, c, b1, b2, order):
             out[i] = _upwind3(a3[i], a2[i], a1[i], c[i], b1[i], b2[i], half, third, sixth)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _godunov(minus, plus, a, b, zero):
     """Godunov's flux for max(a p, b p), a <= b; minus and plus are p- and p+."""
     best = _larger(a * (plus if a > zero else minus), b * (plus if b > zero else minus))
     return _larger(best, zero) if (a < zero) & (b > zero) else best
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _lax_friedrichs(minus, plus, a, b, half):
     mean = half * (minus + plus)
     return _larger(a * mean, b * mean) + half * _larger(abs(a), abs(b)) * (plus - minus)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_box(rhs, down, up, low, high, inverse, godunov):
     """Add one axis's numerical Hamiltonian where the velocities [low, high] differ from node to node."""
     half, zero = rhs.dtype.type(0.5), rhs.dtype.type(0.0)
@@ -198,13 +199,13 @@ def _add_box(rhs, down, up, low, high, inverse, godunov):
             rhs[i] += _lax_friedrichs(inverse * down[i], -inverse * up[i], low[i], high[i], half)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_product(total, x, y):
     for i in range(total.size):
         total[i] += x[i] * y[i]
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _add_coupled(rhs, scratch, drift, gain, plane, start, stop):
     """Add max over modes of p . drift + sum_d |p . gain_d|, p the mean differences in the first rows of `scratch`.
 
@@ -230,7 +231,7 @@ def _add_coupled(rhs, scratch, drift, gain, plane, start, stop):
         rhs[i] += best[i]
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _mean_and_dissipation(rhs, down, up, low, high, inverse):
     """Turn `down` into the mean difference in place, and add the Lax-Friedrichs dissipation to `rhs`."""
     half = rhs.dtype.type(0.5)
@@ -240,13 +241,13 @@ def _mean_and_dissipation(rhs, down, up, low, high, inverse):
         rhs[i] += half * _larger(abs(low[i]), abs(high[i])) * (plus - minus)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _kept(keep, old):
     """keep * old, and 0 where nothing is kept: what was there need not even be a number."""
     return keep * (old if keep > 0 else keep)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _advance(out, phi, rhs, dt, keep):
     """out = keep * out + (1 - keep) * (phi + dt * rhs): one Runge-Kutta stage."""
     rest = rhs.dtype.type(1.0) - keep
@@ -254,13 +255,13 @@ def _advance(out, phi, rhs, dt, keep):
         out[i] = _kept(keep, out[i]) + rest * (phi[i] + dt * rhs[i])
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
 
 
-@njit(cache=True)
+@kernel()
 def _fill_ghosts(plane, layout, begin, end):
     """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
     n, g, width = layout.nodes, layout.ghosts, layout.width
@@ -278,7 +279,7 @@ def _fill_ghosts(plane, layout, begin, end):
             plane[row * width : (row + 1) * width] = plane[base : base + width]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _span(layout, task):
     """(plane, first row, last row + 1, start, stop) of a task; start:stop are its first node and behind its last."""
     plane = task // layout.chunks
@@ -289,7 +290,7 @@ def _span(layout, task):
     return plane, begin, end, start, (end + layout.top) * layout.width - layout.ghosts
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _finish(out, wall, layout, span):
     """End one task's part of a stage: the obstacle, then the ghost nodes."""
     plane, begin, end, start, stop = span
@@ -298,7 +299,7 @@ def _finish(out, wall, layout, span):
     _fill_ghosts(out[plane], layout, begin, end)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _around(layout, plane, axis, side, start, size):
     """Where the nodes -2, -1, 1, 2 along an axis from `start` in a plane are, in all planes behind one another.
 
@@ -313,7 +314,7 @@ def _around(layout, plane, axis, side, start, size):
     return np.uint64(m2 + start), np.uint64(m1 + start), np.uint64(p1 + start), np.uint64(p2 + start)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _around_4d(layout, plane, axes, sides, start, size):
     return (
         _around(layout, plane, axes[0], sides[0], start, size),
@@ -323,13 +324,13 @@ def _around_4d(layout, plane, axes, sides, start, size):
     )
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _both_at(phi, c, i, near, half):
     """The upwind differences along one axis at one node; near from `_around`."""
     return _both2(phi[near[0] + i], phi[near[1] + i], c, phi[near[2] + i], phi[near[3] + i], half)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _constant_at(phi, c, i, near, f, one_sided, half):
     """One axis's numerical Hamiltonian; f from `schemes.reduced_flux`. `one_sided` is known when this is compiled."""
     if one_sided:
@@ -341,26 +342,26 @@ def _constant_at(phi, c, i, near, f, one_sided, half):
     return _larger(_larger(f[0] * minus + f[1] * plus, f[2] * plus), f[3])
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _godunov_at(phi, c, i, near, low, high, at, inverse, half, zero):
     minus, plus = _both_at(phi, c, i, near, half)
     return _godunov(inverse * minus, inverse * plus, low[at + i], high[at + i], zero)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _lax_friedrichs_at(phi, c, i, near, low, high, at, inverse, half):
     minus, plus = _both_at(phi, c, i, near, half)
     return _lax_friedrichs(inverse * minus, inverse * plus, low[at + i], high[at + i], half)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _four(flux, axis):
     return flux[axis, 0], flux[axis, 1], flux[axis, 2], flux[axis, 3]
 
 
 # A stage in four dimensions, at `count` nodes from `here` on: everything in one loop, so that it stays in registers.
 # Arrays are flat, and indices unsigned: the compiler then need not wonder whether they are negative, and vectorises.
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _advance_constant_4d(out, phi, count, here, near, flux, one_sided, dt, keep):
     """For constant velocities; near: four tuples of `_around`, those of the `one_sided` axes first."""
     half, rest, ones = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep, len(one_sided)
@@ -375,7 +376,7 @@ def _advance_constant_4d(out, phi, count, here, near, flux, one_sided, dt, keep)
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _advance_godunov_4d(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
     """For a box of velocities at each node; in low and high each axis has a `whole` grid."""
     half, zero, rest = phi.dtype.type(0.5), phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
@@ -392,7 +393,7 @@ def _advance_godunov_4d(out, phi, count, here, near, low, high, whole, inverse, 
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _advance_lax_friedrichs_4d(out, phi, count, here, near, low, high, whole, inverse, dt, keep):
     """As `_advance_godunov_4d`."""
     half, rest = phi.dtype.type(0.5), phi.dtype.type(1.0) - keep
@@ -409,7 +410,7 @@ def _advance_lax_friedrichs_4d(out, phi, count, here, near, low, high, whole, in
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * rhs)
 
 
-@njit(cache=True, parallel=True, fastmath=MATH)
+@kernel(parallel=True, fastmath=MATH)
 def stage_constant(phi, out, wall, flux, scratch, layout, dt, keep):
     """One Runge-Kutta stage for a box of velocities that does not depend on the state.
 
@@ -434,7 +435,7 @@ def stage_constant(phi, out, wall, flux, scratch, layout, dt, keep):
             _finish(out, wall, layout, span)
 
 
-@njit(cache=True, parallel=True, fastmath=MATH)
+@kernel(parallel=True, fastmath=MATH)
 def stage_general(phi, out, wall, low, high, drift, gain, inverse, godunov, scratch, layout, dt, keep):
     """As `stage_constant`, for velocities that depend on the state or are coupled.
 
@@ -469,7 +470,7 @@ def stage_general(phi, out, wall, low, high, drift, gain, inverse, godunov, scra
             _finish(out, wall, layout, span)
 
 
-@njit(cache=True, parallel=True, fastmath=MATH)
+@kernel(parallel=True, fastmath=MATH)
 def stage_constant_4d(phi, out, wall, flux, sides, one_sided, two_sided, layout, dt, keep):
     """`stage_constant` in four dimensions at second order.
 
@@ -490,7 +491,7 @@ def stage_constant_4d(phi, out, wall, flux, sides, one_sided, two_sided, layout,
             _finish(out, wall, layout, span)
 
 
-@njit(cache=True, parallel=True, fastmath=MATH)
+@kernel(parallel=True, fastmath=MATH)
 def stage_box_4d(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
     """`stage_general` in four dimensions at second order, for boxes; low and high have all planes."""
     size = phi.shape[1]
@@ -511,7 +512,7 @@ def stage_box_4d(phi, out, wall, low, high, inverse, godunov, layout, dt, keep):
             _finish(out, wall, layout, span)
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def to_planes(values, out, layout):
     """Copy values (planes, rows, nodes) into `out` (planes, plane), ghost nodes included."""
     for plane in prange(values.shape[0]):
@@ -519,7 +520,7 @@ def to_planes(values, out, layout):
         _fill_ghosts(out[plane], layout, 0, layout.rows)
 
 
-@njit(cache=True)
+@kernel()
 def _pad(values, plane, layout):
     """Copy values (rows, nodes) to where they belong in a flat plane."""
     for row in range(layout.rows):
@@ -528,14 +529,14 @@ def _pad(values, plane, layout):
             plane[base + i] = values[row, i]
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def from_planes(phi, out, layout):
     """Copy phi (planes, plane) into `out` (planes, rows, nodes), without the ghost nodes."""
     for plane in prange(out.shape[0]):
         _unpad(phi[plane], out[plane], layout)
 
 
-@njit(cache=True)
+@kernel()
 def _unpad(plane, values, layout):
     """Copy them back."""
     for row in range(layout.rows):
