@@ -16,13 +16,13 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 __version__ = "0.1.0"
 
 from sdhj.controller import Controller, NotAdmissible
+from sdhj.files import TableFileError, load
 from sdhj.grid import Grid
-from sdhj.loading import load
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.recursion import solve
 from sdhj.schemes import Scheme
 from sdhj.simulation import monte_carlo, simulate
-from sdhj.table import LookupTable, TableFileError
+from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study

@@ -14,8 +14,7 @@ import numpy as np
 import sdhj
 from sdhj.adversaries import ADVERSARIES
 from sdhj.compiling import announced
-from sdhj.files import writable_file, writable_folder
-from sdhj.loading import header
+from sdhj.files import header, writable_file, writable_folder
 
 METHOD = click.Choice(["hji", "projected", "lax", "certified"])
 VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])

@@ -370,7 +370,7 @@ class ProjectedSolver:
         if step == self.problem.steps - 1:  # the first row to be filled
             self._static_bits = pack(static[None])[0]
         starts, along = _layout(grid, self.subspaces)
-        first, rows = table.entry(step, 0), (-1, grid.shape[-1])
+        first, rows = table.index[table.entry(step, 0)], (-1, grid.shape[-1])
         unite_row(
             table.tubes[first : first + most + 1].reshape(most + 1, *rows),
             table.masks[first : first + most + 1].reshape(most + 1, table.masks.shape[1], *rows),

@@ -306,7 +306,10 @@ def _recursion(
             bar.update(steps - k)
             continue
         for n in range(1, steps - k + 1):
-            if known := _known_already(table, k, n):
+            if (known := _known_already(table, k, n)) == (k, n - 1):
+                table.share(k, n)
+                details["tubes_copied"] += 1
+            elif known:
                 table.value_array(k, n)[:] = table.value_array(*known)
                 table.mask_array(k, n)[:] = table.mask_array(*known)
                 details["tubes_copied"] += 1
@@ -314,7 +317,7 @@ def _recursion(
                 _fill(table, solver, rows, k, n)
             bar.update()
     details["pdes_solved"] = solver.solved
-    return table
+    return table.finish(details)
 
 
 def _games(problem: ReachAvoidProblem) -> int:

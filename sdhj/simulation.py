@@ -23,9 +23,10 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
-from sdhj.controller import CHUNK, Controller, threads
+from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.motion import advance
 
@@ -288,7 +289,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     for _ in range(DRAWS):
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
-        inside = states[controller.tube_values(states[:, None], 0, within)[:, 0] <= 0][:missing]
+        inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
         found.append(inside)
         missing -= len(inside)
         if missing == 0:
@@ -327,7 +328,7 @@ def rollouts(
         alive = alive[~inside]
         if margins is not None and alive.size:
             largest = np.full(alive.size, problem.steps - step)
-            margins.note("depth", alive, 0.0 - controller.tube_values(states[alive, None], step, largest)[:, 0])
+            margins.note("depth", alive, 0.0 - controller.table.values_at(states[alive, None], step, largest)[:, 0])
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)
@@ -385,7 +386,7 @@ def _interval(
             duration=duration,
             previous=v,
             runs=held.runs,
-            tube=lambda points: controller.tube_values(points, held.step + 1, held.promised),
+            tube=lambda points: controller.table.values_at(points, held.step + 1, held.promised),
             rng=rng,
         )
         v = _checked(play(moment), v.shape, bounds)
