@@ -227,7 +227,8 @@ def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
         for n in range(1, problem.steps - k + 1):
             marks = []
             for j, reach in solver.reach(table.values(start=k + 1, within=n - 1)):
-                both = np.maximum(reach, avoid.lifted(problem.grid, k, j))
+                still = problem.grid.lift(avoid.static[j], avoid.static_axes)
+                both = np.maximum(reach, np.maximum(still, problem.grid.lift(avoid.moving[k, j], avoid.moving_axes)))
                 marks.append(both <= 0)
                 tube = np.minimum(tube, both)
             np.testing.assert_array_equal(table.values(start=k, within=n), tube)

@@ -12,7 +12,8 @@ from scipy.stats import binomtest
 import sdhj
 from sdhj import simulation
 from sdhj.adversaries import ADVERSARIES, Moment
-from sdhj.controller import CHUNK, Controller
+from sdhj.batches import CHUNK
+from sdhj.controller import Candidates, Controller
 from sdhj.motion import advance, clip_to_walls
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
@@ -62,7 +63,7 @@ def moment(controller: Controller, states: np.ndarray, **changes: object) -> Mom
         "duration": problem.delta / SUBSTEPS,
         "previous": np.zeros((len(states), problem.dynamics.bounds.size)),
         "runs": np.arange(len(states)),
-        "tube": lambda points: controller.tube_values(points, 1, within),
+        "tube": lambda points: controller.table.values_at(points, 1, within),
         "rng": np.random.default_rng(1),
     }
     return Moment(**(standard | changes))
@@ -439,8 +440,8 @@ def test_own_functions_are_named_in_the_report() -> None:
     def still(m: Moment) -> np.ndarray:
         return np.zeros_like(m.previous)
 
-    def first(choice: object) -> int:
-        return int(choice.candidates[0])
+    def first(candidates: Candidates) -> np.ndarray:
+        return candidates.inputs
 
     report = monte_carlo(Controller(interval_table(), first), 50, still, progress=False)
     assert (report.adversary, report.rule) == ("still", "first") and report.rate("reached") == 1.0

@@ -142,7 +142,7 @@ def test_margins_are_those_of_the_trajectory() -> None:
         values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
         assert margins.clearance[m] == pytest.approx(min(values), abs=1e-12)  # rounding of a sum of 60 moves
         depths = [
-            -controller.tube_values(q[None, None], step, np.array([3 - step]))[0, 0]
+            -controller.table.values_at(q[None, None], step, np.array([3 - step]))[0, 0]
             for step, q in enumerate(run.samples[:-1])
         ]
         assert margins.depth[m] == pytest.approx(min(depths), abs=1e-12)
