@@ -12,7 +12,6 @@ import numpy as np
 
 from sdhj.batches import take_best
 from sdhj.grid import FloatArray
-from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import NOT_ADMISSIBLE, Batch, Table
 
@@ -63,9 +62,9 @@ class Candidates:
 
     @property
     def successors(self) -> FloatArray:
-        moves = displacements(self.problem, self.batch.states)
+        moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
-        return clip_to_walls(self.problem.grid, moved)
+        return self.problem.grid.held(moved)
 
 
 Rule = Callable[[Candidates], FloatArray]
@@ -160,7 +159,7 @@ class Controller:
 
     def _explain(self, states: FloatArray, step: int) -> str:
         within = self.table.steps - step
-        if np.array_equal(clip_to_walls(self.problem.grid, states), states):
+        if np.array_equal(self.problem.grid.held(states), states):
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
         else:

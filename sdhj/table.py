@@ -30,7 +30,6 @@ from sdhj.checks import whole
 from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Reach, Shelf, decide, tube_values
-from sdhj.motion import reachable_boxes
 from sdhj.problem import ReachAvoidProblem
 
 NOT_ADMISSIBLE = -1
@@ -178,21 +177,24 @@ class LookupTable:
     # ---- filling it in
 
     @classmethod
-    def empty(
-        cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes, details: Mapping[str, Any]
-    ) -> "LookupTable":
+    def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
         """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
 
         There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
         takes no memory.
         """
         start, index = entries(problem.steps).T.copy()
-        if not getattr(problem, "timeless", False):  # one behind the other as they are filled in
+        if not problem.timeless:  # one behind the other as they are filled in
             index += (problem.steps - start) * (problem.steps - start + 1) // 2
-        room = int(index.max()) + 1
+        room = cls.rooms(problem)
         tubes = np.empty((room, *problem.grid.shape), dtype)
         masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
-        return cls(problem, method, index, tubes, masks, avoid, details)
+        return cls(problem, method, index, tubes, masks, avoid, {})
+
+    @staticmethod
+    def rooms(problem: ReachAvoidProblem) -> int:
+        """T, how many tubes there are at most."""
+        return problem.steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int) -> FloatArray:
         """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
@@ -290,7 +292,7 @@ class LookupTable:
 
     def _answer(self, batch: Batch, rows: FloatArray) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
-        reach = self._reach or self._boxes(batch.states[rows])
+        reach = self._reach or self._boxes(batch.states[rows], batch.step)
         decide(batch.states, rows, batch.step, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
 
     @cached_property
@@ -304,11 +306,11 @@ class LookupTable:
     @cached_property
     def _reach(self) -> Reach | None:
         """The boxes that the inputs lead to, where they are the same for all states."""
-        return self._boxes(np.zeros((1, self.grid.ndim))) if self.problem.dynamics.constant else None
+        return self._boxes(np.zeros((1, self.grid.ndim)), 0) if self.problem.dynamics.constant else None
 
-    def _boxes(self, states: FloatArray) -> Reach:
+    def _boxes(self, states: FloatArray, step: int) -> Reach:
         """The axes with the fewest different intervals go first, as in `sdhj.hopf_lax`."""
-        low, high = reachable_boxes(self.problem, states)
+        low, high = self.problem.interval(step).reachable(states)
         lowest, highest = low.min(axis=1), high.max(axis=1)
         cells = np.ceil((highest - lowest) / self.grid.spacing + 1e-6) + 2  # that it can touch, and one node more
         order = np.arange(self.grid.ndim)

@@ -148,7 +148,7 @@ def maximum_over_interval(line, low, high, periodic):
 
 
 def recursion(goals, reach, avoid):
-    """Algorithm 1, k <= i: goals[k]; reach(values) -> list of L; avoid[k][j]. Returns tubes[k, n], marks[k, n, j]."""
+    """Algorithm 1, k <= i: goals[k]; reach(values, k) -> list of L; avoid[k][j]. Gives tubes[k, n], marks[k, n, j]."""
     steps = len(goals) - 1
     tubes, marks = {}, {}
     for i in range(steps, -1, -1):
@@ -158,7 +158,7 @@ def recursion(goals, reach, avoid):
                 tubes[k, 0] = goals[k]
                 continue
             tube = tubes[k, n - 1]
-            for j, values in enumerate(reach(tubes[k + 1, n - 1])):
+            for j, values in enumerate(reach(tubes[k + 1, n - 1], k)):
                 both = np.maximum(values, avoid[k][j])
                 marks[k, n, j] = both <= 0
                 tube = np.minimum(tube, both)

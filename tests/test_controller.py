@@ -13,7 +13,6 @@ import toys
 import sdhj
 from sdhj.batches import CHUNK, take_best
 from sdhj.controller import RULES, Candidates, Controller
-from sdhj.motion import reachable_boxes
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, Batch, LookupTable, batched
 
@@ -23,8 +22,8 @@ FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
 def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
     """With linear interpolation "lax" is the operator the controller looks ahead with, and exact on the interval."""
-    options = {"interpolation": "linear"} if method == "lax" else {}
-    return sdhj.solve(problem, method=method, scheme=DOUBLE, progress=False, **options)
+    chosen = sdhj.HopfLax("linear", "float64") if method == "lax" else sdhj.HJI(DOUBLE)
+    return sdhj.solve(problem, chosen, progress=False)
 
 
 @cache
@@ -238,7 +237,7 @@ def test_closed_form_on_an_interval() -> None:
 
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:
     problem = toys.interval_problem()
-    low, high = reachable_boxes(problem, np.zeros((7, 1)))
+    low, high = problem.interval(0).reachable(np.zeros((7, 1)))
     np.testing.assert_allclose(low[..., 0], [[-0.6, -0.1, 0.4]], rtol=0, atol=1e-15)
     np.testing.assert_allclose(high[..., 0], [[-0.4, 0.1, 0.6]], rtol=0, atol=1e-15)
 

@@ -12,7 +12,6 @@ from sdhj.certified.sets import CertifiedSets
 from sdhj.checks import whole
 from sdhj.files import written_table
 from sdhj.grid import FloatArray, Grid
-from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import NOT_ADMISSIBLE, Batch, batched, in_a_line
 
@@ -108,9 +107,9 @@ class CertifiedTable:
         margins = np.full(safe.shape, np.inf)
         rows, inputs = np.nonzero(safe)
         if rows.size:
-            moves = displacements(self.problem, states)
+            moves = self.problem.interval(step).displacements(states)
             moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
-            successors = clip_to_walls(self.problem.grid, moved)
+            successors = self.grid.held(moved)
             margins[rows, inputs] = self.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
         return margins
 

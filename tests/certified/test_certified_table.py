@@ -12,10 +12,10 @@ import pytest
 from toys import interval_problem
 
 import sdhj
+from sdhj.certified.check.verify import verify
+from sdhj.certified.labels import LABELS, labels, shares
 from sdhj.certified.sets import LipschitzBounds, certify
 from sdhj.certified.table import CertifiedTable
-from labels import LABELS, labels, shares
-from sdhj.certified.check.verify import verify
 
 
 @pytest.fixture(scope="module")

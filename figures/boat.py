@@ -1,4 +1,4 @@
-"""Small games to look at (Figs. 4, 6 and 7).
+"""One sampling interval in the plane: reach set, avoid tube, the game, its cost, and runs (Figs. 6 and 7).
 
 A boat on a lake whose water turns: its state is where it is, its input a velocity that it holds over the interval, the
 adversary a wind. With two axes, one input and one interval every construct of Sec. 3.4 and 4.1 is a picture.
@@ -6,17 +6,27 @@ adversary a wind. With two axes, one input and one interval every construct of S
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from sdhj.games import HJISolver, JointSolver
+from sdhj.games import HJIGames, JointGames
 from sdhj.grid import FloatArray, Grid
+from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, UNSAFE_LOOKS, patch
+from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
 
 SIDE = 1.2  # the lake is [-SIDE, SIDE]^2, m
 PIECES = 4  # the wind in a rollout changes at most at these many equal parts of the interval
 SUBSTEPS = 10  # Runge-Kutta steps in each part
+STARTS = (("$q$", (-0.42, 0.30)), ("$q'$", (-0.42, 0.03)), ("$q''$", (-0.60, 0.68)))  # won, blocked, too far
+CONSTRUCTS = ("reach", "avoid", "reach-avoid")
+WIN, THIN_WIN, THIN_LOSS = "#12492f", "#5f9b7d", "#d59a70"
+OUTLINE = {"facecolor": "none", "edgecolor": "#0b3c5d", "linewidth": 1.0, "linestyle": (0, (5, 2))}
 
 
 @dataclass(frozen=True)
@@ -104,14 +114,20 @@ def boat_problem(
 def one_step_game(problem: ReachAvoidProblem, scheme: Scheme | None = None) -> OneStepGame:
     """Solve the games of App. A.3 and the one of Prop. 1 for the first input of a problem over its first interval."""
     scheme = Scheme() if scheme is None else scheme
-    solver = HJISolver(problem, scheme)
+    games = HJIGames(problem, scheme)
     goal = problem.grid.points()
     shape = problem.grid.shape
     s = problem.target_value(goal, problem.time(1)).reshape(shape)
-    reach = next(values for _, values in solver.reach(s))
-    avoid = np.maximum.reduce([solver.avoid(part, 0)[0] for part in problem.unsafe])
-    cost = next(values for _, values in JointSolver(problem, scheme).reach_avoid(s, 0))
+    reach = next(values for _, values in games.reach(s, 0))
+    avoid = np.maximum.reduce([games.avoid(part, 0)[0] for part in problem.unsafe])
+    cost = next(values for _, values in JointGames(problem, scheme).reach(s, 0))
     return OneStepGame(problem, np.array(reach), avoid, np.array(cost))
+
+
+@cache
+def shown_game() -> OneStepGame:
+    """The game of Figs. 6 and 7."""
+    return one_step_game(boat_problem())
 
 
 def winds(problem: ReachAvoidProblem, count: int, seed: int) -> FloatArray:
@@ -144,52 +160,65 @@ def play(problem: ReachAvoidProblem, start: Sequence[float], *, count: int = 60,
     return Rollouts(times, paths, np.maximum(missed, hit))
 
 
-@dataclass(frozen=True)
-class SampledRun:
-    """A sampled-data run of the boat: `times` (T,), `states` (T, 2), and the inputs `held` (K, 2) over intervals."""
-
-    times: FloatArray
-    states: FloatArray
-    held: FloatArray
-    levels: FloatArray
-    delta: float
-
-
-def sampled_run(
-    *, delta: float = 0.25, intervals: int = 8, gain: float = 2.2, wind: float = 0.14, turn: float = 0.8, seed: int = 0
-) -> SampledRun:
-    """The boat steers for (0.5, 0.3) by what it measured at t_k, quantised to five levels, and holds that (Fig. 4).
-
-    The wind, a smooth one within its bound, and the turning water act all the time.
-    """
-    levels = np.linspace(-1.5, 1.5, 5)
-    phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, 2))
-    rates = np.array([[3.0, 7.0], [4.0, 9.0]])
-
-    def blowing(t: float) -> FloatArray:
-        return wind * np.sin(rates * t + phases).mean(axis=1)
-
-    def velocity(q: FloatArray, u: FloatArray, t: float) -> FloatArray:
-        return u + turn * np.array([-q[1], q[0]]) + blowing(t)
-
-    parts = PIECES * SUBSTEPS
-    h, goal = delta / parts, np.array([0.5, 0.3])
-    q, states, held = np.array([-0.8, -0.5]), [], []
-    for k in range(intervals):
-        wanted = gain * (goal - q) - turn * np.array([-q[1], q[0]])
-        u = levels[np.argmin(np.abs(wanted[:, None] - levels), axis=1)]
-        held.append(u)
-        for part in range(parts):
-            states.append(q)
-            t = k * delta + part * h
-            k1 = velocity(q, u, t)
-            k2 = velocity(q + h / 2 * k1, u, t + h / 2)
-            k3 = velocity(q + h / 2 * k2, u, t + h / 2)
-            q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + velocity(q + h * k3, u, t + h))
-    states.append(q)
-    times = np.linspace(0.0, intervals * delta, len(states))
-    return SampledRun(times, np.array(states), np.array(held), levels, delta)
-
-
 def _velocity(problem: ReachAvoidProblem, state: FloatArray, v: FloatArray) -> FloatArray:
     return problem.dynamics.drift_at(state, 0) + np.einsum("mij,mj->mi", problem.dynamics.gain_at(state), v)
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# Pictures
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def draw_lake(ax: Axes, game: OneStepGame, *, unsafe: bool = True) -> Plane:
+    """Target, unsafe set and axes in metres; returns the slice."""
+    parts = None if unsafe else [game.problem.target.name]
+    draw_constraints(ax, game.problem, through=(0.0, 0.0), step=1, parts=parts)
+    ax.set(xlim=(-0.9, 1.05), ylim=(-0.5, 0.85), xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal")
+    return plane(game.problem.grid, (0.0, 0.0), resolution=201)
+
+
+def draw_rollouts(ax: Axes, rollouts: Rollouts, label: str) -> None:
+    """Runs from one state against many winds: the worst one bold, red and dashed if the robot loses it."""
+    for path, cost in zip(rollouts.paths, rollouts.costs, strict=True):
+        ax.plot(*path.T, color=THIN_WIN if cost <= 0 else THIN_LOSS, linestyle="-", linewidth=0.4, zorder=5)
+    worst, lost = rollouts.paths[rollouts.worst], rollouts.costs.max() > 0
+    colour, dashes, end, gid = (OUTCOME_INK, (0, (4, 1.2)), "X", "defeat") if lost else (WIN, "-", "o", "win")
+    ax.plot(*worst.T, color=colour, linestyle=dashes, linewidth=1.5, zorder=6, gid=gid)
+    ax.plot(*worst[-1], marker=end, color=colour, markersize=5, zorder=7)
+    ax.plot(*worst[0], "o", color=INK, markersize=4.5, zorder=7, gid="start")
+    ax.annotate(label, worst[0], (-4, 4), textcoords="offset points", ha="right", va="bottom", zorder=8, fontsize=9)
+
+
+def draw_one_step(
+    ax: Axes, game: OneStepGame, *, show: str = "reach", starts: Sequence[tuple[str, Rollouts]] = ()
+) -> None:
+    """A construct of one interval and runs that show why states are in it or not (Figs. 6 and 7).
+
+    `show` is one of `CONSTRUCTS`, ValueError otherwise; with "reach" the unsafe set plays no part and is left out.
+    """
+    if show not in CONSTRUCTS:
+        raise ValueError(f"construct must be one of {', '.join(CONSTRUCTS)}, got {show!r}")
+    values = {"reach": game.reach, "avoid": game.avoid, "reach-avoid": game.cost}[show]
+    where = draw_lake(ax, game, unsafe=show != "reach")
+    draw_set(ax, where, where.of(game.problem.grid, values), FULL_LOOKS, show, zorder=1.0)
+    if show == "reach-avoid":  # what the reach set was without the obstacle
+        draw_set(ax, where, where.of(game.problem.grid, game.reach), OUTLINE, "reach", zorder=1.6)
+    for label, rollouts in starts:
+        draw_rollouts(ax, rollouts, label)
+
+
+def one_step_legend(show: str) -> list[Patch | Line2D]:
+    """Legend entries of `draw_one_step`."""
+    names = {"reach": r"reach set $\underline{\mathcal{R}}_k^j(\mathcal{S})$", "avoid": r"avoid tube $\mathcal{A}_k^j$"}
+    shown = names.get(show, r"reach-avoid set, $V^j \leq 0$")
+    entries: list[Patch | Line2D] = [
+        Patch(**FULL_LOOKS, label=shown),
+        patch("target", r"$\mathcal{S}$, to be in at $t_{k+1}$"),
+    ]
+    if show != "reach":
+        entries.append(Patch(**UNSAFE_LOOKS, label=r"unsafe $\mathcal{G}$"))
+    if show == "reach-avoid":
+        entries.append(Line2D([], [], color="#0b3c5d", linestyle=(0, (5, 2)), linewidth=1.0, label="reach set alone"))
+    entries.append(Line2D([], [], color=WIN, linestyle="-", marker="o", label="worst run, the robot wins"))
+    entries.append(Line2D([], [], color=OUTCOME_INK, linestyle=(0, (4, 1.2)), marker="X", label="defeating run"))
+    return entries

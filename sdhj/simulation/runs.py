@@ -22,13 +22,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.motion import advance
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late")
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
@@ -170,7 +169,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     controller : Controller
     q0 : (ndim,) array
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.adversaries`; yours is called at every substep.
+        See `sdhj.simulation.adversaries`; yours is called at every substep.
     seed : int
 
     Raises
@@ -191,7 +190,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
         states=np.array(record.states),
         inputs=np.array(record.inputs, dtype=np.int64),
         steps_to_go=np.array(record.steps_to_go, dtype=np.int64),
-        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.bounds.size),
+        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.adversaries),
         outcome=OUTCOMES[outcomes[0]],
     )
 
@@ -369,9 +368,8 @@ def _interval(
     margins: Margins | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
-    problem = controller.problem
-    bounds, duration = problem.dynamics.bounds, problem.delta / SUBSTEPS
-    v = np.zeros((len(states), bounds.size))
+    problem, interval = controller.problem, controller.problem.interval(held.step)
+    duration, v = problem.delta / SUBSTEPS, np.zeros((len(states), problem.dynamics.adversaries))
     hit = np.zeros(len(states), dtype=bool)
     for substep in range(SUBSTEPS):
         now = problem.time(held.step) + substep * duration
@@ -389,8 +387,8 @@ def _interval(
             tube=lambda points: controller.table.values_at(points, held.step + 1, held.promised),
             rng=rng,
         )
-        v = _checked(play(moment), v.shape, bounds)
-        states = advance(problem, states, held.inputs, v, duration)
+        v = _checked(play(moment), moment.bounds)
+        states = interval.advance(states, held.inputs, v, now, duration)
         clearance = problem.unsafe_value(states, now + duration)
         hit |= clearance <= 0
         if margins is not None:
@@ -404,11 +402,13 @@ def _interval(
     return states, hit
 
 
-def _checked(v: FloatArray, shape: tuple[int, ...], bounds: FloatArray) -> FloatArray:
-    """What an adversary returned, if it keeps to its box."""
+def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
+    """What an adversary returned, if it keeps to its box, bounds (M, D)."""
     v = np.asarray(v, dtype=np.float64)
-    if v.shape != shape:
-        raise ValueError(f"the adversary must return an array of shape {shape}, got {v.shape}")
-    if not (np.abs(v) <= bounds * (1 + 1e-12)).all():  # also trips on NaN
-        raise ValueError(f"the adversary must keep each component of v within +-{bounds.tolist()} and finite")
+    if v.shape != bounds.shape:
+        raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")
+    outside = ~(np.abs(v) <= bounds * (1 + 1e-12))  # also where it is NaN
+    if outside.any():
+        own = bounds[outside.any(axis=1)][0]
+        raise ValueError(f"the adversary must keep each component of v within +-{own.tolist()} and finite")
     return v
