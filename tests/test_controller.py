@@ -123,7 +123,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
     problem = replace(problem, dynamics=replace(problem.dynamics, bounds=np.full(2, bounds)))
-    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng), {})
+    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng))
     for step in range(3):
         for n in range(3 - step):
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
@@ -233,6 +233,17 @@ def test_closed_form_on_an_interval() -> None:
     # in the target: every input that certainly stays in it
     assert controller.safe_inputs([0.0], 0).tolist() == [0, 1, 2]
     assert controller.safe_inputs([0.7], 0).tolist() == [0, 1]
+
+
+def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -> None:
+    """|v| <= 0.4 t: in step k, half a second long, it moves the state by 0.05 (2 k + 1); from q = 0 to |q| <= 1."""
+    problem = toys.interval_problem(steps=4, unsafe=False)
+    timed = replace(problem.dynamics, bounds=lambda t: np.array([0.4 * t]))
+    controller = Controller(solved(replace(problem, dynamics=timed)))
+    for step in (2, 0, 3, 1):
+        margins = controller.batch(np.array([[0.0]]), step).margins[0]
+        spread = 0.05 * (2 * step + 1)
+        np.testing.assert_allclose(margins, [spread - 0.5, spread - 1.0, spread - 0.5], rtol=0, atol=1e-12)
 
 
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:

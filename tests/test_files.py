@@ -213,11 +213,11 @@ def test_an_edited_index_is_refused(arm_table, tmp_path):
 
 
 def test_equal_tubes_are_written_once(tmp_path):
-    table = one_row(sdhj.solve(interval_problem(steps=6), progress=False))
+    table = one_row(sdhj.solve(interval_problem(steps=6, rate=-0.3), progress=False))
     table.save(tmp_path / "small.h5")
     with h5py.File(tmp_path / "small.h5") as file:
         assert len(file["tubes"]) == len(file["masks"]) == 7 and len(file["entries"]) == len(file["index"]) == 28
-    same(table, sdhj.load(tmp_path / "small.h5", problem=interval_problem(steps=6)))
+    same(table, sdhj.load(tmp_path / "small.h5", problem=interval_problem(steps=6, rate=-0.3)))
 
 
 def test_a_case_study_of_another_version_needs_its_problem(arm_table, tmp_path):
