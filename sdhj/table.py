@@ -292,7 +292,10 @@ class LookupTable:
 
     def _answer(self, batch: Batch, rows: FloatArray) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
-        reach = self._reach or self._boxes(batch.states[rows], batch.step)
+        if self._shared:
+            reach = self._shared[min(batch.step, len(self._shared) - 1)]
+        else:
+            reach = self._boxes(batch.states[rows], batch.step)
         decide(batch.states, rows, batch.step, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
 
     @cached_property
@@ -304,9 +307,11 @@ class LookupTable:
         return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
 
     @cached_property
-    def _reach(self) -> Reach | None:
-        """The boxes that the inputs lead to, where they are the same for all states."""
-        return self._boxes(np.zeros((1, self.grid.ndim)), 0) if self.problem.dynamics.constant else None
+    def _shared(self) -> list[Reach]:
+        """The boxes of each step, of one where all are alike; none where they depend on the state."""
+        dynamics, states = self.problem.dynamics, np.zeros((1, self.grid.ndim))
+        steps = range(self.steps if dynamics.timed else 1)
+        return [self._boxes(states, step) for step in steps] if dynamics.stateless else []
 
     def _boxes(self, states: FloatArray, step: int) -> Reach:
         """The axes with the fewest different intervals go first, as in `sdhj.hopf_lax`."""
@@ -314,7 +319,7 @@ class LookupTable:
         lowest, highest = low.min(axis=1), high.max(axis=1)
         cells = np.ceil((highest - lowest) / self.grid.spacing + 1e-6) + 2  # that it can touch, and one node more
         order = np.arange(self.grid.ndim)
-        if self.problem.dynamics.constant:
+        if self.problem.dynamics.stateless:
             different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
             order = np.argsort(different, kind="stable")
         return Reach(low, high, lowest, highest, order, int(cells.prod(axis=1).max()))

@@ -235,6 +235,17 @@ def test_closed_form_on_an_interval() -> None:
     assert controller.safe_inputs([0.7], 0).tolist() == [0, 1]
 
 
+def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -> None:
+    """|v| <= 0.4 t: in step k, half a second long, it moves the state by 0.05 (2 k + 1); from q = 0 to |q| <= 1."""
+    problem = toys.interval_problem(steps=4, unsafe=False)
+    timed = replace(problem.dynamics, bounds=lambda t: np.array([0.4 * t]))
+    controller = Controller(solved(replace(problem, dynamics=timed)))
+    for step in (2, 0, 3, 1):
+        margins = controller.batch(np.array([[0.0]]), step).margins[0]
+        spread = 0.05 * (2 * step + 1)
+        np.testing.assert_allclose(margins, [spread - 0.5, spread - 1.0, spread - 0.5], rtol=0, atol=1e-12)
+
+
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:
     problem = toys.interval_problem()
     low, high = problem.interval(0).reachable(np.zeros((7, 1)))
@@ -514,10 +525,11 @@ def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
     assert isinstance(avoid, AvoidTubes) and avoid.static_axes == avoid.moving_axes == ()
 
 
-@pytest.mark.parametrize("wrong", [None, toys.interval_problem(), "table.h5", Controller(free_table())])
+@pytest.mark.parametrize("wrong", [None, toys.interval_problem(), "table.h5"])
 def test_what_is_no_table_is_refused(wrong: object) -> None:
-    with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
-        Controller(wrong)  # type: ignore[arg-type]
+    for given in (wrong, Controller(free_table())):
+        with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
+            Controller(given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("rule", [*RULES, lambda candidates: candidates.margins])
