@@ -158,7 +158,7 @@ def method_of(method: str | Method) -> Method:
     if isinstance(method, str) and method in METHODS:
         made = METHODS[method]  # the proof is imported when it is asked for
         return importlib.import_module(made).Certified() if isinstance(made, str) else made()
-    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)):
+    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
         raise ValueError(
             f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
         )
