@@ -118,7 +118,7 @@ def method_of(method: str | Method) -> Method:
         if isinstance(made, tuple):  # imported when it is asked for
             made = getattr(importlib.import_module(made[0]), made[1])
         return made()
-    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)):
+    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
         raise ValueError(
             f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
         )

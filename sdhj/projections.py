@@ -64,8 +64,11 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
     """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
     dynamics, count = problem.dynamics, len(problem.inputs)
     points = np.zeros((1, problem.grid.ndim)) if dynamics.stateless else problem.grid.points()
-    first = dynamics.drift_at(points, 0)
-    return np.any([(dynamics.drift_at(points, j) != first).any(axis=0) for j in range(count)], axis=0)
+    driven = np.zeros(problem.grid.ndim, np.bool_)
+    for t in problem.delta * (np.arange(problem.steps if dynamics.timed else 1) + 0.5):
+        first = dynamics.drift_at(points, 0, t)
+        driven |= np.any([(dynamics.drift_at(points, j, t) != first).any(axis=0) for j in range(count)], axis=0)
+    return driven
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:

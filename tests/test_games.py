@@ -1,6 +1,7 @@
 """One sampling interval: the games of App. A.3 against closed forms and each other."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -214,6 +215,27 @@ def test_nothing_fast_slips_between_the_time_steps(method):
     inner = np.abs(problem.grid.nodes(0)) < 3.5
     for tube in tubes:
         assert (tube[inner] > 0).all()
+
+
+@pytest.mark.parametrize("peak", [0.375, 0.45, 0.5])
+@pytest.mark.parametrize("method", ["fixed", "lax"])
+def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method, peak):
+    """It carries the state to a wall and back again: 2.2 m at the peak, little or nothing at the end."""
+    speed, shift = 8.0, math.pi * (1 - 2 * peak)
+
+    def displacement(s):
+        return speed / 2 / math.pi * (math.cos(shift) - np.cos(2 * math.pi * s + shift))
+
+    dynamics = Dynamics([[0.0]], lambda u, t: [speed * math.sin(2 * math.pi * t + shift)], [[1.0]], [0.0])
+    wall = sdhj.UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0])
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), dynamics, target, (wall,), 1.0, 1)
+    (tube,) = every_game(problem)[method].avoid(wall, 0)
+    q, top = problem.grid.nodes(0), displacement(np.linspace(0.0, 1.0, 10_001)).max()
+    assert displacement(peak) == pytest.approx(top) and top > displacement(1.0) + 1.0
+    inner = (q > -1.5) & (q < 0.5)  # nothing arrives from the ends of the grid
+    error = (tube - (q + top - 3.0))[inner]
+    assert error.min() > -0.05 * problem.grid.spacing[0] and error.max() < 0.25 * problem.grid.spacing[0]
 
 
 def without_adversary(problem):

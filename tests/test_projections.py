@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import naive_projections as naive
 import numpy as np
@@ -108,6 +109,19 @@ def test_where_inputs_drive_every_axis_each_is_dropped():
         1,
     )
     assert default_subspaces(problem) == ((0,), (1,))
+
+
+def test_an_axis_that_inputs_drive_at_some_time_stays():
+    """At t = 0 no input drives anything, later x alone."""
+    problem = ReachAvoidProblem(
+        Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
+        Dynamics([[0.0], [1.0]], lambda u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
+        TargetSet((0,), lambda p, t: p[:, 0]),
+        (),
+        0.1,
+        2,
+    )
+    assert default_subspaces(problem) == ((0,),)
 
 
 @pytest.mark.parametrize(
@@ -227,6 +241,23 @@ def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(
     inner = solve_quietly(problem, Projected(inner=MONOTONE))
     for k, n in entries(problem.steps):
         # 1e-12: sums of a few products of numbers below ten, in another order
+        assert (inner.values(start=k, within=n) >= full.values(start=k, within=n) - 1e-12).all(), (k, n)
+    assert 0.5 < inner.fraction(start=0, within=3) / full.fraction(start=0, within=3) < 1.0
+    assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
+
+
+def test_with_velocities_in_time_they_are_too():
+    """A tide in x, gusts that grow in y and z: the sets are nowhere larger than the full ones, and not empty."""
+    problem = chase_problem(moving=True, view_time="instantaneous")
+    dynamics = replace(
+        problem.dynamics,
+        drift=lambda u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
+        bounds=lambda u, t: [0.1 + 0.05 * abs(u[0]), 0.2 + 0.3 * t, 0.3],
+    )
+    problem = replace(problem, dynamics=dynamics)
+    assert default_subspaces(problem) == ((0, 1), (0, 2))
+    full, inner = solve_quietly(problem, MONOTONE), solve_quietly(problem, Projected(inner=MONOTONE))
+    for k, n in entries(problem.steps):
         assert (inner.values(start=k, within=n) >= full.values(start=k, within=n) - 1e-12).all(), (k, n)
     assert 0.5 < inner.fraction(start=0, within=3) / full.fraction(start=0, within=3) < 1.0
     assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
@@ -428,6 +459,23 @@ def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * 0.7 - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]  # a kink is spread over a few cells
+        assert error.mean() < 0.1 * problem.grid.spacing[0]
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step):
+    """dx = u + v + (1 + t) w / 2: as above, with the spread 0.4 (0.2 + (1 + t) / 2) at the middle of the interval."""
+    problem = wind_problem(nodes=121)
+
+    def drift(points, u, t):
+        return np.stack([u[0] + 0.5 * (1 + t) * points[:, 1], np.zeros(len(points))], axis=1)
+
+    problem = replace(problem, dynamics=replace(problem.dynamics, drift=drift))
+    x, away = problem.grid.nodes(0), np.abs(problem.grid.nodes(0)) < 2.0
+    for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0), step):
+        exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * (0.7 + 0.5 * 0.4 * (step + 0.5)) - 1.0
+        error = np.abs(phi - exact[:, None])[away]
+        assert error.max() < 1.5 * problem.grid.spacing[0]
         assert error.mean() < 0.1 * problem.grid.spacing[0]
 
 
