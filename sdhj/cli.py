@@ -241,8 +241,8 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
     for method in methods:
         began = time.perf_counter()
         say(f"warming up {method}")
-        cells = WARM_CELLS if method == "certified" else None
-        table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method=method, cells=cells, progress=False)
+        chosen = sdhj.Certified(cells=WARM_CELLS) if method == "certified" else method
+        table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), chosen, progress=False)
         sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
             _compile_checker(table)

@@ -38,7 +38,7 @@ def test_cells_go_with_the_certified_method(tmp_path):
     options = ["--nodes", 9, "--steps", 1, "-o", path]
     result = run("solve", *options, "--method", "certified", "--cells", "42,42,12,12")
     assert result.exit_code == 0, result.output
-    assert sdhj.load(path).sets.shape == (42, 42, 12, 12)
+    assert sdhj.load(path).details["cells"] == [42, 42, 12, 12]
     for wrong in (["--cells", "42,42,12,12"], ["--method", "certified", "--cells", "many"]):
         refused = run("solve", *options, *wrong)
         assert refused.exit_code == 2 and "cells" in refused.output and "Traceback" not in refused.output
@@ -69,7 +69,7 @@ def test_simulate_plays_one_run_and_many(saved):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["solve", "--nodes", 3, "-o", "x.h5"], "3 nodes"),
+        (["solve", "--nodes", 3, "-o", "x.h5"], "got 3"),
         (["solve", "--method", "magic", "-o", "x.h5"], "magic"),
         (["solve", "--steps", 0, "-o", "x.h5"], "steps"),
         (["solve", "-o", "/nonexistent/folder/x.h5"], "folder"),
@@ -163,7 +163,7 @@ def test_warmup_covers_every_method(monkeypatch):
     for method in ("hji", "projected", "lax", "certified"):
         assert f"warming up {method}" in result.output
     assert len(verified) == 1 and verified[0].ok and all(claim.checked > 0 for claim in verified[0].claims)
-    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), method="certified", cells=WARM_CELLS, progress=False)
+    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), sdhj.Certified(cells=WARM_CELLS), progress=False)
     assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
 
 

@@ -38,7 +38,7 @@ def table() -> sdhj.LookupTable:
 @cache
 def certified_table() -> sdhj.LookupTable:
     problem = sdhj.arm_case_study(nodes=9, steps=3)
-    return sdhj.solve(problem, method="certified", cells=(105, 105, 36, 36), progress=False)
+    return sdhj.solve(problem, sdhj.Certified(cells=(105, 105, 36, 36)), progress=False)
 
 
 def longest_run() -> tuple[sdhj.ReachAvoidProblem, object]:

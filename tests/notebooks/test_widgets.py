@@ -194,7 +194,7 @@ def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
 
 
 def test_certified_at_the_corners(arm: LookupTable) -> None:
-    proved = sdhj.solve(arm.problem, method="certified", cells=(42, 42, 12, 12), progress=False)
+    proved = sdhj.solve(arm.problem, sdhj.Certified(cells=(42, 42, 12, 12)), progress=False)
     explorer = explore_certified(arm, proved)
     for shown in visit_corners(explorer):
         assert 0.0 <= shown["proved and not inside by interpolation"] <= shown["slice proved"] <= 1.0
