@@ -34,7 +34,7 @@ from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.recursion import memory_needed
 from sdhj.schemes import Scheme, Velocities, evolve
-from sdhj.simulation import admissible_states
+from sdhj.simulation.runs import admissible_states
 
 NODES = (15, 20, 25, 30, 35, 40)
 LEAST_NODES = 9  # with fewer the walls reach every node

@@ -16,7 +16,6 @@ import numpy as np
 from tqdm import tqdm
 
 import sdhj
-from sdhj.adversaries import ADVERSARIES
 from sdhj.certified.search import search_losing
 from sdhj.checks import whole
 from sdhj.cli import SEED, loaded, plainly
@@ -24,6 +23,7 @@ from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
 from sdhj.simulation import OUTCOMES, monte_carlo
+from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.table import Table
 
 SEARCH = "search"

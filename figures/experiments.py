@@ -7,7 +7,7 @@ import numpy as np
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import Trajectory, admissible_states
+from sdhj.simulation.runs import Trajectory, admissible_states
 from sdhj.table import Table
 
 

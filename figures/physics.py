@@ -22,7 +22,6 @@ from tqdm import tqdm
 
 import sdhj
 from sdhj import plotting
-from sdhj.adversaries import ADVERSARIES
 from sdhj.checks import whole
 from sdhj.cli import RUNS, SEED, loaded, plainly, writable_picture
 from sdhj.compiling import hidden
@@ -30,7 +29,8 @@ from sdhj.controller import Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import SUBSTEPS, Trajectory, admissible_states, named, simulate
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, named, simulate
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # draws without a screen; read when mujoco is imported

@@ -86,7 +86,7 @@ def one_interval(problem: ReachAvoidProblem, j: int, start: int = 0, within: int
     following = sdhj.solve(problem, progress=False).values(start=start + 1, within=within - 1)
     reach = next(values for i, values in games.reach(following, start) if i == j)
     grid = problem.grid
-    tubes = [grid.lift(games.avoid(part, start)[j], part.axes) for part in problem.unsafe]
+    tubes = [grid.lift(games.avoid(part, start)[j], problem.avoid_axes(part)) for part in problem.unsafe]
     return np.array(reach), np.maximum.reduce([np.broadcast_to(tube, grid.shape) for tube in tubes])
 
 

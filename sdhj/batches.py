@@ -1,4 +1,4 @@
-"""Many states at once: in chunks that threads share out, neighbouring states together."""
+"""Many states at once: in chunks that threads share out, neighbouring states together; the best input for each."""
 
 import os
 from collections.abc import Callable
@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
 
 CHUNK = 4096  # states that one thread takes at a time
@@ -36,3 +37,21 @@ def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
     places = np.ravel_multi_index(tuple(cells.T), grid.shape)
     return np.argsort((places // (grid.size // 2**16 + 1)).astype(np.uint16), kind="stable")
+
+
+@kernel(nogil=True)
+def take_best(safe, scores, margins, chosen):
+    """chosen[m] = the safe input of least score, of equals the one of least margin; kept where no input is safe.
+
+    safe, margins (M, L), scores (one for each safe pair, in their order, none of them NaN), chosen (M,).
+    """
+    place = 0
+    for m in range(safe.shape[0]):
+        least = np.inf
+        for j in range(safe.shape[1]):
+            if not safe[m, j]:
+                continue
+            score, best = scores[place], chosen[m]
+            if best < 0 or score < least or (score == least and margins[m, j] < margins[m, best]):
+                chosen[m], least = j, score
+            place += 1

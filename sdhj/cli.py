@@ -13,10 +13,10 @@ import click
 import numpy as np
 
 import sdhj
-from sdhj.adversaries import ADVERSARIES
 from sdhj.compiling import announced
 from sdhj.files import header, replaced_whole, writable_file
 from sdhj.problem import VIEW_TIMES
+from sdhj.simulation.adversaries import ADVERSARIES
 
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])

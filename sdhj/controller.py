@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdhj.batches import take_best
 from sdhj.grid import FloatArray
-from sdhj.lookup import take_best
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import NOT_ADMISSIBLE, Batch, Table
 
@@ -34,8 +34,7 @@ class Candidates:
     states : (P, ndim) array
     steps_to_go : (P,) int array
     margins : (P,) array
-        The largest level-set value the adversary can bring about: the lower, the deeper inside; > 0 where nothing is
-        promised.
+        The largest level-set value that the adversary can bring about; > 0 where nothing is promised.
     successors : (P, ndim) array
         Where the input leads in one interval without an adversary.
     """
@@ -88,10 +87,9 @@ class Controller:
     table : Table
         What `sdhj.solve` or `sdhj.load` returns, of any method.
     rule : {"deepest", "effort", "target", "clearance"} or callable (Candidates) -> (P,) scores
-        Which safe input `select` takes, that of least score, of equals the one of least margin. Named are the input of
-        least margin; the smallest in norm; the one whose successor is nearest to the target, or farthest from the
-        unsafe sets, without an adversary. "target" and "clearance" call the problem's own level-set functions, and
-        last as long as those do.
+        Which safe input `select` takes: that of least score, of equals the one of least margin. The named rules: least
+        margin; least norm; the successor, without an adversary, nearest to the target, or farthest from the unsafe
+        sets. "target" and "clearance" call the problem's own level-set functions, and last as long as those do.
 
     Raises
     ------
@@ -100,7 +98,7 @@ class Controller:
     """
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
-        if not hasattr(table, "batch"):
+        if not hasattr(table, "values_at"):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and rule not in list(RULES):
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {rule!r}")
@@ -148,10 +146,9 @@ class Controller:
         return chosen
 
     def _query(self, q: FloatArray, step: int) -> Batch:
-        state = np.asarray(q, dtype=np.float64)
-        ndim = self.problem.grid.ndim
-        if state.shape != (ndim,):
-            raise ValueError(f"a state must have shape ({ndim},), got {state.shape}; for many states use batch()")
+        state, shape = np.asarray(q, dtype=np.float64), (self.problem.grid.ndim,)
+        if state.shape != shape:
+            raise ValueError(f"a state must have shape {shape}, got {state.shape}; for many states use batch()")
         return self.table.batch(state[None], step)
 
     def _admissible(self, q: FloatArray, step: int) -> Batch:
@@ -188,15 +185,16 @@ class Controller:
         return chosen
 
     def _scores(self, candidates: Candidates) -> FloatArray:
-        told = repr(self.rule) if isinstance(self.rule, str) else getattr(self.rule, "__name__", "of your own")
-        rule = RULES[self.rule] if isinstance(self.rule, str) else self.rule
+        rule = self.rule if callable(self.rule) else RULES[self.rule]
         scores, shape = np.asarray(rule(candidates), dtype=np.float64), candidates.rows.shape
         if scores.shape != shape:
-            raise ValueError(f"rule {told} must return one score for each candidate, shape {shape}, got {scores.shape}")
+            raise ValueError(
+                f"rule {self.rule!r} must return a score for each candidate, shape {shape}, got {scores.shape}"
+            )
         if (odd := np.isnan(scores)).any():
             state, j = candidates.states[odd][0], candidates.inputs[odd][0]
             raise ValueError(
-                f"rule {told} met a NaN, for input {j} in state {state.tolist()}; look at the functions it calls, as "
-                "the level-set functions of the problem"
+                f"rule {self.rule!r} met a NaN, for input {j} in state {state.tolist()}; look at the functions it "
+                "calls, for example the level-set functions of the problem"
             )
         return scores

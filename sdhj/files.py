@@ -5,6 +5,7 @@ its table writes them. `load` finds that class by the method, and the builder of
 nothing of theirs is imported before a file asks for it.
 """
 
+import hashlib
 import importlib
 import json
 import os
@@ -19,7 +20,7 @@ import h5py
 import numpy as np
 
 import sdhj
-from sdhj.grid import Grid
+from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ FORMAT_VERSION = 2
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names")
 BLOCK = 1 << 24  # bytes by which a file grows in memory
+PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
 RECIPES = dict.fromkeys(("arm_case_study", "evader_case_study"), "sdhj.arm.case_studies:rebuild")  # by the builder
 
@@ -170,6 +172,15 @@ def _write_header(file: h5py.File, table: "Table") -> None:
     )
     file.create_group("grid").attrs.update({name: getattr(problem.grid, name) for name in LAYOUT})
     file["inputs"] = problem.inputs
+
+
+def checksum(told: Any, *arrays: FloatArray) -> str:
+    """SHA-256 of what JSON can tell and of arrays, hexadecimal."""
+    h = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    for array in arrays:
+        h.update(repr((array.dtype.str, array.shape)).encode())
+        h.update(np.ascontiguousarray(array).data)
+    return h.hexdigest()
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:

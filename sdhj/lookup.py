@@ -245,24 +245,6 @@ def decide(states, rows, step, shelf, reach, lattice, out):
     _decide(states, rows, step, Shelf(*shelf), reach, lattice, room, out)
 
 
-@kernel(nogil=True, **UNCOUNTED)
-def take_best(safe, scores, margins, chosen):
-    """chosen[m] = the safe input of least score, of equals the one of least margin; kept where no input is safe.
-
-    safe, margins (M, L), scores (one for each safe pair, in their order, none of them NaN), chosen (M,).
-    """
-    place = 0
-    for m in range(safe.shape[0]):
-        least = np.inf
-        for j in range(safe.shape[1]):
-            if not safe[m, j]:
-                continue
-            score, best = scores[place], chosen[m]
-            if best < 0 or score < least or (score == least and margins[m, j] < margins[m, best]):
-                chosen[m], least = j, score
-            place += 1
-
-
 @kernel(nogil=True)
 def tube_values(points, places, tubes, lattice, out):
     """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.

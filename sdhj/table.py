@@ -15,7 +15,6 @@ The look-ahead loses fewer runs than the marks of the nodes alone, and the marks
 obstacle from the rules that do not ask for depth. The certified method has a guarantee instead.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -28,7 +27,7 @@ import numpy as np
 
 from sdhj.batches import share_out
 from sdhj.checks import whole
-from sdhj.files import written_table
+from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Reach, Shelf, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
@@ -98,13 +97,7 @@ class Table(Protocol):
 def batched(
     problem: ReachAvoidProblem, states: FloatArray, step: int, answer: Callable[[Batch, FloatArray], None]
 ) -> Batch:
-    """The batch of states (M, ndim) at a step that `answer(batch, rows)` fills in, many of them on all cores.
-
-    Raises
-    ------
-    ValueError
-        Where a state is NaN or infinite, or shape or step do not fit.
-    """
+    """The batch of states (M, ndim) at a step, checked, that `answer(batch, rows)` fills in on all cores."""
     grid, step = problem.grid, whole("step", step, least=0, most=problem.steps)
     states = np.array(states, dtype=np.float64, order="C")  # a copy: rules look at it later
     if states.ndim != 2 or states.shape[1] != grid.ndim:
@@ -287,13 +280,13 @@ class LookupTable:
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """Interpolated level-set values at points (M, V, ndim) of the tubes (step, within[m]): (M, V).
 
-        Beyond a wall, that at the wall; `within` (M,) counts as in `values`.
+        Beyond a wall, that at the wall. `within` (M,) is clipped to what there is, 0 to N - step.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        out = np.empty(points.shape[:2])
         first, within = self.entry(step, 0), np.clip(within, 0, self.steps - step)
-        if points.shape != (len(within), out.shape[1], self.grid.ndim):
+        if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
             raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")
+        out = np.empty(points.shape[:2])
         tube_values(points, self.index[first + within], self._shelf.tubes, self.grid.arrays, out)
         return out
 
@@ -305,16 +298,10 @@ class LookupTable:
     @cached_property
     def _shelf(self) -> Shelf:
         avoid, inputs = self.avoid, len(self.problem.inputs)
-        return Shelf(
-            self.steps,
-            self.index,
-            self.tubes.reshape(len(self.tubes), -1),
-            self.masks,
-            avoid.static.reshape(inputs, -1),
-            np.array(avoid.static_axes, dtype=np.int64),
-            avoid.moving.reshape(self.steps * inputs, -1),
-            np.array(avoid.moving_axes, dtype=np.int64),
-        )
+        static, moving = avoid.static.reshape(inputs, -1), avoid.moving.reshape(self.steps * inputs, -1)
+        axes = [np.array(axes, dtype=np.int64) for axes in (avoid.static_axes, avoid.moving_axes)]
+        tubes = self.tubes.reshape(len(self.tubes), -1)
+        return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
 
     @cached_property
     def _reach(self) -> Reach | None:
@@ -335,24 +322,17 @@ class LookupTable:
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an HDF5 file that describes itself; an older file of that name is replaced only by a whole new one.
-
-        Raises
-        ------
-        OSError
-            Where the folder does not exist or cannot be written.
-        """
-        packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+        """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
         with written_table(path, self) as file:
             file["entries"] = entries(self.steps)
             file["entries"].attrs["columns"] = ["start", "within"]
             file["index"] = self.index
             file.attrs["checksum"] = self._checksum()
-            file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **packing)
-            file.create_dataset("masks", data=self.masks, chunks=(1, 1, self.grid.size), **packing)
+            file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **PACKING)
+            file.create_dataset("masks", data=self.masks, chunks=(1, 1, self.grid.size), **PACKING)
             for name in ("static", "moving"):
                 array = getattr(self.avoid, name)
-                data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
+                data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **PACKING)
                 data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
     @classmethod
@@ -369,12 +349,7 @@ class LookupTable:
 
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
-        axes = [self.avoid.static_axes, self.avoid.moving_axes]
-        told = json.dumps(
-            [self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details), axes], sort_keys=True
-        )
-        h = hashlib.sha256(told.encode())
-        for array in (self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving):
-            h.update(repr((array.dtype.str, array.shape)).encode())
-            h.update(np.ascontiguousarray(array).data)
-        return h.hexdigest()
+        problem, avoid = self.problem, self.avoid
+        told = self.method, problem.digest, dict(problem.recipe), dict(self.details)
+        axes = avoid.static_axes, avoid.moving_axes
+        return checksum([told, axes], self.index, self.tubes, self.masks, avoid.static, avoid.moving)

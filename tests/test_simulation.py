@@ -10,11 +10,11 @@ import toys
 from scipy.stats import binomtest
 
 import sdhj
-from sdhj import simulation
-from sdhj.adversaries import ADVERSARIES, Moment
 from sdhj.controller import Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
 from sdhj.table import LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")

@@ -9,14 +9,14 @@ import pytest
 import toys
 
 import sdhj
-from sdhj import simulation
 from sdhj.certified import search
-from sdhj.adversaries import ADVERSARIES
+from sdhj.certified.search import planned, search_losing
 from sdhj.certified.sets import certify
 from sdhj.certified.table import CertifiedTable
 from sdhj.controller import Controller
-from sdhj.certified.search import planned, search_losing
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
@@ -26,7 +26,7 @@ START = np.array([-2.6, 0.4])
 
 @cache
 def torus_table() -> sdhj.LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), method="lax", scheme=sdhj.Scheme(dtype="float64"), progress=False)
+    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
 
 
 @cache
@@ -138,7 +138,7 @@ def test_margins_are_those_of_the_trajectory() -> None:
         values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
         assert margins.clearance[m] == pytest.approx(min(values), abs=1e-12)  # rounding of a sum of 60 moves
         depths = [
-            -controller.tube_values(q[None, None], step, np.array([3 - step]))[0, 0]
+            -controller.table.values_at(q[None, None], step, np.array([3 - step]))[0, 0]
             for step, q in enumerate(run.samples[:-1])
         ]
         assert margins.depth[m] == pytest.approx(min(depths), abs=1e-12)

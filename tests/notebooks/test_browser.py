@@ -84,7 +84,7 @@ def chromium(width: int = 1280, height: int = 1600) -> Iterator[Any]:
     """A page of a headless Chromium, light theme; skips where there is none."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on the path: install chromium to run the browser test")
-    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'sdhj[browser]'")
+    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
     with sync.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")

@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late")
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
@@ -169,7 +169,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     controller : Controller
     q0 : (ndim,) array
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.adversaries`; yours is called at every substep.
+        See `sdhj.simulation.adversaries`; yours is called at every substep.
     seed : int
 
     Raises
