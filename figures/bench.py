@@ -25,13 +25,13 @@ import click
 import numba
 import numpy as np
 
+import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
 from sdhj.controller import RULES, Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
-from sdhj.methods import solve
 from sdhj.recursion import memory_needed
 from sdhj.schemes import Scheme, Velocities, evolve
 from sdhj.simulation.runs import admissible_states
@@ -283,7 +283,7 @@ def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str
         seconds: dict[str, list[float]] = {method: [] for method in INTERPOLATED}
         for _ in range(repeats):
             for method in INTERPOLATED:
-                seconds[method].append(_timed(solve, problem, method=method, progress=False))
+                seconds[method].append(_timed(sdhj.solve, problem, method=method, progress=False))
         for method in INTERPOLATED:
             found[method, n] = float(np.median(seconds[method])), memory_needed(problem)
     return found
@@ -294,7 +294,7 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
 
     Queries are single calls of `Controller.select` for admissible states; batches have BATCH states.
     """
-    table = solve(arm_case_study(nodes=nodes), progress=False)
+    table = sdhj.solve(arm_case_study(nodes=nodes), progress=False)
     rng = np.random.default_rng(seed)
     states = admissible_states(Controller(table), BATCH, rng)
     anywhere = rng.uniform(table.grid.lower, table.grid.upper, states.shape)

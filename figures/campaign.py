@@ -24,7 +24,7 @@ from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
 from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 SEARCH = "search"
 PLAYERS = (*ADVERSARIES, SEARCH)
@@ -60,7 +60,7 @@ class Row:
 
 
 def campaign(
-    tables: Mapping[str, LookupTable],
+    tables: Mapping[str, Table],
     adversaries: Sequence[str] = ("random", "aggressive", "worst", SEARCH),
     *,
     runs: int = 100_000,

@@ -23,7 +23,7 @@ from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
 from sdhj.files import writable_folder
 from sdhj.grid import FloatArray
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 HERE = Path(__file__).parent
 NAMES = [path.stem for kind in ("fig[0-9]*", "extra_*") for path in sorted(HERE.glob(f"{kind}.py"))]
@@ -56,7 +56,7 @@ class Context:
         self,
         *,
         nodes: int = 25,
-        tables: Mapping[str, LookupTable] | None = None,
+        tables: Mapping[str, Table] | None = None,
         seed: int = 0,
         runs: int = 200,
         say: Callable[[str], Any] | None = None,
@@ -72,7 +72,7 @@ class Context:
     def scene(self) -> ArmScene:
         return scene(self.problem)
 
-    def table(self, method: str = "hji") -> LookupTable:
+    def table(self, method: str = "hji") -> Table:
         """The case study's table by a method, solved once."""
         if method not in self._tables:
             self.say(f"solving: {method}, {self.nodes} nodes on each axis")
@@ -93,7 +93,7 @@ class Context:
         return max(tried, key=lambda run: (run.outcome == "reached", len(run.inputs)))
 
 
-def starts_of_runs(table: LookupTable, count: int, seed: int = 0, within: int = 7) -> FloatArray:
+def starts_of_runs(table: Table, count: int, seed: int = 0, within: int = 7) -> FloatArray:
     """States (up to count, ndim) with `within` steps to go at step 0, or the most there are.
 
     Of many such states well inside their tube, those whose agent is nearest to the target.
@@ -117,7 +117,7 @@ def starts_of_runs(table: LookupTable, count: int, seed: int = 0, within: int = 
     raise ValueError(f"none of {CANDIDATES} states is admissible; use more nodes or an easier problem")
 
 
-def _agent_to_target(table: LookupTable, states: FloatArray) -> FloatArray:
+def _agent_to_target(table: Table, states: FloatArray) -> FloatArray:
     """How far the agent is from the middle of the known target's way, (M,); zeros where the target is the agent."""
     problem = table.problem
     target = scene(problem).target

@@ -8,16 +8,16 @@ from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation.runs import Trajectory, admissible_states
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
-def share_won(table: LookupTable) -> float:
+def share_won(table: Table) -> float:
     """Share of the grid's volume from which the robot, not in the target yet, is guaranteed to reach it."""
     inside = table.values(start=0, within=table.steps) <= 0
     return table.grid.fraction(inside & ~(table.values(start=0, within=0) <= 0))
 
 
-def starts_outside(table: LookupTable, count: int, seed: int) -> FloatArray:
+def starts_outside(table: Table, count: int, seed: int) -> FloatArray:
     """States (count, ndim) drawn uniformly from the tube of step 0, truly outside the target and what is unsafe.
 
     Raises

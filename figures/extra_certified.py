@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 STUDY = True
 CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))
@@ -29,12 +29,12 @@ class CellSweep:
         Cells of the whole state space.
     fractions : tuple of float
         Certified share of the grid, from step 0 within all steps.
-    finest : LookupTable
+    finest : Table
     """
 
     numbers: tuple[int, ...]
     fractions: tuple[float, ...]
-    finest: LookupTable
+    finest: Table
 
 
 def sweep_cells(problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say: Callable[[str], Any]) -> CellSweep:
@@ -43,7 +43,7 @@ def sweep_cells(problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say:
     for each in cells:
         say(f"certifying with {' x '.join(map(str, each))} cells")
         finest = sdhj.solve(problem, sdhj.Certified(cells=each))
-        numbers.append(int(np.prod(finest.sets.shape, dtype=np.int64)))
+        numbers.append(int(np.prod(finest.details["cells"], dtype=np.int64)))
         fractions.append(finest.fraction(start=0, within=problem.steps))
     return CellSweep(tuple(numbers), tuple(fractions), finest)
 

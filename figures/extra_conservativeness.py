@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from sdhj import plotting
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting.looks import grey
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 REFINE = 4  # nodes of a slice for each cell of the grid, which is how accurate distances are
 Slice = Mapping[str, float]  # from names of axes to the coordinates that they are held at
@@ -57,7 +57,7 @@ class Row:
         return self.inner / self.reference if self.reference > 0 else float("nan")
 
 
-def compare(reference: LookupTable, inner: LookupTable, slices: Sequence[Slice]) -> list[Row]:
+def compare(reference: Table, inner: Table, slices: Sequence[Slice]) -> list[Row]:
     """Compare every tube of two tables of one problem, in the order of the look-up table.
 
     Raises

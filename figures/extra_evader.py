@@ -14,7 +14,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.projections import ProjectionWarning
 from sdhj.simulation import OUTCOMES, Report
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 STUDY = True
 EVADER_AT = (0.0, 0.0, 0.12, 0.12)
@@ -26,7 +26,7 @@ class EvaderOutcome:
 
     Attributes
     ----------
-    full : LookupTable
+    full : Table
     won, projected_won : float
         Share of the grid from which it is caught, without the target itself: in full, and by projections, nothing.
     warnings : tuple of str
@@ -34,7 +34,7 @@ class EvaderOutcome:
     reports : mapping of adversary to Report
     """
 
-    full: LookupTable
+    full: Table
     won: float
     projected_won: float
     warnings: tuple[str, ...]

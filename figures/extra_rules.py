@@ -13,7 +13,7 @@ from sdhj import plotting
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.simulation import simulate
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 STUDY = True
 RULES = ("deepest", "effort", "target", "clearance")
@@ -44,7 +44,7 @@ class RuleOutcome:
     time: float
 
 
-def compare_rules(table: LookupTable, runs: int, *, adversary: str = "random", seed: int = 0) -> list[RuleOutcome]:
+def compare_rules(table: Table, runs: int, *, adversary: str = "random", seed: int = 0) -> list[RuleOutcome]:
     """Run every rule from the same starts, drawn from the tube outside the target, against one kind of adversary."""
     problem = table.problem
     starts = starts_outside(table, runs, seed)

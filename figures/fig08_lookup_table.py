@@ -12,7 +12,7 @@ from sdhj import plotting
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.plotting.runs import samples
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 CELL = 49  # points along each side of a slice
 LEFT, TOP, SIZE, GAP = 0.105, 0.915, 0.087, 0.0095  # of the cells, in shares of the page
@@ -32,7 +32,7 @@ def draw(context: Context) -> Figure:
     return figure
 
 
-def draw_lookup(figure: Figure, table: LookupTable, run: plotting.Run) -> None:
+def draw_lookup(figure: Figure, table: Table, run: plotting.Run) -> None:
     """The look-up table as small C-space slices and a run's way through it, for a figure of 7 by 7 inches.
 
     Row k is the step, column n the steps to go. Each row is sliced at where the agent was then in the run, so the dot,
@@ -57,7 +57,7 @@ def draw_lookup(figure: Figure, table: LookupTable, run: plotting.Run) -> None:
     draw_margins(figure, table.steps)
 
 
-def draw_cell(ax: Axes, table: LookupTable, state: FloatArray, k: int, n: int) -> None:
+def draw_cell(ax: Axes, table: Table, state: FloatArray, k: int, n: int) -> None:
     """The set of row k and column n on the slice through a state, with what is unsafe then; a star where it ends."""
     problem = table.problem
     where = plotting.plane(problem.grid, state, resolution=CELL)
@@ -78,7 +78,7 @@ def draw_cell(ax: Axes, table: LookupTable, state: FloatArray, k: int, n: int) -
         spine.set(visible=True, linewidth=0.5, color="#9a9a9a")
 
 
-def draw_joints(ax: Axes, table: LookupTable, state: FloatArray, chosen: bool) -> None:
+def draw_joints(ax: Axes, table: Table, state: FloatArray, chosen: bool) -> None:
     """The joint angles as a dot, larger in the chosen cell, which is framed."""
     joints = np.where(table.grid.periodic, np.mod(state + np.pi, 2 * np.pi) - np.pi, state)[:2]
     looks = {"color": OUTCOME_INK, "markeredgecolor": "white", "markeredgewidth": 0.6, "zorder": 5}

@@ -4,7 +4,7 @@ from common import PURSUER_AT, Context, command_of, set_legend
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 PURSUER_ALSO = (0.0, 0.0, -0.15, 0.21)
 
@@ -13,7 +13,7 @@ def draw(context: Context) -> Figure:
     return draw_two_slices(context.table("hji"))
 
 
-def draw_two_slices(table: LookupTable) -> Figure:
+def draw_two_slices(table: Table) -> Figure:
     """The tubes for two places of the pursuer; Fig. 11 shows another table's."""
     figure = plotting.new_figure(7.0, 4.15)
     parts = figure.subplot_mosaic([["left", "right"], ["bar", "bar"]], height_ratios=(1.0, 0.045))

@@ -6,7 +6,7 @@ from common import Context, command_of
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 PURSUERS = ((0.24, 0.24), (-0.15, 0.21), (-0.27, -0.09), (0.12, -0.21), (0.30, 0.03), (0.03, 0.33))
 
@@ -24,7 +24,7 @@ def draw(context: Context) -> Figure:
     return figure
 
 
-def kept_share(full: LookupTable, inner: LookupTable, through: Sequence[float]) -> float:
+def kept_share(full: Table, inner: Table, through: Sequence[float]) -> float:
     """Share of a slice of the full tube that the inner tube keeps; NaN where the full one is empty there."""
     where = plotting.plane(full.grid, through)
     inside = [where.of(table.grid, table.values(start=0, within=full.steps)) <= 0 for table in (full, inner)]

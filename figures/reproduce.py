@@ -15,7 +15,7 @@ from common import Context, write_all
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
 from sdhj.files import replaced_whole, writable_folder
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 ADVERSARIES = ("random", "aggressive", "worst")
 
@@ -32,7 +32,7 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     writable_folder(out)
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
-    tables: dict[str, LookupTable] = {}
+    tables: dict[str, Table] = {}
     compile_kernels(INTERPOLATED, click.echo)
     for method in (*INTERPOLATED, *(["certified"] if certified else [])):
         click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
@@ -48,7 +48,7 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     click.echo(f"{out}: done in {time.perf_counter() - began:.0f} s")
 
 
-def summary(table: LookupTable, runs: int, seed: int) -> dict[str, str]:
+def summary(table: Table, runs: int, seed: int) -> dict[str, str]:
     """One row of the results table: volume, cost, and failures in the closed loop by adversary."""
     row = {
         "method": table.method,

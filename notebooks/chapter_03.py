@@ -19,7 +19,7 @@ from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
 from sdhj.plotting.looks import TARGET_LOOKS
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def away(moving: Disk) -> Callable[[FloatArray, float], FloatArray]:
@@ -72,7 +72,7 @@ def point_robot(
     )
 
 
-def holding(total: float = 0.8, counts: Sequence[int] = (1, 2, 4, 8), **numbers: float) -> dict[int, LookupTable]:
+def holding(total: float = 0.8, counts: Sequence[int] = (1, 2, 4, 8), **numbers: float) -> dict[int, Table]:
     """The point robot's tables for one horizon cut into N = 1, 2, 4, ... intervals: the price of holding an input."""
     return {n: sdhj.solve(point_robot(steps=n, delta=total / n, **numbers), progress=False) for n in counts}
 
@@ -91,7 +91,7 @@ def one_interval(problem: ReachAvoidProblem, j: int, start: int = 0, within: int
 
 
 def draw_plane_game(
-    ax: Axes, table: LookupTable, *, start: int = 0, within: int | None = None, through: Sequence[float] | None = None
+    ax: Axes, table: Table, *, start: int = 0, within: int | None = None, through: Sequence[float] | None = None
 ) -> None:
     """Tubes of a robot with two axes of position, its target and its obstacle where they are at step `start`."""
     state = np.zeros(table.grid.ndim) if through is None else np.asarray(through, dtype=np.float64)
@@ -105,7 +105,7 @@ def draw_plane_game(
     ax.set_aspect("equal")
 
 
-def draw_plane_games(figure: Figure, tables: Mapping[str, LookupTable]) -> None:
+def draw_plane_games(figure: Figure, tables: Mapping[str, Table]) -> None:
     """Tubes of several games in the plane, side by side, from step 0."""
     axes = np.atleast_1d(figure.subplots(1, len(tables), sharey=True))
     for ax, (title, table) in zip(axes, tables.items(), strict=True):

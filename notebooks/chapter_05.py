@@ -14,10 +14,10 @@ import sdhj
 from sdhj.arm.workspace import Disk, Line
 from sdhj.plotting import plane, step_colours
 from sdhj.plotting.looks import OUTCOME_INK
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
-def draw_row(ax: Axes, table: LookupTable, *, start: int, point: Sequence[float]) -> Numbers:
+def draw_row(ax: Axes, table: Table, *, start: int, point: Sequence[float]) -> Numbers:
     """A row of the look-up table: the tubes from step `start`, the leftmost one that holds `point` framed."""
     most, gap, grid = table.steps - start, 0.15, table.grid
     colours = np.array([(1.0, 1.0, 1.0, 0.0), (0.965, 0.741, 0.659, 1.0)])
@@ -43,7 +43,7 @@ def draw_row(ax: Axes, table: LookupTable, *, start: int, point: Sequence[float]
     return {"fewest steps to go": first, "tubes that hold the point": 0 if np.isnan(first) else most + 1 - int(first)}
 
 
-def explore_row(table: LookupTable) -> Explorer:
+def explore_row(table: Table) -> Explorer:
     """A row of the look-up table: every tube from one step, and the leftmost one that holds a point you place."""
 
     def draw(figure: Figure, start: int, x: float, y: float) -> Numbers:

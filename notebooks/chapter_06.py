@@ -22,11 +22,11 @@ import sdhj
 from sdhj.arm.case_studies import OBSTACLES, scene
 from sdhj.arm.workspace import Disk, Still
 from sdhj.plotting import draw_arm, draw_isosurface, draw_workspace
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def draw_tube_and_arm(
-    figure: Figure, table: LookupTable, *, state: Sequence[float], start: int = 0, within: int | None = None
+    figure: Figure, table: Table, *, state: Sequence[float], start: int = 0, within: int | None = None
 ) -> Numbers:
     """A slice of the four-dimensional tube through a state, beside the arm in that state."""
     within = table.steps - start if within is None else min(within, table.steps - start)
@@ -49,7 +49,7 @@ def draw_tube_and_arm(
 
 
 def draw_pursuer_plane(
-    ax: Axes, table: LookupTable, *, state: Sequence[float], start: int = 0, within: int | None = None
+    ax: Axes, table: Table, *, state: Sequence[float], start: int = 0, within: int | None = None
 ) -> Numbers:
     """The other slice: joint angles fixed, where may the pursuer be? Tubes in (px, py) with the arm drawn into them."""
     within = table.steps - start if within is None else min(within, table.steps - start)
@@ -61,7 +61,7 @@ def draw_pursuer_plane(
     return {"share of the pursuer's places": float((fewest <= within).mean())}
 
 
-def draw_surface(figure: Figure, table: LookupTable, *, through: Sequence[float]) -> None:
+def draw_surface(figure: Figure, table: Table, *, through: Sequence[float]) -> None:
     """The boundary of the whole tube from step 0 over the first three axes."""
     ax, grid = figure.add_subplot(projection="3d"), table.grid
     draw_isosurface(ax, table, through=through)
@@ -73,7 +73,7 @@ def draw_surface(figure: Figure, table: LookupTable, *, through: Sequence[float]
     ax.set_box_aspect(None, zoom=0.92)
 
 
-def explore_tube(table: LookupTable) -> Explorer:
+def explore_tube(table: Table) -> Explorer:
     """Slice the four-dimensional tube wherever you like."""
 
     def draw(figure: Figure, px: float, py: float, start: int, within: int, q1: float, q2: float) -> Numbers:
@@ -88,7 +88,7 @@ def explore_tube(table: LookupTable) -> Explorer:
     return Explorer(draw, controls, alt="A slice of the tube beside the arm")
 
 
-def explore_pursuer(table: LookupTable) -> Explorer:
+def explore_pursuer(table: Table) -> Explorer:
     """The other slice: for one posture of the arm, where may the pursuer be?"""
 
     def draw(figure: Figure, q1: float, q2: float, start: int, within: int) -> Numbers:
@@ -106,7 +106,7 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
     """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
     @lru_cache(maxsize=16)
-    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool) -> LookupTable:
+    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool) -> Table:
         obstacles = (Disk(Still((x, y)), 0.06), *OBSTACLES[1:])
         problem = sdhj.arm_case_study(
             nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles

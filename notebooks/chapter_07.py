@@ -10,13 +10,13 @@ from widgets import Explorer, Numbers, agent_sliders, step_sliders
 
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def draw_gap(
     figure: Figure,
-    full: LookupTable,
-    inner: LookupTable,
+    full: Table,
+    inner: Table,
     *,
     state: Sequence[float],
     start: int = 0,
@@ -48,7 +48,7 @@ def draw_gap(
     }
 
 
-def explore_gap(full: LookupTable, inner: LookupTable) -> Explorer:
+def explore_gap(full: Table, inner: Table) -> Explorer:
     """A tube by two methods over each other."""
 
     def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:

@@ -12,11 +12,11 @@ from widgets import Explorer, Numbers, choice, slider
 import sdhj
 from sdhj.plotting import draw_moment
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def explore_run(
-    table: LookupTable,
+    table: Table,
     states: Sequence[Sequence[float]],
     *,
     adversaries: Sequence[str] = ("none", "random", "aggressive", "worst"),

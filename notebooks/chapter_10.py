@@ -13,7 +13,7 @@ from widgets import Explorer, Numbers, agent_sliders, step_sliders
 from sdhj.grid import FloatArray
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def draw_failures(ax: Axes, depth: FloatArray, failed: FloatArray, *, bins: int = 8) -> None:
@@ -27,7 +27,7 @@ def draw_failures(ax: Axes, depth: FloatArray, failed: FloatArray, *, bins: int 
 
 def draw_certified(
     figure: Figure,
-    table: LookupTable,
+    table: Table,
     certified: Any,
     *,
     state: Sequence[float],
@@ -54,7 +54,7 @@ def draw_certified(
     }
 
 
-def explore_certified(table: LookupTable, certified: Any) -> Explorer:
+def explore_certified(table: Table, certified: Any) -> Explorer:
     """What of an interpolated table is certified, slice by slice."""
 
     def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:

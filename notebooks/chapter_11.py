@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, agent_sliders, slider
 
 import sdhj
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
     """The evading target of Sec. 6.1, solved at each change of its speed and size."""
 
     @lru_cache(maxsize=16)
-    def solved(v_e: float, v_d: float, radius: float, progress: bool) -> LookupTable:
+    def solved(v_e: float, v_d: float, radius: float, progress: bool) -> Table:
         return sdhj.solve(
             sdhj.evader_case_study(nodes, v_e_max=v_e, v_d_max=v_d, evader_radius=radius),
             method=method,

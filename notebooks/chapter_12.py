@@ -14,7 +14,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_path, plane
 from sdhj.plotting.looks import INK
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 
 def car(
@@ -66,7 +66,7 @@ def car(
     )
 
 
-def draw_car(ax: Axes, table: LookupTable, *, heading: float, within: int | None = None) -> Numbers:
+def draw_car(ax: Axes, table: Table, *, heading: float, within: int | None = None) -> Numbers:
     """The car's tubes for one heading, with the heading as an arrow; north is up."""
     within = table.steps if within is None else within
     state = (0.0, 0.0, heading)
@@ -79,13 +79,13 @@ def draw_car(ax: Axes, table: LookupTable, *, heading: float, within: int | None
     return {"share of places for this heading": float(inside.mean())}
 
 
-def draw_plane_run(ax: Axes, table: LookupTable, run: Any) -> None:
+def draw_plane_run(ax: Axes, table: Table, run: Any) -> None:
     """A run in the plane over the tubes it starts in."""
     draw_plane_game(ax, table, through=run.states[0])
     draw_path(ax, table.grid, run.states, marks=run.samples)
 
 
-def explore_car(table: LookupTable) -> Explorer:
+def explore_car(table: Table) -> Explorer:
     """The car's tubes, heading by heading."""
 
     def draw(figure: Figure, heading: float, within: int) -> Numbers:

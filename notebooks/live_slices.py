@@ -12,7 +12,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
 from sdhj.plotting.looks import OUTCOME_INK, look
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 Extent = tuple[float, float, float, float]
 POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
@@ -50,7 +50,7 @@ def _weights(grid: Grid, axis: int, coordinates: FloatArray) -> FloatArray:
     return weights
 
 
-def fewest_steps(table: LookupTable, state: Sequence[float], start: int, within: int) -> float:
+def fewest_steps(table: Table, state: Sequence[float], start: int, within: int) -> float:
     """The fewest steps to go of a state, NaN where no tube up to `within` holds it."""
     at = (np.array([state[0]]), np.array([state[1]]))
     for n in range(within + 1):
@@ -79,7 +79,7 @@ def draw_arm_live(ax: Axes, problem: ReachAvoidProblem, state: Sequence[float], 
 
 
 def steps_image(
-    table: LookupTable,
+    table: Table,
     *,
     through: Sequence[float],
     start: int,
@@ -96,7 +96,7 @@ def steps_image(
     return fewest
 
 
-def draw_steps(ax: Axes, table: LookupTable, fewest: FloatArray, *, within: int, axes: Sequence[int] = (0, 1)) -> None:
+def draw_steps(ax: Axes, table: Table, fewest: FloatArray, *, within: int, axes: Sequence[int] = (0, 1)) -> None:
     """An image of `steps_image` in the colours of the tubes."""
     colours = np.array([*step_colours(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
     grid, (first, second) = table.grid, axes

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from sdhj.arm.case_studies import scene
 from sdhj.plotting.looks import UNDATED, new_figure, style
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
@@ -217,7 +217,7 @@ def angle(label: str, value: float) -> Any:
     return slider(label, -3.14, 3.14, 0.02, value)
 
 
-def step_sliders(table: LookupTable) -> dict[str, Any]:
+def step_sliders(table: Table) -> dict[str, Any]:
     return {
         "start": slider("start, step k", 0, table.steps, 1, 0),
         "within": slider("within, steps to go n", 0, table.steps, 1, table.steps),

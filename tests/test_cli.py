@@ -38,7 +38,7 @@ def test_cells_go_with_the_certified_method(tmp_path):
     options = ["--nodes", 9, "--steps", 1, "-o", path]
     result = run("solve", *options, "--method", "certified", "--cells", "42,42,12,12")
     assert result.exit_code == 0, result.output
-    assert sdhj.load(path).sets.shape == (42, 42, 12, 12)
+    assert sdhj.load(path).details["cells"] == [42, 42, 12, 12]
     for wrong in (["--cells", "42,42,12,12"], ["--method", "certified", "--cells", "many"]):
         refused = run("solve", *options, *wrong)
         assert refused.exit_code == 2 and "cells" in refused.output and "Traceback" not in refused.output
@@ -69,7 +69,7 @@ def test_simulate_plays_one_run_and_many(saved):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["solve", "--nodes", 3, "-o", "x.h5"], "3 nodes"),
+        (["solve", "--nodes", 3, "-o", "x.h5"], "got 3"),
         (["solve", "--method", "magic", "-o", "x.h5"], "magic"),
         (["solve", "--steps", 0, "-o", "x.h5"], "steps"),
         (["solve", "-o", "/nonexistent/folder/x.h5"], "folder"),

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from sdhj.grid import FloatArray
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 LABELS = ("certified", "not certified", "outside")
 
 
-def same_game(table: LookupTable, certified: LookupTable) -> None:
+def same_game(table: Table, certified: Table) -> None:
     """Refuse to compare tables of different games; the nodes and the view-time of the solver may differ.
 
     Raises
@@ -30,9 +30,7 @@ def same_game(table: LookupTable, certified: LookupTable) -> None:
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
 
 
-def labels(
-    table: LookupTable, certified: LookupTable, states: FloatArray, *, start: int = 0, within: int
-) -> FloatArray:
+def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0, within: int) -> FloatArray:
     """For each row of `states` (M, ndim) its place in LABELS: (M,) int.
 
     "certified" has a proof, whatever the interpolated table says; "not certified" is in the table's tube without one;
@@ -45,7 +43,7 @@ def labels(
 
 
 def shares(
-    table: LookupTable, certified: LookupTable, *, start: int = 0, within: int, draws: int = 200_000, seed: int = 0
+    table: Table, certified: Table, *, start: int = 0, within: int, draws: int = 200_000, seed: int = 0
 ) -> Mapping[str, float]:
     """Share of the state space under each label, from states drawn uniformly; draws = 200,000 gives it within 0.3%."""
     rng, grid = np.random.default_rng(seed), table.grid

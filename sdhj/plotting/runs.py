@@ -16,7 +16,7 @@ from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK, PURSUER_LOOKS, new_figu
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import draw_constraints, draw_path, draw_set, plane
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 LIVE = 97  # points along each side of a slice of which an animation shows many
 WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
@@ -63,7 +63,7 @@ def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Run) -> None:
     ax.plot(*run.states[:, 2:4].T, color=PURSUER_LOOKS["edgecolor"], linestyle=":", linewidth=1.0, zorder=4)
 
 
-def draw_run(ax: Axes, table: LookupTable, run: Run, *, axes: Sequence[int] = (0, 1)) -> None:
+def draw_run(ax: Axes, table: Table, run: Run, *, axes: Sequence[int] = (0, 1)) -> None:
     """A run on a slice over the tube it starts in, with target and unsafe sets as they are at its end (Fig. 12b)."""
     problem, at = table.problem, samples(run, table.problem)
     where = plane(problem.grid, run.states[0], axes)
@@ -94,7 +94,7 @@ def draw_frames(axes: Sequence[Axes], problem: ReachAvoidProblem, run: Run) -> N
             spine.set_visible(True)
 
 
-def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> None:
+def draw_moment(figure: Figure, table: Table, run: Run, *, index: int) -> None:
     """One moment of a run: workspace on the left, C-space with the tube in force on the right. Clears the figure."""
     figure.clear()
     problem = table.problem
@@ -115,9 +115,7 @@ def draw_moment(figure: Figure, table: LookupTable, run: Run, *, index: int) -> 
     right.set_title(f"{n} step{'' if n == 1 else 's'} to go" if index < len(run.times) - 1 else run.outcome)
 
 
-def save_animation(
-    table: LookupTable, run: Run, path: Path, *, frames: int = 41, rate: int = 12, dpi: int = 90
-) -> Path:
+def save_animation(table: Table, run: Run, path: Path, *, frames: int = 41, rate: int = 12, dpi: int = 90) -> Path:
     """Write a run as an animated GIF: slower than life, and still for a moment at its end."""
     shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
 

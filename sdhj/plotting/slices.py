@@ -26,7 +26,7 @@ from sdhj.plotting.looks import (
     step_colours,
 )
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 RESOLUTION = 121  # points along each side of a slice: finer than any grid of the case study, 10 ms to evaluate
 AXIS_LABELS = {
@@ -58,7 +58,7 @@ class Plane:
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Grid values interpolated onto the slice, (Y, X): `LookupTable.contains` answers with their sign."""
+        """Grid values interpolated onto the slice, (Y, X): `Table.contains` answers with their sign."""
         return self.shaped(grid.interpolate(values, self.points))
 
 
@@ -166,7 +166,7 @@ def draw_constraints(
 
 def draw_tubes(
     ax: Axes,
-    table: LookupTable,
+    table: Table,
     *,
     through: State,
     start: int = 0,
@@ -211,8 +211,8 @@ def draw_steps_bar(ax: Axes, steps: int, label: str = "steps to go, $n$", *, hor
 
 def draw_comparison(
     ax: Axes,
-    full: LookupTable,
-    inner: LookupTable,
+    full: Table,
+    inner: Table,
     *,
     through: State,
     start: int = 0,
@@ -285,8 +285,8 @@ def comparison_legend() -> list[Patch]:
 
 def draw_labels(
     ax: Axes,
-    table: LookupTable,
-    certified: LookupTable,
+    table: Table,
+    certified: Table,
     *,
     through: State,
     start: int = 0,

@@ -35,7 +35,7 @@ def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypat
     [
         (["--out", "/proc/nothing"], "folder"),
         (["--nodes", "many"], "many"),
-        (["--nodes", 3], "at least 5"),
+        (["--nodes", 3], "from 5 to"),
         (["--seed", -1], "-1"),
         (["--runs", 0], "runs"),
     ],
