@@ -153,7 +153,9 @@ def layout_of(grid: Grid, order: int) -> Layout:
         near[:, axis, side, o] = plane * (rows + 2 * top) * width + within
     source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
-    return Layout(near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1])
+    return Layout(
+        near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+    )
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
@@ -196,7 +198,9 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
 Given, Arranged = TypeVar("Given"), TypeVar("Arranged")
 
 
-def _over_time(given: Given | Callable[[float], Given], arrange: Callable[[Given], Arranged]) -> Callable[[float], Arranged]:
+def _over_time(
+    given: Given | Callable[[float], Given], arrange: Callable[[Given], Arranged]
+) -> Callable[[float], Arranged]:
     """What is given, or given as a function of tau, arranged: a function of tau that remembers the last."""
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
