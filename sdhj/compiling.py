@@ -36,6 +36,10 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
+def _forced(options: Mapping[str, Any]) -> Any:
+    return {"forceinline": True, **options}
+
+
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function into each compiled one that calls it, anew for all types of arguments; options as for `kernel`.
 
@@ -44,7 +48,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        overload(function, strict=False, jit_options={"forceinline": True, **options})(lambda *types: function)
+        overload(function, strict=False, jit_options=_forced(options))(lambda *types: function)
         return function
 
     return compiled
@@ -64,7 +68,7 @@ def chosen(table: Mapping[Any, Callable[..., Any]], **options: Any) -> Callable[
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
-    overload(call, strict=False, jit_options={"forceinline": True, **options})(compiled)
+    overload(call, strict=False, jit_options=_forced(options))(compiled)
     return call
 
 

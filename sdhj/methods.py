@@ -152,9 +152,9 @@ def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress:
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     method, started = method_of(method), time.perf_counter()
     steps = problem.steps
-    total = steps if problem.timeless else steps * (steps + 1) // 2
     with announced(progress):
         sets = method.sets(problem, progress)
+        total = steps if sets.timeless else steps * (steps + 1) // 2
         with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-            recursion(sets, steps, timeless=problem.timeless, done=bar.update)
+            recursion(sets, steps, bar.update)
     return sets.finish({"seconds": time.perf_counter() - started})

@@ -195,7 +195,8 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
     return fields[0].ravel(), (1.0 / spacing).astype(dtype), *fields[1:]
 
 
-Given, Arranged = TypeVar("Given"), TypeVar("Arranged")
+Given = TypeVar("Given")
+Arranged = TypeVar("Arranged")
 
 
 def _over_time(
