@@ -25,8 +25,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
 
 INTERPOLATIONS = ("linear", "limited")
@@ -50,14 +51,14 @@ class Intervals(NamedTuple):
     point: bool
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _limited(a, b):
     """The lesser of two second differences; nothing where their signs differ."""
     lesser = a if abs(a) < abs(b) else b
     return lesser if a * b > 0 else a * 0
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _between_nodes(out, m, a, b, p, weight, bend):
     """out = the value between a and b; m and p are the nodes next to them."""
     if bend == 0:
@@ -69,20 +70,20 @@ def _between_nodes(out, m, a, b, p, weight, bend):
             out[i] = a[i] + weight * rise + bend * _limited(rise - (a[i] - m[i]), (p[i] - b[i]) - rise)
 
 
-@njit(cache=True, fastmath=MATH)
+@kernel(fastmath=MATH)
 def _raise_to(out, values):
     for i in range(out.size):
         out[i] = out[i] if out[i] > values[i] else values[i]
 
 
-@njit(cache=True)
+@kernel()
 def _end(out, values, taps, weight, start, stop):
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     _between_nodes(out, m, a, b, p, weight[0], weight[1])
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def maximum_of_intervals(values, taps, weight, between, point, out):
     """out[a, i] = max of values[a] over the interval of node i; values, out (A, n, B), the rest as in `Intervals`."""
     before, n, after = values.shape

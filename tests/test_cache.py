@@ -1,8 +1,9 @@
 """Numba's disk cache must never run old code.
 
 A cached kernel is thrown away when its own source file changes, and only then: an edit to a helper or a constant in
-another file goes unseen, and the kernel goes on with the old one compiled in. So a compiled function may use nothing
-that comes from another file of the package. (Arguments are no concern: they are not compiled in.)
+another file goes unseen, and the kernel goes on with the old one compiled in. `sdhj.compiling.kernel` watches the whole
+package; a function compiled by Numba's own decorators may use nothing that comes from another file of the package.
+(Arguments are no concern: they are not compiled in.)
 """
 
 import ast
@@ -12,9 +13,11 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from sdhj import compiling
 from sdhj.compiling import LINE
 
 PACKAGE = Path(__file__).parent.parent / "sdhj"
@@ -110,7 +113,10 @@ def faults(source: str, file: str = "file.py") -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "compiling.py")  # which makes the decorator
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_compiled_functions_use_only_their_own_file(path: Path) -> None:
     assert faults(path.read_text(encoding="utf-8"), path.name) == []
 
@@ -199,6 +205,60 @@ def test_an_edited_helper_is_seen_only_in_its_own_file(tmp_path: Path) -> None:
     for name in ("helper.py", "together.py"):
         edit(tmp_path / name, "x + 1", "x + 10")
     assert run(code, tmp_path).split() == ["2", "11"]
+
+
+PACKAGE_OF_TWO = {
+    "__init__.py": "",
+    "helper.py": "from small.compiling import kernel\nSTEP = 1\n\n@kernel()\ndef helper(x):\n    return x + 1\n",
+    "apart.py": "from small.compiling import kernel\nfrom small.helper import STEP, helper\n\n"
+    "@kernel(nogil=True)\ndef twice(x):\n    return helper(helper(x)) * STEP\n",
+}
+
+
+@pytest.mark.slow
+def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
+    """A helper or a constant of another file; what has not changed is read from the disk in the next process."""
+    package = tmp_path / "small"
+    package.mkdir()
+    shutil.copy(PACKAGE / "compiling.py", package)
+    for name, text in PACKAGE_OF_TWO.items():
+        (package / name).write_text(text, encoding="utf-8")
+    code = "from small.apart import twice; print(twice(1), len(twice.stats.cache_hits), len(twice.stats.cache_misses))"
+    compiled, read = ["0", "1"], ["1", "0"]
+    assert run(code, tmp_path).split() == ["3", *compiled]
+    assert run(code, tmp_path).split() == ["3", *read]
+    edit(package / "helper.py", "x + 1", "x + 10")
+    assert run(code, tmp_path).split() == ["21", *compiled]
+    assert run(code, tmp_path).split() == ["21", *read]
+    edit(package / "helper.py", "STEP = 1", "STEP = 3")
+    assert run(code, tmp_path).split() == ["63", *compiled]
+    assert run(code, tmp_path).split() == ["63", *read]
+
+
+@pytest.mark.slow
+def test_functions_outside_the_package_see_their_own_file_change(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text(TWO_FILES["helper.py"].replace("numba import njit", "sdhj.compiling import kernel"))
+    edit(mine, "@njit(cache=True)", "@kernel()")
+    code = "from mine import helper; print(helper(1), len(helper.stats.cache_hits))"
+    assert run(code, tmp_path).split() == ["2", "0"]
+    assert run(code, tmp_path).split() == ["2", "1"]
+    edit(mine, "x + 1", "x + 10")
+    assert run(code, tmp_path).split() == ["11", "0"]
+
+
+@pytest.mark.parametrize("inside", [SimpleNamespace(), SimpleNamespace(_cache=None), SimpleNamespace(_cache=print)])
+def test_kernel_does_without_what_numba_may_change(monkeypatch: pytest.MonkeyPatch, inside: SimpleNamespace) -> None:
+    """The stamp is a private part of Numba's: in a version without it, and uncompiled, a kernel is a kernel still."""
+    asked: list[dict[str, object]] = []
+
+    def njit(**options: object) -> object:
+        asked.append(options)
+        return lambda function: inside
+
+    monkeypatch.setattr(compiling, "njit", njit)
+    assert compiling.kernel(parallel=True)(len) is inside
+    assert asked == [{"cache": True, "parallel": True}]
 
 
 @pytest.mark.slow

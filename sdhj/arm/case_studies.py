@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import number, whole
-from sdhj.grid import FloatArray, Grid
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
+from sdhj.checks import number, whole
+from sdhj.dynamics import Dynamics
+from sdhj.grid import FloatArray, Grid
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from sdhj.checks import number, pair
+from sdhj.compiling import kernel
 
 FloatArray = NDArray[Any]
 
@@ -80,7 +80,7 @@ def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, 
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
     """Positions (M, 2) of the joints of arms whose links point to (cos, sin), each (M,); both are overwritten."""
     for m in range(cos_1.size):
@@ -88,14 +88,14 @@ def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
         tip[m, 0], tip[m, 1] = elbow[m, 0] + lengths[1] * cos_2[m], elbow[m, 1] + lengths[1] * sin_2[m]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _skeleton_distance(elbow, tip, points, out):
     """`skeleton_distance` into out (M,), overwritten."""
     for m in range(out.size):
         out[m] = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], points[m, 0], points[m, 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _skeleton_clearance(elbow, tip, centres, radii, out):
     """`skeleton_clearance` into out (M,), overwritten."""
     for m in range(out.size):
@@ -106,7 +106,7 @@ def _skeleton_clearance(elbow, tip, centres, radii, out):
                 out[m] = distance - radii[d]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
     """Distance from one point to the links of one arm."""
     least = np.inf
@@ -353,8 +353,12 @@ class Arm:
 
         A closed polygon (V, 2) inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
         """
-        from shapely import LineString  # only drawing needs it
-
+        try:
+            from shapely import LineString  # only drawing needs it
+        except ImportError as error:
+            raise ImportError(
+                "the outline of an arm needs Shapely, which is not installed: pip install 'sdhj[plot]'"
+            ) from error
         elbow, tip = self.joints(np.asarray(q, dtype=np.float64).reshape(2))
         skeleton = np.stack([np.zeros(2), elbow, tip, elbow, np.zeros(2)])
         if self.half_width == 0.0:

@@ -77,13 +77,13 @@ class LipschitzBounds:
             )
         dynamics, time = self.dynamics, self.time
         if dynamics is None:
-            if not stateless(problem):
+            if not problem.dynamics.stateless:
                 raise ValueError(
                     f"the dynamics of {problem.name!r} depend on the state: give LipschitzBounds(dynamics=...), how fast"
                 )
             dynamics = np.zeros((ndim, ndim))
         if time is None:
-            if timed(problem):
+            if problem.dynamics.timed:
                 raise ValueError(
                     f"the dynamics of {problem.name!r} depend on time: give LipschitzBounds(time=...), a bound on "
                     "|d velocity/dt| for each axis"
@@ -107,22 +107,12 @@ def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
     return [problem.target, *problem.unsafe]
 
 
-def stateless(problem: ReachAvoidProblem) -> bool:
-    return bool(getattr(problem.dynamics, "stateless", problem.dynamics.constant))
-
-
-def timed(problem: ReachAvoidProblem) -> bool:
-    return bool(getattr(problem.dynamics, "timed", False))
-
-
 def velocity_terms(
     problem: ReachAvoidProblem, points: FloatArray, j: int, t: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Drift (M, ndim), gain (M, ndim, D) and the adversary's bounds (D,) at points (M, ndim) under input j at a time."""
+    """Drift (M, ndim), gain (M, ndim, D) and the adversary's bounds (D,) at points (M, ndim) under u_j at a time."""
     dynamics, points = problem.dynamics, problem.grid.wrapped(points)
-    if timed(problem):
-        return dynamics.drift_at(points, j, t), dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t)
-    return dynamics.drift_at(points, j), dynamics.gain_at(points), dynamics.bounds
+    return dynamics.drift_at(points, j, t), dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t)
 
 
 @dataclass(frozen=True)
@@ -264,7 +254,7 @@ class GeneralProof:
     @property
     def starts(self) -> range:
         """Steps whose intervals differ in what the dynamics do."""
-        return range(self.problem.steps if timed(self.problem) else 1)
+        return range(self.problem.steps if self.problem.dynamics.timed else 1)
 
     @property
     def needed(self) -> int:
@@ -281,7 +271,7 @@ class GeneralProof:
         for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
             tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
             images[start, j] = self._cover(*image, j)
-            for step in [start] if timed(problem) else range(problem.steps):
+            for step in [start] if problem.dynamics.timed else range(problem.steps):
                 for boxes in tube:
                     clear[step, j] &= self._clear(boxes, problem.time(step))
         return images, clear
@@ -365,7 +355,7 @@ def known_functions(proof: GeneralProof) -> Iterator[Known]:
             return np.concatenate([drift[..., None], gain * most], axis=2)
 
         names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
-        yield Known(names, velocity, proof.matrix, proof.drifting, timed(problem), True)
+        yield Known(names, velocity, proof.matrix, proof.drifting, problem.dynamics.timed, True)
 
 
 def check_bounds(proof: GeneralProof) -> None:

@@ -40,7 +40,7 @@ exact set is a layer of cells along the target, the obstacles and the pursuer.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
@@ -130,6 +130,8 @@ class CellSets:
     a step less.
     """
 
+    timeless = False  # equal rows cost little: only what a set adds to another is kept
+
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
         require(proof.needed, f"certifying {math.prod(counts):.1e} cells", "use fewer cells")
@@ -163,9 +165,9 @@ class CellSets:
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
-    def finish(self, details: dict[str, Any]) -> CertifiedTable:
-        """The table; `details` get what there is to say of the cells."""
-        details |= {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
+    def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
+        """The table; to `details` is added what there is to say of the cells."""
+        told = {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
         for place, (step, within) in enumerate(sorted(self.added)):
@@ -174,4 +176,4 @@ class CellSets:
             index[place, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
-        return CertifiedTable(self.proof, index, np.concatenate(pool), details)
+        return CertifiedTable(self.proof, index, np.concatenate(pool), told | dict(details))

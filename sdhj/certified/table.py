@@ -1,13 +1,11 @@
 """The look-up table whose every answer is proved."""
 
-import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, reduce
-from pathlib import Path
 from typing import Any, ClassVar
 
 import h5py
@@ -18,13 +16,12 @@ from sdhj.certified.cells import CellAxis, cells_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.packed import Cells, fewest_steps, to_bits
 from sdhj.checks import whole
-from sdhj.controller import NOT_ADMISSIBLE, Batch
+from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
-from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import TableFileError, entry, file_header, in_a_line, written_whole
+from sdhj.table import NOT_ADMISSIBLE, Batch, batched, entry, in_a_line
 
-SLAB = 2**16  # rows of an array that are read at a time
+SLAB = 2**16  # blocks that are unpacked at a time
 PROOFS: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}
 
 
@@ -137,28 +134,28 @@ class CertifiedTable:
         return (to_go - np.asarray(within)[:, None]).astype(np.float64)
 
     def batch(self, states: FloatArray, step: int) -> Batch:
-        """Steps to go and certified inputs of states (M, ndim) at one step.
+        """As `LookupTable.batch`, of certified inputs only.
 
-        The margin of a certified input is the steps to go that the undisturbed successor has, minus those it may have;
-        at most 0, and the lower, the sooner the target. From the target there may be no input that is proved to bring
-        the state back into it one step later.
+        The margin is the steps to go that the undisturbed successor has, minus those it may have; at most 0 for a
+        certified input, and the lower, the sooner the target; +inf for the others. From the target there may be no
+        input that is proved to bring the state back into it one step later.
         """
-        states = np.ascontiguousarray(states, dtype=np.float64)
-        to_go = self.steps_to_go(states, step)
+        return batched(self.problem, states, step, self._answer)
+
+    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+        states, step = batch.states[rows], batch.step
+        to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        safe = np.zeros((len(states), len(self.problem.inputs)), dtype=np.bool_)
         ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
         for within in np.unique(ahead[ahead > 0]):
-            same = ahead == within
-            safe[same] = self.certified_inputs(states[same], step, int(within))
+            safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))
         margins = np.full(safe.shape, np.inf)
-        rows, inputs = np.nonzero(safe)
-        if rows.size:
-            moves = displacements(self.problem, states)
-            moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
-            successors = clip_to_walls(self.grid, moved)
-            margins[rows, inputs] = self.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
-        return Batch(states, step, to_go, safe, margins)
+        pairs, inputs = np.nonzero(safe)
+        if pairs.size:
+            moves = self.problem.interval(step).displacements(states)
+            moved = self.grid.held(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
+            margins[pairs, inputs] = self.steps_to_go(moved, step + 1) - (ahead[pairs] - 1)
+        batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
 
     def bits(self, *, start: int, within: int) -> FloatArray:
         """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
@@ -182,8 +179,7 @@ class CertifiedTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
-        with written_whole(path) as file:
-            file_header(file, self.problem, self.method, self.details)
+        with written_table(path, self) as file:
             group = file.create_group(self.method)
             group.attrs.update(
                 kind=self.proof.kind,
@@ -193,21 +189,18 @@ class CertifiedTable:
                 extents=[[str(bound) for bound in axis.extent] for axis in self.axes],
                 periodic=[axis.periodic for axis in self.axes],
             )
-            packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-            group.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **packing)
-            rows = min(len(self.pool), 4096)
-            group.create_dataset("pool", data=self.pool, chunks=(rows, self.pool.shape[1]), **packing)
+            group.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
+            chunks = (min(len(self.pool), 4096), self.pool.shape[1])
+            group.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
             self.proof.save(group)
-            group.attrs["checksum"] = _checksum(group, self.problem, self.details)
+            file.attrs["checksum"] = _checksum(group, self.problem, self.details)
 
     @classmethod
-    def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file of this problem; TableFileError where it is damaged."""
+    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
+        """The table in an open file of this problem; ValueError where it is damaged."""
         group, details = file[cls.method], json.loads(file.attrs["details"])
-        if group.attrs.get("checksum") != _checksum(group, problem, details):
-            raise TableFileError(
-                f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
-            )
+        if file.attrs["checksum"] != _checksum(group, problem, details):
+            raise ValueError("its contents do not have the checksum they were written with")
         told = zip(*(group.attrs[name] for name in ("lowers", "extents", "widths", "periodic")), strict=True)
         axes = tuple(
             CellAxis(Fraction(lower), (Fraction(extent[0]), Fraction(extent[1])), Fraction(width), bool(periodic))
@@ -217,7 +210,7 @@ class CertifiedTable:
         return cls(proof, group["index"][()], group["pool"][()], details)
 
 
-def _slabs(array: Any) -> Iterator[FloatArray]:
+def _slabs(array: FloatArray) -> Iterator[FloatArray]:
     return (array[begin : begin + SLAB] for begin in range(0, len(array), SLAB))
 
 
@@ -227,15 +220,8 @@ def _product(factors: Sequence[FloatArray]) -> FloatArray:
 
 
 def _checksum(group: h5py.Group, problem: ReachAvoidProblem, details: Mapping[str, Any]) -> str:
-    """SHA-256 of all attributes and arrays of a group, but for the checksum itself, and of what they were made for."""
-    told = json.dumps([problem.digest, dict(problem.recipe), dict(details)], sort_keys=True)
-    digest, parts = hashlib.sha256(told.encode()), [("", group)]
-    group.visititems(lambda name, part: parts.append((name, part)))
-    for name, part in parts:
-        told = {key: np.asarray(part.attrs[key]).tolist() for key in sorted(part.attrs) if key != "checksum"}
-        digest.update(repr((name, told)).encode())
-        if isinstance(part, h5py.Dataset):
-            digest.update(repr((part.dtype.str, part.shape)).encode())
-            for slab in _slabs(part):
-                digest.update(np.ascontiguousarray(slab).data)
-    return digest.hexdigest()
+    """SHA-256 of all that a group holds, and of what it was made for."""
+    told = {name: np.asarray(value).tolist() for name, value in group.attrs.items()}
+    names = sorted(group)
+    made_for = [problem.digest, dict(problem.recipe), dict(details)]
+    return checksum([told, names, made_for], *(group[name][()] for name in names))

@@ -10,8 +10,8 @@ from itertools import product
 
 import numpy as np
 
+from sdhj.dynamics import Interval
 from sdhj.grid import FloatArray
-from sdhj.motion import drift
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 
@@ -54,13 +54,22 @@ class Moment:
     rng: np.random.Generator
 
     @property
+    def interval(self) -> Interval:
+        """What may happen in it."""
+        return self.problem.interval(self.step)
+
+    @property
     def bounds(self) -> FloatArray:
-        """Half-widths of the box that v has to stay in, shape (D,)."""
-        return self.problem.dynamics.bounds
+        """Half-widths of the box that v has to stay in, shape (M, D)."""
+        return self.interval.bounds(self.inputs, self.time)
+
+    def gain(self, states: FloatArray) -> FloatArray:
+        """What v does to the velocity at states (M, ndim), shape (M, ndim, D)."""
+        return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
         """Where each run would be at the interval's end without the adversary, at the present velocity: (M, ndim)."""
-        return self.states + self.remaining * drift(self.problem, self.states, self.inputs)
+        return self.states + self.remaining * self.interval.undisturbed(self.states, self.inputs, self.time)
 
 
 Adversary = Callable[[Moment], FloatArray]
@@ -86,10 +95,10 @@ def _effects(
     Shapes (M,) and (M, D): trial displacements, one component at a time.
     """
     problem, axes = moment.problem, list(part.axes)
-    push = span * problem.gain_at(states) * moment.bounds  # (M, ndim, D)
+    push = span * moment.gain(states) * moment.bounds[:, None]  # (M, ndim, D)
     value = problem.value_of(part, states, t)
     change = np.zeros_like(moment.previous)
-    for d in range(moment.bounds.size):
+    for d in range(moment.previous.shape[1]):
         if push[:, axes, d].any():
             change[:, d] = problem.value_of(part, states + push[:, :, d], t) - value
     return value, change
@@ -119,9 +128,9 @@ def worst(moment: Moment) -> FloatArray:
     latter to first order in v; the least clearance among equals, as where the values are whole steps.
     """
     problem = moment.problem
-    signs = np.array(list(product((-1.0, 1.0), repeat=moment.bounds.size)))  # (V, D)
+    signs = np.array(list(product((-1.0, 1.0), repeat=moment.previous.shape[1])))  # (V, D)
     predicted = moment.predicted()
-    push = moment.remaining * problem.gain_at(predicted) @ (signs * moment.bounds).T  # (M, ndim, V)
+    push = moment.remaining * moment.gain(predicted) @ (signs * moment.bounds[:, None]).swapaxes(1, 2)  # (M, ndim, V)
     tube = moment.tube(predicted[:, None, :] + np.swapaxes(push, 1, 2))
     danger = np.full(tube.shape, -np.finfo(np.float64).max)
     end = moment.time + moment.remaining

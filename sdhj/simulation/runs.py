@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
-from sdhj.controller import CHUNK, Controller, threads
+from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.motion import advance
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late")
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
@@ -169,7 +169,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     controller : Controller
     q0 : (ndim,) array
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.adversaries`; yours is called at every substep.
+        See `sdhj.simulation.adversaries`; yours is called at every substep.
     seed : int
 
     Raises
@@ -190,7 +190,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
         states=np.array(record.states),
         inputs=np.array(record.inputs, dtype=np.int64),
         steps_to_go=np.array(record.steps_to_go, dtype=np.int64),
-        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.bounds.size),
+        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.adversaries),
         outcome=OUTCOMES[outcomes[0]],
     )
 
@@ -288,7 +288,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     for _ in range(DRAWS):
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
-        inside = states[controller.tube_values(states[:, None], 0, within)[:, 0] <= 0][:missing]
+        inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
         found.append(inside)
         missing -= len(inside)
         if missing == 0:
@@ -327,7 +327,7 @@ def rollouts(
         alive = alive[~inside]
         if margins is not None and alive.size:
             largest = np.full(alive.size, problem.steps - step)
-            margins.note("depth", alive, 0.0 - controller.tube_values(states[alive, None], step, largest)[:, 0])
+            margins.note("depth", alive, 0.0 - controller.table.values_at(states[alive, None], step, largest)[:, 0])
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)
@@ -368,9 +368,8 @@ def _interval(
     margins: Margins | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
-    problem = controller.problem
-    bounds, duration = problem.dynamics.bounds, problem.delta / SUBSTEPS
-    v = np.zeros((len(states), bounds.size))
+    problem, interval = controller.problem, controller.problem.interval(held.step)
+    duration, v = problem.delta / SUBSTEPS, np.zeros((len(states), problem.dynamics.adversaries))
     hit = np.zeros(len(states), dtype=bool)
     for substep in range(SUBSTEPS):
         now = problem.time(held.step) + substep * duration
@@ -385,11 +384,11 @@ def _interval(
             duration=duration,
             previous=v,
             runs=held.runs,
-            tube=lambda points: controller.tube_values(points, held.step + 1, held.promised),
+            tube=lambda points: controller.table.values_at(points, held.step + 1, held.promised),
             rng=rng,
         )
-        v = _checked(play(moment), v.shape, bounds)
-        states = advance(problem, states, held.inputs, v, duration)
+        v = _checked(play(moment), moment.bounds)
+        states = interval.advance(states, held.inputs, v, now, duration)
         clearance = problem.unsafe_value(states, now + duration)
         hit |= clearance <= 0
         if margins is not None:
@@ -403,11 +402,13 @@ def _interval(
     return states, hit
 
 
-def _checked(v: FloatArray, shape: tuple[int, ...], bounds: FloatArray) -> FloatArray:
-    """What an adversary returned, if it keeps to its box."""
+def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
+    """What an adversary returned, if it keeps to its box, bounds (M, D)."""
     v = np.asarray(v, dtype=np.float64)
-    if v.shape != shape:
-        raise ValueError(f"the adversary must return an array of shape {shape}, got {v.shape}")
-    if not (np.abs(v) <= bounds * (1 + 1e-12)).all():  # also trips on NaN
-        raise ValueError(f"the adversary must keep each component of v within +-{bounds.tolist()} and finite")
+    if v.shape != bounds.shape:
+        raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")
+    outside = ~(np.abs(v) <= bounds * (1 + 1e-12))  # also where it is NaN
+    if outside.any():
+        own = bounds[outside.any(axis=1)][0]
+        raise ValueError(f"the adversary must keep each component of v within +-{own.tolist()} and finite")
     return v
