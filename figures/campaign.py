@@ -13,10 +13,10 @@ from pathlib import Path
 
 import click
 import numpy as np
+from search import search_losing
 from tqdm import tqdm
 
 import sdhj
-from sdhj.certified.search import search_losing
 from sdhj.checks import whole
 from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden

@@ -30,7 +30,7 @@ FORMAT = "sdhj look-up table"
 FORMAT_VERSION = 2
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names")
-BLOCK = 1 << 24  # bytes by which a file grows in memory
+GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
 RECIPES = dict.fromkeys(("arm_case_study", "evader_case_study"), "sdhj.arm.case_studies:rebuild")  # by the builder
@@ -142,7 +142,7 @@ def written_table(path: str | os.PathLike[str], table: "Table") -> Iterator[h5py
     OSError
         Where the folder does not exist or cannot be written, or the disk is full.
     """
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=BLOCK) as file:
+    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH) as file:
         _write_header(file, table)
         yield file
         file.flush()

@@ -234,7 +234,7 @@ def _advance_coupled(out, phi, here, run, axes, velocities, order, step):
 
 
 @kernel(fastmath=MATH)
-def _raise_to(out, wall):
+def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
 
@@ -276,7 +276,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         else:
             _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
         if least.size > 0:
-            _raise_to(ahead[first : first + count], least[first : first + count])
+            raise_to(ahead[first : first + count], least[first : first + count])
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 

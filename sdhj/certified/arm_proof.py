@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
-MOST_STEPS = 64  # a bit for each in `steps_blocked`
+MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 
 def is_arm(problem: ReachAvoidProblem) -> bool:
@@ -205,8 +205,8 @@ def clear_of_obstacles(
 ) -> FloatArray:
     """Cells of the joints from which the arm stays clear of the known obstacles: (steps, L, n1, n2) bool."""
     steps, count = problem.steps, velocities.shape[1]
-    if steps > MOST_STEPS:
-        raise ValueError(f"certified sets are for at most {MOST_STEPS} steps, got {steps}")
+    if steps > MARKED_STEPS:
+        raise ValueError(f"certified sets are for at most {MARKED_STEPS} steps, got {steps}")
     out = np.ones((steps, count, axes[0].count, axes[1].count), np.bool_)
     if stage.obstacles:
         instants = np.arange(2 ** (HALVINGS + 1) + 1) / 2 ** (HALVINGS + 1)

@@ -1,6 +1,6 @@
 """What one interval does to the cells of any problem, by bounds that its author states.
 
-Reach boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
+Growth boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
 g(x, u_j, t) v, v any share of the adversary's box, change with the state by at most A |x - y| and with time by at most
 B |t - s| (A a matrix and B a row of non-negative numbers, the same for every input and share). Let |g v| <= w hold at c
 and at s, the middle of a time of length T. Over that time the state moves away from c by at most r with
@@ -132,7 +132,7 @@ class Boxes:
         return value - change - part.rate * (self.end - self.begin) / 2 - ALLOWANCE * (1.0 + np.abs(value))
 
 
-class Reach:
+class Growth:
     """What can be reached from boxes within one interval: the boxes of each part, and the last one."""
 
     def __init__(self, problem: ReachAvoidProblem, matrix: FloatArray, drifting: FloatArray, parts: int) -> None:
@@ -266,7 +266,7 @@ class GeneralProof:
         """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
         problem, (low, high), images = self.problem, self.ends, {}
         clear = np.ones((problem.steps, len(problem.inputs), len(low)), np.bool_)
-        reach = Reach(problem, self.matrix, self.drifting, self.parts)
+        reach = Growth(problem, self.matrix, self.drifting, self.parts)
         pairs = list(itertools.product(self.starts, range(len(problem.inputs))))
         for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
             tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
