@@ -113,6 +113,18 @@ CASES = {
         steps=5,
         rate=-0.5,
     ),
+    # a storm that passes: what the adversary may do at the start of an interval it may not at its end
+    "calming": Case(
+        inputs=(-1.0, -0.5, 0.0, 0.5, 1.0),
+        drift=lambda u, t: u,
+        gain=lambda u, t: 1.0 - 0.2 * u,
+        bound=lambda u, t: 0.05 + 0.8 * math.exp(-2.0 * t),
+        centre=lambda t: 0.1,
+        radius=0.45,
+        wall=1.5,
+        delta=0.5,
+        steps=4,
+    ),
 }
 METHODS = {
     "hji": HJI(DOUBLE),
