@@ -13,6 +13,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from common import writable_folder
 from search import search_losing
 from tqdm import tqdm
 
@@ -21,7 +22,7 @@ from sdhj.checks import whole
 from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
-from sdhj.files import replaced_whole, writable_folder
+from sdhj.files import replaced_whole
 from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.table import Table

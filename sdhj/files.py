@@ -61,30 +61,13 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         temporary.touch()
     except OSError as error:
-        raise _unwritable(path.parent, error) from error
+        raise unwritable(path.parent, error) from error
     try:
         yield temporary
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-
-
-def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made where it does not exist; checked before long work whose result goes there.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be made or written to, with what to do about it.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    _probe(folder)
-    return folder
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
@@ -96,7 +79,7 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
         Where it cannot be written, with what to do about it.
     """
     path = _regular(path)
-    _probe(path.parent)
+    probed(path.parent)
     return path
 
 
@@ -110,16 +93,16 @@ def _regular(path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _probe(folder: Path) -> None:
+def probed(folder: Path) -> None:
     probe = folder / f".sdhj-{uuid.uuid4().hex}"
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
 
 
-def _unwritable(folder: Path, error: OSError) -> OSError:
+def unwritable(folder: Path, error: OSError) -> OSError:
     return OSError(
         f"cannot write in {folder}: {error.strerror or error}; choose a folder that exists and can be written"
     )
