@@ -225,7 +225,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         if problem.digest != (digest := str(attrs["digest"])):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
-                f"{problem.name!r} is {problem.digest[:12]}...; {_differences(file, problem)}"
+                f"{problem.name!r} is {problem.digest[:12]}...; {_what_differs(file, problem)}"
             )
         return imported(TABLES.get(attrs["method"], "sdhj.table:LookupTable")).read(file, problem)
 
@@ -259,7 +259,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
 
 
-def _differences(file: h5py.File, problem: ReachAvoidProblem) -> str:
+def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     """What of a problem is not as the file says; its functions are known by their values alone."""
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}

@@ -249,16 +249,13 @@ def evolve(
         steps = velocities.steps(grid, duration, scheme.cfl)
     dtype, dt, layout = np.dtype(scheme.dtype).type, duration / max(steps, 1), layout_of(grid, scheme.order)
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    wall = _over_time(
-        obstacle,
-        lambda g: np.empty((0,) * grid.ndim, dtype) if g is None else _padded(grid, layout, g, scheme.dtype),
-    )
+    nothing = np.empty((0,) * grid.ndim, dtype)
+    wall = _over_time(obstacle, lambda g: nothing if g is None else _padded(grid, layout, g, scheme.dtype))
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
     phi = _padded(grid, layout, np.asarray(values), scheme.dtype)
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
-    stages = STAGES[scheme.integrator]
-    work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
+    stages, work, spare = STAGES[scheme.integrator], np.empty_like(phi), np.empty_like(phi)
     for step in range(steps):
         source, now = phi, step * dt
         for number, (keep, reached) in enumerate(stages, 1):
@@ -271,6 +268,9 @@ def evolve(
         if source is not phi:
             phi, work = work, phi
     inner = work.ravel()[: grid.size]  # no longer needed: fresh memory would cost a tenth of a solve
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    from_planes(
+        phi.reshape(-1, layout.rows + 2 * layout.top, layout.width),
+        inner.reshape(-1, layout.rows, layout.nodes),
+        layout,
+    )
     return inner.reshape(grid.shape)
