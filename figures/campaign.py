@@ -13,7 +13,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from common import writable_folder
 from search import search_losing
 from tqdm import tqdm
 
@@ -23,6 +22,7 @@ from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole
+from sdhj.plotting.looks import writable_folder
 from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.table import Table

@@ -21,8 +21,8 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
-from sdhj.files import probed, unwritable
 from sdhj.grid import FloatArray
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import Table
 
 HERE = Path(__file__).parent
@@ -91,23 +91,6 @@ class Context:
         starts = starts_of_runs(table, STARTS, self.seed)
         tried = [sdhj.simulate(controller, start, adversary="random", seed=self.seed) for start in starts]
         return max(tried, key=lambda run: (run.outcome == "reached", len(run.inputs)))
-
-
-def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made where it does not exist; checked before long work whose result goes there.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be made or written to, with what to do about it.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    probed(folder)
-    return folder
 
 
 def starts_of_runs(table: Table, count: int, seed: int = 0, within: int = 7) -> FloatArray:

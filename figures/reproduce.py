@@ -10,11 +10,12 @@ from pathlib import Path
 import click
 import numba
 import numpy as np
-from common import Context, writable_folder, write_all
+from common import Context, write_all
 
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
 from sdhj.files import replaced_whole
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import Table
 
 ADVERSARIES = ("random", "aggressive", "worst")

@@ -9,11 +9,11 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from common import writable_folder
 from toys import interval_problem, one_row, torus_problem
 
 import sdhj
 from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import entries
 
 
