@@ -81,7 +81,8 @@ def test_theorem_2_is_the_game_played_out(rng, timeless):
 
         ticks = []
         sets = FiniteSets(goals, leads, timeless)
-        recursion(sets, steps, timeless=timeless, done=lambda ticks=ticks: ticks.append(1))
+        sets.timeless = timeless
+        recursion(sets, steps, lambda ticks=ticks: ticks.append(1))
         for step in (0,) if timeless else range(steps + 1):
             for within in range(steps - step + 1):
                 won = {q for q in range(states) if wins(step, q, within)}
@@ -94,7 +95,8 @@ def test_theorem_2_is_the_game_played_out(rng, timeless):
 def test_what_has_stopped_growing_in_a_row_has_stopped_in_the_row_before():
     """Nothing leads anywhere: the first step to go of a row has to be looked at, the others cannot differ from it."""
     sets = FiniteSets([{1}] * 4, [[[frozenset()] * 3]] * 4, timeless=False)
-    recursion(sets, 3, timeless=False, done=lambda: None)
+    sets.timeless = False
+    recursion(sets, 3, lambda: None)
     assert [call for call in sets.calls if call[0] != "goal"] == [
         ("extend", 2, 1),
         ("extend", 1, 1),

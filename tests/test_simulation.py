@@ -10,11 +10,11 @@ import toys
 from scipy.stats import binomtest
 
 import sdhj
-from sdhj import simulation
-from sdhj.adversaries import ADVERSARIES, Moment
 from sdhj.controller import Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
 from sdhj.table import LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
@@ -438,7 +438,7 @@ def test_problem_without_unsafe_sets() -> None:
 
 def test_a_table_is_no_controller() -> None:
     table = sdhj.solve(toys.interval_problem(steps=1), "lax", progress=False)
-    for play in (sdhj.monte_carlo, sdhj.search_losing, lambda it: sdhj.simulate(it, [0.0])):
+    for play in (sdhj.monte_carlo, lambda it: sdhj.simulate(it, [0.0])):
         with pytest.raises(ValueError, match=r"for example Controller\(table\), got LookupTable"):
             play(table)
 
