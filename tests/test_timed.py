@@ -194,6 +194,47 @@ def test_fast_inputs_that_slip_serve_from_afar_only():
     assert sure.fraction(start=0, within=4) > found.fraction(start=0, within=4) + 0.05
 
 
+# ---- the controller looks ahead from its own step
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_margins_are_those_of_the_boxes_of_that_step(name, rng):
+    """The worst interpolated value over all ends of the interval, by the twin's displacements."""
+    case, found = CASES[name], table(name, "lax")
+    controller, nodes, seen = sdhj.Controller(found), found.grid.nodes(0), 0
+    for step in range(case.steps):
+        low, high = case.travels(step * case.delta, (step + 1) * case.delta, 100)[..., -1]
+        batch = controller.batch(rng.uniform(-2.5, 2.5, (60, 1)), step)
+        for x, to_go, safe, margins in zip(
+            batch.states[:, 0], batch.steps_to_go, batch.safe, batch.margins, strict=True
+        ):
+            if not safe.any() or margins[safe].min() > 0:
+                continue  # not admissible, or nothing is promised
+            line, seen = found.values(start=step + 1, within=max(to_go, 1) - 1), seen + 1
+            for j, margin in enumerate(margins):
+                ends = [x + low[j], x + high[j]]
+                reached = [*ends, *nodes[(nodes > ends[0]) & (nodes < ends[1])]]
+                assert margin == pytest.approx(np.interp(reached, nodes, line).max(), abs=1e-9), (step, x, j)
+    assert seen > 60
+
+
+@pytest.mark.parametrize("name", ["tide", "gusts"])
+def test_rules_see_where_inputs_lead_from_that_step(name, rng):
+    case = CASES[name]
+    controller, differ = sdhj.Controller(table(name, "lax"), "target"), 0
+    for step in range(case.steps):
+        middle, centre = (step + 0.5) * case.delta, case.centre((step + 1) * case.delta)
+        batch = controller.batch(rng.uniform(-2.5, 2.5, (200, 1)), step)
+        chosen = controller.choose(batch)
+        moves = case.delta * np.array([case.drift(u, middle) for u in case.inputs])
+        distances = np.where(batch.safe, np.abs(batch.states + moves - centre), np.inf)
+        known = chosen >= 0
+        np.testing.assert_array_equal(known, batch.safe.any(axis=1))
+        np.testing.assert_array_equal(chosen[known], np.argmin(distances, axis=1)[known])
+        differ += (batch.safe[known].sum(axis=1) > 1).sum()
+    assert differ > 20
+
+
 # ---- closed loops, judged by plain functions
 
 
