@@ -1,9 +1,11 @@
-"""Numbers that users give: taken if they fit, else refused with what was expected."""
+"""Numbers and arrays that users give: taken if they fit, else refused with what was expected."""
 
 import reprlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -45,3 +47,29 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
         bounds = f"of at least {least:,}" if most is None else f"from {least:,} to {most:,}"
         raise ValueError(f"{name} must be a whole number {bounds}, got {reprlib.repr(value)}")
     return int(value)
+
+
+def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """A copy of `values` as float64, of that shape if one is given, every value finite; ValueError otherwise."""
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be real numbers, got an array of {given.dtype}")
+    values = np.array(given, dtype=np.float64)
+    if shape is not None and values.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {values.shape}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
+    return values
+
+
+def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
+    """Raise ValueError where `value` is not one of a closed set of options."""
+    if value not in allowed or type(value) is not type(allowed[0]):
+        raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+
+
+def sequence(name: str, value: Any) -> Any:
+    """`value` if it is a list or the like with an entry for each axis; ValueError naming it otherwise."""
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.ndim(value) == 0:
+        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {value!r}")
+    return value

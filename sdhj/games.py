@@ -1,84 +1,73 @@
 """The differential games of one sampling interval (Sec. 4.1, App. A.3), solved for each input.
 
-A solver answers two questions about the interval that starts at step k, for every input u_j held over it:
+About the interval that starts at step k, for every input u_j held over it, the games of a method answer
 
-* `reach(values)`: level-set functions of the reach sets of {values <= 0} (Definition 2; game 3);
+* `reach(values, step)`: level-set functions of the reach sets of {values <= 0} (Definition 2; game 3);
 * `avoid(part, step)`: level-set functions of the avoid tubes of one unsafe set (Definition 3; games 1 and 2),
   solved on the axes that set depends on.
 
-The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointSolver` solves the reach-avoid game in one PDE
+The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` solve the reach-avoid game in one PDE
 (Prop. 1) instead; the two agree up to scheme error.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
 
 import numpy as np
 
+from sdhj.dynamics import INSTANTS
 from sdhj.grid import FloatArray, Grid
-from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes
-from sdhj.memory import require
+from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
-KEPT = 256_000_000  # bytes of sampled velocities that a solver keeps
+KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
+Axes = tuple[int, ...]
 
 
-class Solver(Protocol):
-    """What the recursion needs of a method."""
+class Games(Protocol):
+    """What the recursion needs of a method: the games of one interval, on the whole grid."""
 
-    dtype: str
+    @property
+    def dtype(self) -> str: ...
 
     @property
     def solved(self) -> int: ...  # PDEs so far
 
-    def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]: ...
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
 
 
-def velocities(problem: ReachAvoidProblem, j: int, axes: Sequence[int], *, drift: bool = True) -> Velocities | None:
-    """The velocity set under u_j on the subgrid of some axes, or None where it depends on the axes left out.
+@dataclass(frozen=True)
+class Wall:
+    """-g of an unsafe set on the subgrid of some axes.
 
-    drift=False leaves the drift out (the moving frame).
+    Attributes
+    ----------
+    axes : tuple of int
+    over : callable (t0, t1) -> array
+        What the state must not touch at any time of [t0, t1].
+    instant : bool
+        Whether it is to be asked for each short time (view_time="instantaneous"); else once, for the whole interval.
     """
-    dynamics, grid = problem.dynamics, problem.grid
-    keep = list(axes)
-    if dynamics.constant:
-        f = dynamics.drift_at(np.zeros((1, grid.ndim)), j)[0][keep] * drift
-        b = dynamics.gain_at(np.zeros((1, grid.ndim)))[0][keep] * dynamics.bounds
-    else:
-        field = sampled_velocities(problem, j, keep)
-        field[:, 0] *= drift
-        for axis in sorted(set(range(grid.ndim)) - set(keep), reverse=True):
-            first = field.take([0], axis=2 + axis)
-            if not np.array_equal(np.broadcast_to(first, field.shape), field):
-                return None
-            field = first.squeeze(2 + axis)
-        f, b = field[:, 0], field[:, 1:]
-    spread = np.abs(b).sum(axis=1)
-    coupled = (np.count_nonzero(b.any(axis=tuple(range(2, b.ndim))), axis=0) > 1).any()
-    if coupled:
-        return Velocities(f - spread, f + spread, drift=f[None], gain=b[None])
-    return Velocities(f - spread, f + spread)
 
+    axes: Axes
+    over: Callable[[float, float], FloatArray]
+    instant: bool
 
-def velocity_bytes(problem: ReachAvoidProblem) -> int:
-    """Bytes that the velocities under one input take while they are sampled on the whole grid."""
-    return 8 * problem.grid.ndim * (2 * problem.dynamics.bounds.size + 6) * problem.grid.size
+    @classmethod
+    def of(cls, problem: ReachAvoidProblem, part: UnsafeSet, axes: Axes) -> "Wall":
+        """The wall of an unsafe set of the problem.
 
-
-def sampled_velocities(problem: ReachAvoidProblem, j: int, keep: list[int]) -> FloatArray:
-    """Drift under u_j and gain times bounds of some axes at all nodes, one behind the other: (axes, 1 + D, *shape)."""
-    require(velocity_bytes(problem), f"sampling the velocities on {problem.grid.size:.1e} nodes")
-    dynamics, grid, points = problem.dynamics, problem.grid, problem.grid.points()
-    field = np.empty((len(keep), 1 + dynamics.bounds.size, grid.size))
-    field[:, 0] = dynamics.drift_at(points, j).T[keep]
-    field[:, 1:] = np.moveaxis(dynamics.gain_at(points), 0, 2)[keep]
-    field[:, 1:] *= dynamics.bounds[:, None]
-    return field.reshape(*field.shape[:2], *grid.shape)
+        An instantaneous set is taken at all times of a time step, or what is fast slips past between two of them.
+        """
+        instant = part.moving and problem.view_time == "instantaneous"
+        view_time = "swept" if instant else problem.view_time
+        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
@@ -89,147 +78,145 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
     return np.array(cells)
 
 
-def avoid_axes(problem: ReachAvoidProblem, part: UnsafeSet) -> tuple[int, ...]:
-    """The axes on which the avoid game of an unsafe set is solved: its own, or all where those are not autonomous."""
-    alone = problem.dynamics.constant or all(
-        velocities(problem, j, part.axes) is not None for j in range(len(problem.inputs))
-    )
-    return part.axes if alone else tuple(range(problem.grid.ndim))
+class _OnAxes:
+    """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
+
+    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
+        self.problem = problem
+        self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
+        self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
+        self.count = len(problem.inputs)
+
+    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
+        """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
+        return self.tubes(Wall.of(self.problem, part, self.problem.avoid_axes(part)), step)
+
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
+        raise NotImplementedError
 
 
-def unsafe_values(
-    problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[int], t0: float, t1: float, view_time: str
-) -> FloatArray:
-    """g of one unsafe set over [t0, t1], by a view-time that is not instantaneous, on the subgrid of `axes`."""
-    local = [list(axes).index(axis) for axis in part.axes]
-    return problem.sample(axes, lambda points: part.over(points[:, local], t0, t1, view_time), part.name)
+class HJIGames(_OnAxes):
+    """Games 1 to 3 by finite differences."""
 
-
-def walls(
-    problem: ReachAvoidProblem, part: UnsafeSet, axes: Sequence[int], step: int, steps: int
-) -> Callable[[float], FloatArray]:
-    """-g of one unsafe set as a function of tau, the time left of the interval from `step`, solved in `steps` steps.
-
-    An instantaneous set is taken at all times of the time step that ends at tau, or what is fast slips past between two
-    of them; at other view-times the answer is the same for all tau.
-    """
-    t0, t1 = problem.time(step), problem.time(step + 1)
-    instant = part.moving and problem.view_time == "instantaneous"
-
-    @cache
-    def wall(tau: float) -> FloatArray:
-        if not instant:
-            return -unsafe_values(problem, part, axes, t0, t1, problem.view_time)
-        now = t1 - tau
-        return -unsafe_values(problem, part, axes, now, min(now + problem.delta / steps, t1), "swept")
-
-    return wall if instant else lambda tau: wall(0.0)
-
-
-class HJISolver:
-    """Games 1 to 3 by finite differences (`method="hji"`)."""
-
-    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme) -> None:
-        self.problem, self.scheme, self.dtype = problem, scheme, scheme.dtype
-        self.everything = tuple(range(problem.grid.ndim))
-        self.solved = 0
-        self._steps: dict[tuple[int, ...], int] = {}
-        self._fields: dict[tuple[tuple[int, ...], int], Velocities] = {}
-        self._room = KEPT
+    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
+        super().__init__(problem, axes)
+        self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
+        self._steps: dict[tuple[Axes, int], int] = {}
+        self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
         if self.moving_frame:
-            checked_travel(problem.grid, np.abs(np.asarray(problem.dynamics.drift)).max(axis=0), problem.delta)
+            drift = np.asarray(problem.dynamics.drift)[:, self.axes]
+            checked_travel(self.grid, np.abs(drift).max(axis=0), problem.delta)
 
     @property
     def moving_frame(self) -> bool:
         """Whether the drift can be solved by a shift: constant, and along periodic axes only."""
-        dynamics, periodic = self.problem.dynamics, np.array(self.problem.grid.periodic)
+        dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
         if self.scheme.frame == "fixed" or not dynamics.constant:
             return False
-        return not np.any(np.asarray(dynamics.drift)[:, ~periodic])
+        return not np.any(np.asarray(dynamics.drift)[:, self.axes][:, ~periodic])
 
-    def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
-        problem, grid = self.problem, self.problem.grid
         if self.moving_frame:
-            still = self._evolve(values, 0, drift=False)
-            shift = np.asarray(problem.dynamics.drift) * problem.delta
-            yield from maximum_over_boxes(grid, still, shift, shift, SHIFT)
+            still = self._evolve(values, 0, step, drift=False)
+            shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.problem.delta
+            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT)
         else:
-            for j in range(len(problem.inputs)):
-                yield j, self._evolve(values, j)
+            for j in range(self.count):
+                yield j, self._evolve(values, j, step)
 
-    def _evolve(self, values: FloatArray, j: int, drift: bool = True) -> FloatArray:
+    def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
-        field = self.field(j, self.everything, drift)
-        return evolve(self.problem.grid, values, field, self.problem.delta, self.scheme)
+        velocities = self.velocities(j, self.axes, step, drift)
+        steps = self.steps(self.axes, step) if callable(velocities) else None
+        return evolve(self.grid, values, velocities, self.problem.delta, self.scheme, steps=steps)
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
-        """Level-set functions of the avoid tubes over the interval from `step`, shape (L, *subgrid of avoid_axes).
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """As `_OnAxes.tubes`.
 
         Differences wear the crests of -g down, and so find unsafe states safe: where velocities are constant, in the
         moving frame, the tubes come from the Hopf-Lax formula, which does not.
         """
         problem = self.problem
         if self.moving_frame:
-            return LaxSolver(problem, SHIFT, self.dtype).avoid(part, step)
-        axes = avoid_axes(problem, part)
-        grid, steps = problem.grid.subgrid(axes), self.steps(axes)
-        wall = walls(problem, part, axes, step, steps)
-        held = wall if part.moving and problem.view_time == "instantaneous" else wall(0.0)
-        tubes = np.empty((len(problem.inputs), *grid.shape), self.dtype)
+            return HopfLaxGames(problem, SHIFT, self.dtype, self.axes).tubes(wall, step)
+        grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
+        at = self.held(wall, step, steps)
+        tubes = np.empty((self.count, *grid.shape), self.dtype)
         for j, tube in enumerate(tubes):
-            tube[:] = evolve(
-                grid, wall(0.0), self.field(j, axes), problem.delta, self.scheme, obstacle=held, steps=steps
-            )
+            velocities = self.velocities(j, wall.axes, step)
+            obstacle = at if wall.instant else at(0.0)
+            tube[:] = evolve(grid, at(0.0), velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
             self.solved += 1
         return tubes
 
-    def field(self, j: int, axes: Sequence[int], drift: bool = True) -> Velocities:
-        """The velocity set under u_j on axes that do not depend on others; kept while there is room."""
-        known = self._fields.get((tuple(axes), j)) if drift else None
-        if known is not None:
-            return known
-        field = velocities(self.problem, j, axes, drift=drift)
-        assert field is not None
-        if drift and field.nbytes <= self._room:
-            self._fields[tuple(axes), j] = field
-            self._room -= field.nbytes
+    def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
+        """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
+        t0, t1 = self.problem.time(step), self.problem.time(step + 1)
+
+        @cache
+        def at(tau: float) -> FloatArray:
+            if not wall.instant:
+                return wall.over(t0, t1)
+            return wall.over(t1 - tau, min(t1 - tau + self.problem.delta / steps, t1))
+
+        return at if wall.instant else lambda tau: at(0.0)
+
+    def velocities(
+        self, j: int, axes: Axes, step: int, drift: bool = True
+    ) -> Velocities | Callable[[float], Velocities]:
+        """`Interval.velocity_field`, kept while there is room where it does not depend on time."""
+        key = (j, axes, drift)
+        if key in self._fields:
+            return self._fields[key]
+        field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
+        if not callable(field) and sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
+            self._fields[key] = field
         return field
 
-    def steps(self, axes: tuple[int, ...]) -> int:
+    def steps(self, axes: Axes, step: int) -> int:
         """Time steps of an interval that are enough for every input."""
-        if axes not in self._steps:
+        key = axes, step if self.problem.dynamics.timed else 0
+        if key not in self._steps:
             grid, delta, cfl = self.problem.grid.subgrid(axes), self.problem.delta, self.scheme.cfl
-            counts = (self.field(j, axes).steps(grid, delta, cfl) for j in range(len(self.problem.inputs)))
-            self._steps[axes] = max(1, *counts)
-        return self._steps[axes]
+            most = 1
+            for j in range(self.count):
+                field = self.velocities(j, axes, step)
+                fields = [field(delta * instant) for instant in INSTANTS] if callable(field) else [field]
+                most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
+            self._steps[key] = most
+        return self._steps[key]
 
 
-class JointSolver(HJISolver):
-    """The reach-avoid game of Prop. 1 in one PDE on the whole grid (`games="joint"`)."""
+class JointGames(HJIGames):
+    """The reach-avoid game of Prop. 1 in one PDE on the whole grid."""
 
-    def reach_avoid(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+    joint = True
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)), the level-set functions of the reach-avoid sets (Definition 4)."""
-        problem, grid = self.problem, self.problem.grid
-        steps = self.steps(self.everything)
-        parts = [(walls(problem, part, part.axes, step, steps), part.axes) for part in problem.unsafe]
+        problem, grid = self.problem, self.grid
+        steps = self.steps(self.axes, step)
+        walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
+        held = [(self.held(wall, step, steps), wall.axes) for wall in walls]
 
         @cache
         def union(tau: float) -> FloatArray:
-            wall = np.full((1,) * grid.ndim, -np.inf)
-            for of_part, axes in parts:
-                wall = np.maximum(wall, grid.lift(of_part(tau), axes))
-            return np.ascontiguousarray(np.broadcast_to(wall, grid.shape), dtype=self.dtype)
+            values = np.full((1,) * grid.ndim, -np.inf)
+            for at, axes in held:
+                values = np.maximum(values, grid.lift(at(tau), axes))
+            return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
-        obstacle = None if not parts else union if problem.view_time == "instantaneous" else union(0.0)
-        for j in range(len(problem.inputs)):
+        obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
+        for j in range(self.count):
             self.solved += 1
-            field = self.field(j, self.everything)
-            yield j, evolve(grid, values, field, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
+            velocities = self.velocities(j, self.axes, step)
+            yield j, evolve(grid, values, velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
 
 
-class LaxSolver:
-    """Games 1 to 3 by the Hopf-Lax formula (`method="lax"`): exact up to interpolation.
+class HopfLaxGames(_OnAxes):
+    """Games 1 to 3 by the Hopf-Lax formula: exact up to interpolation.
 
     The velocity set must not depend on the state; where the adversary couples axes its bounding box is used, which errs
     to the safe side.
@@ -237,49 +224,38 @@ class LaxSolver:
 
     solved = 0  # a formula in place of PDEs
 
-    def __init__(self, problem: ReachAvoidProblem, interpolation: str, dtype: str) -> None:
-        if interpolation not in INTERPOLATIONS:
-            raise ValueError(f"interpolation must be one of {', '.join(INTERPOLATIONS)}, got {interpolation!r}")
-        if not problem.dynamics.constant:
+    def __init__(
+        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
+    ) -> None:
+        super().__init__(problem, axes)
+        if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
-        self.problem, self.interpolation, self.dtype = problem, interpolation, dtype
-        spread = np.abs(np.asarray(problem.dynamics.gain)) @ problem.dynamics.bounds
-        self.lower = np.asarray(problem.dynamics.drift) - spread
-        self.upper = np.asarray(problem.dynamics.drift) + spread
-        self.cells = checked_travel(  # that an axis crosses in an interval, at most
-            problem.grid, np.maximum(np.abs(self.lower), np.abs(self.upper)).max(axis=0), problem.delta
-        )
+        self.interpolation, self.dtype = interpolation, dtype
+        timed, speed = problem.dynamics.timed, np.zeros(problem.grid.ndim)
+        for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
+            for t in interval.begin + problem.delta * (INSTANTS if timed else INSTANTS[:1]):
+                speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
+        self.cells = checked_travel(problem.grid, speed, problem.delta)
 
-    def reach(self, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """As `HJISolver.reach`."""
-        delta = self.problem.delta
-        yield from maximum_over_boxes(
-            self.problem.grid,
-            np.asarray(values, self.dtype),
-            self.lower * delta,
-            self.upper * delta,
-            self.interpolation,
-        )
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `HJIGames.reach`."""
+        low, high = (box[:, self.axes] for box in self.problem.interval(step).reached(0.0, self.problem.delta))
+        yield from maximum_over_boxes(self.grid, np.asarray(values, self.dtype), low, high, self.interpolation)
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
-        """As `HJISolver.avoid`; each piece of the interval takes the box that holds all states of its duration."""
-        problem, axes = self.problem, list(part.axes)
-        grid = problem.grid.subgrid(axes)
-        pieces = self._pieces(axes)
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """As `HJIGames.tubes`; each piece of the interval takes the box that holds all states of its duration."""
+        problem, axes = self.problem, list(wall.axes)
+        grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
         times = problem.time(step) + problem.delta * np.arange(pieces + 1) / pieces
-        instant = part.moving and problem.view_time == "instantaneous"
-        whole = None if instant else -unsafe_values(problem, part, axes, times[0], times[-1], problem.view_time)
-        result = np.full((len(problem.inputs), *grid.shape), -np.inf, self.dtype)
-        for piece in range(pieces):
-            if whole is None:  # what moves within a piece is covered by its swept volume
-                t0, t1 = float(times[piece]), float(times[piece + 1])
-                g = unsafe_values(problem, part, axes, t0, t1, "swept")
-            wall = (-g if whole is None else whole).astype(self.dtype)
-            ends = problem.delta * np.array([piece, piece + 1]) / pieces
-            low = np.minimum(*(end * self.lower[:, axes] for end in ends))
-            high = np.maximum(*(end * self.upper[:, axes] for end in ends))
-            for j, values in maximum_over_boxes(grid, wall, low, high, self.interpolation):
-                np.maximum(result[j], values, out=result[j])
+        whole = None if wall.instant else wall.over(times[0], times[-1])
+        result = np.full((self.count, *grid.shape), -np.inf, self.dtype)
+        for piece in range(pieces):  # what moves within a piece is covered by its swept volume
+            values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
+            ends = problem.delta * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
+            boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
+            low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+            for j, tube in maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation):
+                np.maximum(result[j], tube, out=result[j])
         return result
 
     def _pieces(self, axes: list[int]) -> int:

@@ -5,7 +5,6 @@ the minimum, intersection the maximum, complement the negative.
 """
 
 import math
-import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.interpolation import interpolate, wrap
+from sdhj.checks import number, sequence, whole
+from sdhj.interpolation import Lattice, interpolate, wrap
 from sdhj.memory import require
 
 FloatArray = NDArray[Any]
@@ -23,21 +23,6 @@ MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
 SMALL = 2**20  # nodes for which there is always room
-
-
-def _entries(label: str, given: Any) -> None:
-    if not isinstance(given, Sequence | np.ndarray) or getattr(given, "ndim", 1) == 0:
-        raise ValueError(f"{label} must be a sequence with one entry for each axis, for example a list, got {given!r}")
-
-
-def _finite(value: Any) -> bool:
-    """Whether a value is a number that a float holds."""
-    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number of hundreds of digits
-        return False
 
 
 @dataclass(frozen=True)
@@ -77,29 +62,22 @@ class Grid:
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
     ) -> None:
-        _entries("shape", shape)
-        ndim = len(shape)
+        ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
         periodic = [False] * ndim if periodic is None else periodic
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
-            _entries(label, given)
-            if len(given) != ndim:
+            if len(sequence(label, given)) != ndim:
                 raise ValueError(f"{label} has {len(given)} entries for a grid of {ndim} axes")
         for axis in range(ndim):
-            if not (_finite(lower[axis]) and _finite(upper[axis]) and lower[axis] < upper[axis]):
-                raise ValueError(f"axis {axis} must have finite lower < upper, got [{lower[axis]!r}, {upper[axis]!r}]")
-            if not _finite(shape[axis]) or int(shape[axis]) != shape[axis] or not MIN_NODES <= shape[axis] <= MAX_NODES:
-                raise ValueError(
-                    f"axis {axis} has {reprlib.repr(shape[axis])} nodes; the schemes need at least {MIN_NODES} on each "
-                    f"axis, a whole number of at most {MAX_NODES:,}"
-                )
+            number(f"upper[{axis}]", upper[axis], above=number(f"lower[{axis}]", lower[axis]))
             if not isinstance(periodic[axis], bool | np.bool_):
                 raise ValueError(f"periodic[{axis}] must be True or False, got {periodic[axis]!r}")
+        nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
         object.__setattr__(self, "lower", tuple(float(x) for x in lower))
         object.__setattr__(self, "upper", tuple(float(x) for x in upper))
-        object.__setattr__(self, "shape", tuple(int(n) for n in shape))
+        object.__setattr__(self, "shape", nodes)
         object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
         object.__setattr__(self, "names", tuple(str(name) for name in names))
 
@@ -187,13 +165,12 @@ class Grid:
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != self.ndim:
             raise ValueError(f"points must have shape (M, {self.ndim}), got {points.shape}")
-        flat = np.ascontiguousarray(values).reshape(self.size)
-        return interpolate(flat, points, *self.arrays)
+        return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
 
     @cached_property
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def arrays(self) -> Lattice:
         """(lower, spacing, shape, periodic) as the arrays that compiled code reads."""
-        return (
+        return Lattice(
             np.array(self.lower),
             np.array(self.spacing),
             np.array(self.shape, dtype=np.int64),
@@ -205,6 +182,11 @@ class Grid:
         """Lowest and highest coordinate of each axis, both (ndim,); infinite where it is periodic."""
         free = np.array(self.periodic)
         return np.where(free, -np.inf, self.lower), np.where(free, np.inf, self.upper)
+
+    def held(self, states: FloatArray) -> FloatArray:
+        """States (M, ndim) with the coordinates of bounded axes clipped to the walls."""
+        low, high = self.walls
+        return np.minimum(np.maximum(states, low), high)
 
     @cached_property
     def weights(self) -> FloatArray:

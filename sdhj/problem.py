@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import number, whole
+from sdhj.checks import finite_array, number, whole
+from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
@@ -27,20 +28,7 @@ StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
 
 
-def _finite(name: str, values: FloatArray, shape: tuple[int, ...] | None = None) -> FloatArray:
-    """A copy of `values` as float64, of that shape if one is given, every value finite."""
-    given = np.asarray(values)
-    if given.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be real numbers, got an array of {given.dtype}")
-    values = np.array(given, dtype=np.float64)
-    if shape is not None and values.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {values.shape}")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
-    return values
-
-
-def _axes(axes: Any, name: str) -> tuple[int, ...]:
+def _ascending(axes: Any, name: str) -> tuple[int, ...]:
     try:
         given = tuple(axes)
     except TypeError:
@@ -63,66 +51,6 @@ def _check_function(name: str, function: Any, *takes: str) -> None:
         signature.bind(*takes)
     except TypeError:
         raise ValueError(f"{expected}, got one of {signature}") from None
-
-
-@dataclass(frozen=True)
-class Dynamics:
-    """dq/dt = drift(q, u_j) + gain(q) v with |v_d| <= bounds_d (Eq. 1, input-affine in the adversary).
-
-    Parameters
-    ----------
-    inputs : (L, m) array
-        The quantised inputs u_j.
-    drift : (L, ndim) array, or callable (points (M, ndim), u (m,)) -> (M, ndim)
-        Velocity of the state under each input; an array where it does not depend on the state.
-    gain : (ndim, D) array, or callable (points (M, ndim)) -> (M, ndim, D)
-        What the adversary's D components do to the state.
-    bounds : (D,) array
-        Half-widths of the adversary's box. Where there is no adversary: bounds [0.0] and a gain of zeros (ndim, 1).
-
-    Functions of the state are called with the coordinates of periodic axes between the ends of the grid.
-    """
-
-    inputs: FloatArray
-    drift: FloatArray | Callable[[FloatArray, FloatArray], FloatArray]
-    gain: FloatArray | Callable[[FloatArray], FloatArray]
-    bounds: FloatArray
-
-    def __post_init__(self) -> None:
-        inputs = _finite("inputs", self.inputs)
-        if inputs.ndim != 2 or inputs.shape[0] < 1:
-            raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
-        if inputs.shape[0] > 256:
-            raise ValueError(f"{inputs.shape[0]} inputs; at most 256 are supported, so quantise more coarsely")
-        object.__setattr__(self, "inputs", inputs)
-        bounds = np.atleast_1d(_finite("bounds", np.asarray(self.bounds)))
-        if bounds.ndim != 1 or (bounds < 0).any():
-            raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
-        object.__setattr__(self, "bounds", bounds)
-        for name in ("drift", "gain"):
-            given = getattr(self, name)
-            if callable(given):
-                _check_function(name, given, *(("points", "u") if name == "drift" else ("points",)))
-            else:
-                object.__setattr__(self, name, _finite(name, given))
-
-    @property
-    def constant(self) -> bool:
-        """Whether neither the drift nor the gain depends on the state."""
-        return not callable(self.drift) and not callable(self.gain)
-
-    def drift_at(self, points: FloatArray, j: int) -> FloatArray:
-        """Velocity under input j at points (M, ndim), without the adversary; shape (M, ndim)."""
-        if callable(self.drift):
-            return _finite("drift", self.drift(points, self.inputs[j]), points.shape)
-        return np.broadcast_to(self.drift[j], points.shape)
-
-    def gain_at(self, points: FloatArray) -> FloatArray:
-        """The adversary's gain matrix at points (M, ndim); shape (M, ndim, D)."""
-        shape = (*points.shape, self.bounds.size)
-        if callable(self.gain):
-            return _finite("gain", self.gain(points), shape)
-        return np.broadcast_to(self.gain, shape)
 
 
 @dataclass(frozen=True)
@@ -152,7 +80,7 @@ class UnsafeSet:
     name: str = "unsafe"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
         _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
         if self.swept is not None:
             _check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
@@ -189,7 +117,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
         _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
 
 
@@ -236,16 +164,8 @@ class ReachAvoidProblem:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
         object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
-        ndim, dynamics = self.grid.ndim, self.dynamics
-        if not callable(dynamics.drift):
-            _finite("drift", dynamics.drift, (dynamics.inputs.shape[0], ndim))
-        if not callable(dynamics.gain):
-            if dynamics.gain.shape[:1] == (ndim,) and dynamics.gain.shape != (ndim, dynamics.bounds.size):
-                raise ValueError(
-                    f"bounds must have one half-width for each column of the gain, which has shape "
-                    f"{dynamics.gain.shape}; got {dynamics.bounds.tolist()}"
-                )
-            _finite("gain", dynamics.gain, (ndim, dynamics.bounds.size))
+        ndim = self.grid.ndim
+        self.dynamics.check(ndim)
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
         for part in parts:
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
@@ -287,7 +207,7 @@ class ReachAvoidProblem:
     def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
         """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
         times = [0.0, 0.37 * self.delta, 0.61 * self.delta * self.steps, self.delta * self.steps]
-        values = [_finite(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
+        values = [finite_array(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
         for k in range(1, len(times)):
             changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
             if changed > part.rate * span + 1e-9 * (1.0 + float(np.abs(values[k]).max())):
@@ -301,7 +221,7 @@ class ReachAvoidProblem:
         assert part.swept is not None
         for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
             t0, t1 = self.time(step), self.time(step + 1)
-            swept = _finite(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
+            swept = finite_array(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
             for t in np.linspace(t0, t1, 5).tolist():
                 excess = swept - part.level_set(points, t)
                 if excess.max() > 1e-9 * (1.0 + float(np.abs(swept).max())):
@@ -321,10 +241,40 @@ class ReachAvoidProblem:
         """t_k of a step, s."""
         return step * self.delta
 
+    def interval(self, step: int) -> Interval:
+        """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
+        step = step if self.dynamics.timed else 0
+        if step not in self._intervals:
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.time(step), self.delta)
+        return self._intervals[step]
+
+    @cached_property
+    def _intervals(self) -> dict[int, Interval]:
+        return {}
+
+    def moves(self, part: UnsafeSet) -> bool:
+        """Whether the avoid tubes of an unsafe set differ from step to step."""
+        return part.moving or self.dynamics.timed
+
+    def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
+        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need."""
+        axes: tuple[int, ...] = part.axes
+        intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
+        while (grown := reduce(lambda known, interval: interval.closed(known), intervals, axes)) != axes:
+            axes = grown
+        return axes
+
+    @cached_property
+    def timeless(self) -> bool:
+        """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the safe target."""
+        if self.dynamics.timed or any(part.moving for part in self.unsafe):
+            return False
+        return all(np.array_equal(self.goal(step), self.goal(0)) for step in range(1, self.steps + 1))
+
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
         subgrid = self.grid.subgrid(axes)
-        values = _finite(f"level set of {name!r}", function(subgrid.points()), (subgrid.size,))
+        values = finite_array(f"level set of {name!r}", function(subgrid.points()), (subgrid.size,))
         if (largest := float(np.abs(values).max())) > LARGEST:
             raise ValueError(
                 f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
@@ -346,8 +296,13 @@ class ReachAvoidProblem:
             self._static.append((part, values))
         return values
 
-    def _unsafe_over(self, part: UnsafeSet, t0: float, t1: float) -> FloatArray:
-        return self.sample(part.axes, lambda points: part.over(points, t0, t1, self.view_time), part.name)
+    def unsafe_over(
+        self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
+    ) -> FloatArray:
+        """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
+        axes = tuple(axes) or part.axes
+        local, view_time = [axes.index(axis) for axis in part.axes], view_time or self.view_time
+        return self.sample(axes, lambda points: part.over(points[:, local], t0, t1, view_time), part.name)
 
     @cached_property
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
@@ -364,14 +319,6 @@ class ReachAvoidProblem:
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
-
-    def drift_at(self, points: FloatArray, j: int) -> FloatArray:
-        """`Dynamics.drift_at`, periodic axes wrapped."""
-        return self.dynamics.drift_at(self.grid.wrapped(points), j)
-
-    def gain_at(self, points: FloatArray) -> FloatArray:
-        """`Dynamics.gain_at`, periodic axes wrapped."""
-        return self.dynamics.gain_at(self.grid.wrapped(points))
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
@@ -402,20 +349,22 @@ class ReachAvoidProblem:
                 h.update(repr((data.dtype.str, data.shape)).encode())
                 h.update(data.tobytes())
 
-        grid, points = self.grid, self.grid.points()
-        add(
-            grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.dynamics.bounds, self.delta, self.steps
-        )
+        grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
+        add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
         h.update(self.view_time.encode())
-        if self.dynamics.constant:
-            add(self.dynamics.drift, self.dynamics.gain)
+        if dynamics.constant:
+            add(dynamics.bounds, dynamics.drift, dynamics.gain)
         else:
-            add(self.dynamics.gain_at(points), *(self.dynamics.drift_at(points, j) for j in range(len(self.inputs))))
+            points, halves = grid.points(), range(2 * self.steps + 1) if dynamics.timed else range(1)
+            for t in (half * self.delta / 2 for half in halves):
+                add(*(dynamics.drift_at(points, j, t) for j in inputs))
+                for j in inputs[:1] if dynamics.alike else inputs:
+                    add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
         add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
         for part in self.unsafe:
             add(part.axes, part.rate, self._unsafe_at(part, 0.0))
             for step in range(self.steps) if part.moving else ():
                 t0, t1 = self.time(step), self.time(step + 1)
                 # what happens between the samples counts too
-                add(self._unsafe_at(part, (t0 + t1) / 2), self._unsafe_at(part, t1), self._unsafe_over(part, t0, t1))
+                add(self._unsafe_at(part, (t0 + t1) / 2), self._unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
         return h.hexdigest()

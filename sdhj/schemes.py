@@ -18,6 +18,7 @@ Time is discretised by the total-variation-diminishing Runge-Kutta schemes of or
 `sdhj.stages` does the work, on planes of the last two axes; the differences and the numerical Hamiltonians are there.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,12 +26,11 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.checks import option
 from sdhj.compiling import choice
 from sdhj.grid import FloatArray, Grid
 from sdhj.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 
-FLUXES, ORDERS = tuple(HAMILTONIANS), tuple(DIFFERENCES)
-INTEGRATORS = ("euler", "rk2", "rk3")
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 MOST_STEPS = 100_000  # of one PDE; what needs more is a unit mistaken, not a problem
@@ -39,6 +39,13 @@ STAGES = {
     "euler": ((0.0, 1.0),),
     "rk2": ((0.0, 1.0), (0.5, 1.0)),
     "rk3": ((0.0, 1.0), (0.75, 0.5), (1 / 3, 1.0)),
+}
+OPTIONS: dict[str, tuple[Any, ...]] = {
+    "flux": tuple(HAMILTONIANS),
+    "order": tuple(DIFFERENCES),
+    "integrator": tuple(STAGES),
+    "frame": ("moving", "fixed"),
+    "dtype": DTYPES,
 }
 
 
@@ -72,15 +79,8 @@ class Scheme:
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("flux", FLUXES),
-            ("order", ORDERS),
-            ("integrator", INTEGRATORS),
-            ("frame", ("moving", "fixed")),
-            ("dtype", DTYPES),
-        ):
-            if (given := getattr(self, name)) not in allowed or type(given) is not type(allowed[0]):
-                raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {given!r}")
+        for name, allowed in OPTIONS.items():
+            option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
         if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {cfl!r}: a larger step is unstable")
@@ -138,24 +138,22 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
     """The layout of a grid's functions for differences of some order."""
-    leading, ghosts = max(grid.ndim - 2, 0), min(order, REACH)
-    rows, nodes = (1, *grid.shape)[-2:]
-    top = ghosts if grid.ndim > 1 else 0
-    width = nodes + 2 * ghosts
-    places = np.indices(grid.shape[:leading]).reshape(leading, int(np.prod(grid.shape[:leading])))
-    near = np.empty((places.shape[1], grid.ndim, 2, REACH), np.int64)
+    *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
+    ghosts = min(order, REACH)
+    top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
+    begins = np.arange(math.prod(leading)).reshape(leading) * (rows + 2 * top) * width  # of each plane
+    near = np.empty((begins.size, grid.ndim, 2, REACH), np.int64)
     for axis, side, o in np.ndindex(near.shape[1:]):
-        shift, there = (2 * side - 1) * min(o + 1, ghosts), places.copy()  # a low order reads less than it is handed
-        if axis < leading:
-            there[axis] = _neighbour(there[axis] + shift, grid, axis)
-        plane = np.ravel_multi_index(tuple(there), grid.shape[:leading]) if leading else np.zeros(1, np.int64)
-        within = 0 if axis < leading else shift if axis == grid.ndim - 1 else shift * width
-        near[:, axis, side, o] = plane * (rows + 2 * top) * width + within
-    source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
+        shift = (2 * side - 1) * min(o + 1, ghosts)  # a low order reads less than it is handed
+        if axis < len(leading):
+            moved = begins.take(_neighbour(np.arange(grid.shape[axis]) + shift, grid, axis), axis=axis)
+        else:
+            moved = begins + shift * (1 if axis == grid.ndim - 1 else width)
+        near[:, axis, side, o] = moved.ravel()
+    near = near.reshape(begins.size, grid.ndim, 2 * REACH)
+    source = _neighbour(np.arange(-top, rows + top), grid, -2) if top else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
-    return Layout(
-        near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
-    )
+    return Layout(near, source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1])
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
@@ -188,7 +186,7 @@ def _field(
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Arrange velocities as `stage` reads them."""
     spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
-    if velocities.drift is None and velocities.lower.ndim == 1:
+    if velocities.lower.ndim == 1 and not velocities.coupled:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
     terms = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is None or velocities.gain is None:

@@ -202,7 +202,7 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
 
 
 @kernel(fastmath=MATH)
-def _raise_to(out, wall):
+def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
 
@@ -221,7 +221,7 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
         for node in range(value.size):
             i = np.uint64(node)
             value[i] += abs(_dot(axes, zero, p, flat, at, stride, i))
-    _raise_to(best, value)
+    raise_to(best, value)
 
 
 @kernel(fastmath=MATH)
@@ -274,7 +274,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         else:
             _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
         if least.size > 0:
-            _raise_to(ahead[first : first + count], least[first : first + count])
+            raise_to(ahead[first : first + count], least[first : first + count])
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 

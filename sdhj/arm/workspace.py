@@ -11,16 +11,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdhj.checks import number, pair
-
-FloatArray = NDArray[Any]
+from sdhj.compiling import kernel
+from sdhj.grid import FloatArray
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
-TINY = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
+POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -38,7 +37,7 @@ def _norm(a: FloatArray) -> FloatArray:
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
     """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
     square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > TINY, square, np.inf)
+    return _dot(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -80,7 +79,7 @@ def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, 
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
     """Positions (M, 2) of the joints of arms whose links point to (cos, sin), each (M,); both are overwritten."""
     for m in range(cos_1.size):
@@ -88,14 +87,14 @@ def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
         tip[m, 0], tip[m, 1] = elbow[m, 0] + lengths[1] * cos_2[m], elbow[m, 1] + lengths[1] * sin_2[m]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _skeleton_distance(elbow, tip, points, out):
     """`skeleton_distance` into out (M,), overwritten."""
     for m in range(out.size):
         out[m] = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], points[m, 0], points[m, 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _skeleton_clearance(elbow, tip, centres, radii, out):
     """`skeleton_clearance` into out (M,), overwritten."""
     for m in range(out.size):
@@ -106,7 +105,7 @@ def _skeleton_clearance(elbow, tip, centres, radii, out):
                 out[m] = distance - radii[d]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
     """Distance from one point to the links of one arm."""
     least = np.inf
@@ -115,7 +114,7 @@ def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
         to_x, to_y = (elbow_x, elbow_y) if link == 0 else (tip_x, tip_y)
         along_x, along_y = to_x - from_x, to_y - from_y
         square = along_x * along_x + along_y * along_y
-        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
+        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > POINT else np.inf)
         s = min(max(foot, 0.0), 1.0)
         dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
         distance = math.sqrt(dx * dx + dy * dy)
@@ -222,7 +221,7 @@ class Circle:
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
         square = _dot(along, along)
-        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > TINY, square, np.inf))
+        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
         )
@@ -353,8 +352,12 @@ class Arm:
 
         A closed polygon (V, 2) inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
         """
-        from shapely import LineString  # only drawing needs it
-
+        try:
+            from shapely import LineString  # only drawing needs it
+        except ImportError as error:
+            raise ImportError(
+                "the outline of an arm needs Shapely, which is not installed: pip install 'sdhj[plot]'"
+            ) from error
         elbow, tip = self.joints(np.asarray(q, dtype=np.float64).reshape(2))
         skeleton = np.stack([np.zeros(2), elbow, tip, elbow, np.zeros(2)])
         if self.half_width == 0.0:

@@ -1,0 +1,311 @@
+"""A search for adversaries that win: what random play does not find, gradient-free optimisation may.
+
+A *plan* is all that an adversary does in one run, decided in advance: (steps, switches, D), the v it plays in each of
+the equal parts of each interval. For every start a small population of plans plays against the closed loop. Those that
+come nearest to a failure are the parents of the next generation: half of them by clearance (the least level-set value
+of the unsafe sets), half by depth (how near the state was to leaving the largest tube). The first plans are random
+vertices of the box, some held over whole intervals, and what the adversaries "aggressive" and "worst" play where they
+decide once in each part. A start is *lost* when a plan makes its run fail: collide, leave the tubes, or come late.
+
+A lost start refutes a table. A start that is not lost is no proof: `method="certified"` is for that.
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.batches import CHUNK, NOT_ADMISSIBLE, threads
+from sdhj.checks import whole
+from sdhj.compiling import hidden
+from sdhj.controller import Controller, NotAdmissible
+from sdhj.grid import FloatArray
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
+
+SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
+PARENTS = 8  # plans of each start that the next generation comes from
+INTERIOR = 0.2  # share of new v that are anywhere in the box, not at a vertex
+CHANGED = 0.1  # share of a plan's parts that a mutation decides anew
+NUDGES = (0.02, 0.5)  # how far a nudge goes, in half-widths of the box
+REACHED = OUTCOMES.index("reached")
+NEVER = -1
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """Which starts an adversary was found to win from; `str()` is a summary.
+
+    Attributes
+    ----------
+    method, rule : str
+    seed, population, generations : int
+    starts : (S, ndim) array
+    outcomes : (S,) int array
+        Places in `OUTCOMES`: how the run failed, or "reached" where no plan made it fail.
+    generation : (S,) int array
+        The generation that won, 0 for the first; -1 where none did.
+    plans : (S, steps, switches, D) array
+        The plan that won, or that came nearest to a collision.
+    clearance, depth : (S,) array
+        The least that any plan achieved; see `Margins`.
+    rollouts : int
+        Closed-loop runs played in all.
+    seconds : float
+        Wall-clock time.
+    """
+
+    method: str
+    rule: str
+    seed: int
+    population: int
+    generations: int
+    starts: FloatArray = field(repr=False)
+    outcomes: FloatArray = field(repr=False)
+    generation: FloatArray = field(repr=False)
+    plans: FloatArray = field(repr=False)
+    clearance: FloatArray = field(repr=False)
+    depth: FloatArray = field(repr=False)
+    rollouts: int
+    seconds: float
+
+    @property
+    def lost(self) -> FloatArray:
+        """Whether a losing adversary was found, (S,) bool."""
+        return self.outcomes != REACHED
+
+    def count(self, outcome: str) -> int:
+        """From how many starts a run was found that ends so."""
+        return int((self.outcomes == OUTCOMES.index(outcome)).sum())
+
+    def adversary(self, start: int) -> Adversary:
+        """The plan of one start as an adversary for `simulate`, which ends as `outcomes` says."""
+        return planned(self.plans[start][None])
+
+    def __str__(self) -> str:
+        failed = ", ".join(f"{self.count(outcome)} {outcome}" for outcome in OUTCOMES[1:])
+        return "\n".join(
+            [
+                f"search for losing adversaries, {self.method} table, rule {self.rule}, seed {self.seed}",
+                f"{self.rollouts} runs: {self.population} plans in each of {self.generations} generations",
+                f"lost {int(self.lost.sum())} of {len(self.starts)} starts ({self.lost.mean():.3%}): {failed}",
+                f"least clearance {self.clearance.min():.3g}, least depth {self.depth.min():.3g}",
+                f"took {self.seconds:.1f} s",
+            ]
+        )
+
+
+def search_losing(
+    controller: Controller,
+    starts: int | FloatArray = 1000,
+    *,
+    population: int = 32,
+    generations: int = 8,
+    switches: int = 4,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> SearchReport:
+    """Search an adversary that wins, from each of many starts.
+
+    Parameters
+    ----------
+    controller : Controller
+    starts : int or (S, ndim) array
+        How many states to draw uniformly from the tube of step 0, or which.
+    population, generations : int
+        Plans for each start in a generation, at least 4, and how many generations at most: a lost start is done.
+    switches : int
+        How often the adversary decides in an interval; a divisor of the 20 instants.
+    seed : int
+        The same seed gives the same report, whatever the number of threads.
+    progress : bool, optional
+        Show a progress bar; by default where standard error is a terminal.
+
+    Raises
+    ------
+    NotAdmissible
+        Where no tube holds one of the starts.
+    ValueError
+        For an option that does not fit, or where the tube of step 0 is empty.
+    """
+    check_controller(controller)
+    population = whole("population", population, least=len(SCOUTS) + 2)
+    generations, seed = whole("generations", generations, least=1), whole("seed", seed, least=0)
+    if whole("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
+        raise ValueError(f"switches must divide {SUBSTEPS}, the instants of an interval, got {switches}")
+    began = time.perf_counter()
+    drawing, *streams = np.random.SeedSequence(seed).spawn(2)
+    states = _starts(controller, starts, np.random.default_rng(drawing))
+    share = max(1, CHUNK // population)  # starts that one thread takes at a time
+    chunks = [states[begin : begin + share] for begin in range(0, len(states), share)]
+    seeds = streams[0].spawn(len(chunks))  # a stream for each chunk: threads change nothing
+
+    def search(number: int) -> dict[str, FloatArray]:
+        rng = np.random.default_rng(seeds[number])
+        return _Search(controller, population, switches, rng).run(chunks[number], generations)
+
+    total = len(states) * population * generations
+    bar = tqdm(total=total, desc="search", unit="run", disable=hidden(progress))
+    with bar, ThreadPoolExecutor(1 if callable(controller.rule) else threads()) as pool:
+        found = []
+        for result in pool.map(search, range(len(chunks))):
+            bar.update(len(result["outcomes"]) * population * generations)
+            found.append(result)
+    return SearchReport(
+        method=controller.table.method,
+        rule=named(controller.rule),
+        seed=seed,
+        population=population,
+        generations=generations,
+        starts=states,
+        rollouts=int(sum(result.pop("rollouts").sum() for result in found)),
+        seconds=time.perf_counter() - began,
+        **{name: np.concatenate([result[name] for result in found]) for name in found[0]},
+    )
+
+
+def planned(plans: FloatArray) -> Adversary:
+    """The adversary that plays plans (M, steps, switches, D), one for each of M runs that start together."""
+    switches = plans.shape[2]
+
+    def planned(moment: Moment) -> FloatArray:
+        return np.asarray(plans[moment.runs, moment.step, moment.substep * switches // SUBSTEPS])
+
+    return planned
+
+
+def _recorded(name: str, plans: FloatArray) -> Adversary:
+    """A named adversary that decides once in each part of an interval; what it plays is written into the plans."""
+    decide, play, length = ADVERSARIES[name], planned(plans), SUBSTEPS // plans.shape[2]
+
+    def recorded(moment: Moment) -> FloatArray:
+        if moment.substep % length == 0:
+            plans[moment.runs, moment.step, moment.substep // length] = decide(moment)
+        return play(moment)
+
+    return recorded
+
+
+def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Generator) -> FloatArray:
+    if np.ndim(starts) == 0:
+        return admissible_states(controller, whole("starts", starts, least=1), rng)
+    states = np.array(starts, dtype=np.float64)
+    outside = np.flatnonzero(controller.batch(states, 0).steps_to_go == NOT_ADMISSIBLE)
+    if not len(states):
+        raise ValueError("starts holds no state")
+    if outside.size:
+        raise NotAdmissible(f"start {outside[0]}, {states[outside[0]].tolist()}, is in no tube of step 0")
+    return states
+
+
+@dataclass(frozen=True)
+class _Played:
+    """Plans (S, P, steps, switches, D) of S starts, and how their runs went, each (S, P)."""
+
+    plans: FloatArray
+    outcomes: FloatArray
+    taken: FloatArray
+    clearance: FloatArray
+    depth: FloatArray
+
+    def taking(self, rows: FloatArray, columns: FloatArray) -> "_Played":
+        """Some of the plans of some of the starts: rows and columns, shapes broadcast."""
+        return _Played(*(array[rows, columns] for array in vars(self).values()))
+
+    def beside(self, *others: "_Played") -> "_Played":
+        arrays = zip(*(vars(one).values() for one in (self, *others)), strict=True)
+        return _Played(*(np.concatenate(each, axis=1) for each in arrays))
+
+    def parents(self) -> "_Played":
+        """The plans that came nearest to a failure: half by clearance, half by depth, the clearer one last."""
+        half = min(PARENTS // 2, self.outcomes.shape[1])
+        near = np.argsort(self.clearance, axis=1, kind="stable")[:, :half]
+        shallow = np.lexsort((self.clearance, self.depth), axis=1)[:, :half]
+        return self.taking(np.arange(len(near))[:, None], np.hstack([near, shallow]))
+
+
+class _Search:
+    """Evolves the plans of a chunk of starts."""
+
+    def __init__(self, controller: Controller, population: int, switches: int, rng: np.random.Generator) -> None:
+        self.controller, self.population, self.rng = controller, population, rng
+        self.bounds = controller.problem.dynamics.bounds
+        self.shape = (controller.problem.steps, switches, self.bounds.size)
+
+    def run(self, starts: FloatArray, generations: int) -> dict[str, FloatArray]:
+        """Evolve plans for each start (S, ndim) until it is lost or the generations are over; see `SearchReport`."""
+        count = len(starts)
+        outcomes, generation, total = np.full(count, REACHED), np.full(count, NEVER), np.zeros(count, np.int64)
+        plans, (clearance, depth) = np.zeros((count, *self.shape)), np.full((2, count), np.inf)
+        alive, parents = np.arange(count), None
+        for number in range(generations if count else 0):
+            if parents is None:
+                played = self.first(starts)
+            else:
+                played = parents.beside(self.play(starts[alive], self.children(parents)))
+            total[alive] += self.population
+            rows = np.arange(alive.size)
+            failed = played.outcomes != REACHED
+            lost = failed.any(axis=1)
+            best = np.where(lost, failed.argmax(axis=1), played.clearance.argmin(axis=1))
+            plans[alive], outcomes[alive] = played.plans[rows, best], played.outcomes[rows, best]
+            clearance[alive], depth[alive] = played.clearance.min(axis=1), played.depth.min(axis=1)
+            generation[alive[lost]] = number
+            going = ~lost & (played.taken.max(axis=1) > 0)  # where it starts in the target there is nothing to play
+            alive, parents = alive[going], played.taking(rows[going][:, None], np.arange(failed.shape[1])).parents()
+            if not alive.size:
+                break
+        names = {"outcomes": outcomes, "generation": generation, "plans": plans, "clearance": clearance}
+        return names | {"depth": depth, "rollouts": total}
+
+    def play(self, starts: FloatArray, plans: FloatArray, play: Adversary | None = None) -> _Played:
+        """Play plans (S, P, steps, switches, D) from starts (S, ndim); `play` may write them while it plays."""
+        count, population = plans.shape[:2]
+        flat = plans.reshape(count * population, *plans.shape[2:])  # nothing to play where D = 0
+        margins, repeated = Margins.of(count * population), np.repeat(starts, population, axis=0)
+        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins=margins)
+        arrays = (*results, margins.clearance, margins.depth)
+        return _Played(plans, *(array.reshape(count, population) for array in arrays))
+
+    def first(self, starts: FloatArray) -> _Played:
+        """Random plans, the first half held over intervals, after those of the scouts."""
+        plans = self.decided((len(starts), self.population, *self.shape))
+        held = slice(len(SCOUTS), (self.population + len(SCOUTS)) // 2)
+        plans[:, held] = plans[:, held, :, :1]
+        scouted = [
+            self.play(starts, own, _recorded(name, own[:, 0]))
+            for name, own in zip(SCOUTS, np.split(plans[:, : len(SCOUTS)], len(SCOUTS), axis=1), strict=True)
+        ]
+        return scouted[0].beside(*scouted[1:], self.play(starts, plans[:, len(SCOUTS) :]))
+
+    def decided(self, shape: tuple[int, ...]) -> FloatArray:
+        """New v, the last axis of `shape` its components: most at vertices of the box, some anywhere in it."""
+        anywhere = self.rng.uniform(-1.0, 1.0, shape)
+        interior = self.rng.random((*shape[:-1], 1)) < INTERIOR
+        return np.where(interior, anywhere, np.sign(anywhere)) * self.bounds
+
+    def children(self, parents: _Played) -> FloatArray:
+        """New plans (S, population, steps, switches, D), each of two parents of the same start, mutated.
+
+        A child has the intervals of its first parent up to a cut and those of the second after it. Then some parts are
+        changed, and always one that the first parent lived to play, or in every other child its whole interval: decided
+        anew in half of the children, and nudged, most by a little, in the other half.
+        """
+        rng, population, (count, pool, steps, switches, _) = self.rng, self.population, parents.plans.shape
+        rows, two = np.arange(count)[:, None], rng.integers(0, pool, (2, count, population))
+        cut = rng.integers(1, steps + 1, (count, population, 1, 1, 1))
+        early = np.arange(steps)[:, None, None] < cut
+        plans = np.where(early, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
+        interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
+        part = rng.integers(0, switches, (count, population, 1, 1))
+        whole = (np.arange(population) % 2 == 0)[:, None, None]
+        changed = (np.arange(steps)[:, None] == interval) & (whole | (np.arange(switches) == part))
+        changed |= rng.random(changed.shape) < CHANGED
+        new = self.decided(plans.shape)
+        new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
+        scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1)) * self.bounds
+        nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -self.bounds, self.bounds)
+        new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)
+        return np.where(changed[..., None], new, plans)

@@ -1,0 +1,123 @@
+"""The workspace: the arm, the known disks, the agent (Figs. 1, 9a and 12a)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, FancyArrowPatch, Polygon
+
+from sdhj.arm.case_studies import ArmScene
+from sdhj.arm.workspace import Disk
+from sdhj.grid import FloatArray
+from sdhj.plotting.looks import FAINT, INK, PURSUER_LOOKS, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks
+
+ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
+FRAME_MARGIN = 0.02
+
+
+def frame_workspace(ax: Axes, scene: ArmScene, half_side: float | None = None) -> None:
+    """Equal axes over the square in which arm and agent move, in metres."""
+    if half_side is None:
+        half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
+    ax.set_xlim(-half_side, half_side)
+    ax.set_ylim(-half_side, half_side)
+    ax.set_aspect("equal")
+    ax.set_xlabel("$x$ (m)")
+    ax.set_ylabel("$y$ (m)")
+
+
+def draw_arm(
+    ax: Axes, scene: ArmScene, q: Sequence[float] | FloatArray, *, alpha: float = 1.0, zorder: float = 5.0
+) -> None:
+    """The thick links at joint angles q (2,), with base, elbow and end-effector."""
+    q = np.asarray(q, dtype=np.float64)[:2]
+    elbow, tip = scene.arm.joints(q)
+    ax.add_patch(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
+    dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "alpha": alpha, "zorder": zorder + 0.1}
+    ax.plot([0.0, elbow[0]], [0.0, elbow[1]], color="white", markeredgecolor=INK, markersize=3.0, gid="joints", **dots)
+    ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
+
+
+def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 4.5, gid: str = "velocity") -> None:
+    """A white arrow with a dark outline; nothing where it would have no length."""
+    if np.allclose(start, end):
+        return
+    ax.add_patch(
+        FancyArrowPatch(
+            tuple(start),
+            tuple(end),
+            arrowstyle="simple,head_width=6,head_length=6,tail_width=2.2",
+            facecolor="white",
+            edgecolor=INK,
+            linewidth=0.7,
+            shrinkA=0,
+            shrinkB=0,
+            mutation_scale=1.0,
+            zorder=zorder,
+            gid=gid,
+        )
+    )
+
+
+def draw_disk(ax: Axes, disk: Disk, t: float, looks: Looks, gid: str, *, zorder: float = 2.0) -> None:
+    """A known disk where it is at time t."""
+    ax.add_patch(Circle(tuple(disk.centre(t)), disk.radius, zorder=zorder, gid=gid, **looks))
+
+
+def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
+    """Faint outlines of a moving disk at some times, and the line its centre follows."""
+    if disk.speed == 0.0:
+        return
+    plain = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "linestyle": "-"}
+    for t in times:
+        ax.add_patch(Circle(tuple(disk.centre(float(t))), disk.radius, alpha=0.55, zorder=1.5, gid=gid, **plain))
+    fine = np.linspace(times[0], times[-1], 60)
+    ax.plot(*disk.centre(fine).T, color=looks["edgecolor"], linestyle=":", linewidth=0.8, zorder=1.6)
+
+
+def draw_agent(ax: Axes, scene: ArmScene, centre: Sequence[float] | FloatArray, *, zorder: float = 4.0) -> None:
+    """The pursuer (or evader) as a bold dotted contour about its centre (2,)."""
+    ax.add_patch(Circle(tuple(np.asarray(centre)), scene.agent_radius, zorder=zorder, gid=scene.agent, **PURSUER_LOOKS))
+    ax.plot(*np.asarray(centre), "+", color=INK, markersize=4, zorder=zorder)
+
+
+def draw_workspace(
+    ax: Axes,
+    scene: ArmScene,
+    *,
+    state: Sequence[float] | FloatArray | None = None,
+    time: float = 0.0,
+    trail: FloatArray | None = None,
+    arrows: bool = True,
+) -> None:
+    """Obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
+
+    Parameters
+    ----------
+    state : (4,) array, optional
+        Joint angles and the agent's centre; nothing of either is drawn without it.
+    time : float
+        Where the known disks are, s.
+    trail : (K,) array, optional
+        Times at which the moving disks are outlined faintly, s.
+    arrows : bool
+        Draw the velocities of the known disks, as the way made in 0.8 s.
+    """
+    known = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
+    if scene.target is not None:
+        known.append((scene.target, TARGET_LOOKS, "target"))
+    for disk, looks, gid in known:
+        if trail is not None:
+            draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
+        draw_disk(ax, disk, time, looks, gid)
+        if arrows:
+            here, step = disk.centre(time), 1e-4
+            velocity = (disk.centre(time + step) - disk.centre(time - step)) / (2 * step)
+            draw_arrow(ax, here, here + ARROW_SECONDS * velocity)
+    if state is not None:
+        draw_arm(ax, scene, np.asarray(state)[:2])
+        draw_agent(ax, scene, np.asarray(state)[2:4])
+    else:
+        ax.plot(0, 0, "s", color=FAINT, markersize=3)
+    frame_workspace(ax, scene)

@@ -1,0 +1,414 @@
+"""Closed-loop simulation against an adversary, with the true dynamics and the true geometry.
+
+The robot measures its state at every sampling time t_k and asks the controller; nothing else here reads the table, but
+for the adversary that is allowed to. Collisions are judged by the true level-set functions at 20 instants of every
+interval. The outcome of a run is one of
+
+* reached: at a sampling time the state was truly in the target, and no collision was seen before;
+* collided: the state was in an unsafe set at one of the instants, the start included;
+* left: at a sampling time before the last no tube held the state, so the controller had no answer;
+* late: the last sampling time came without any of those.
+
+Where the interpolated table calls a state reached that is truly just outside, the run goes on with the inputs that
+bring it back into the target: known geometry is measured, not interpolated.
+"""
+
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.batches import CHUNK, threads
+from sdhj.checks import whole
+from sdhj.compiling import announced, hidden
+from sdhj.controller import Controller
+from sdhj.grid import FloatArray
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+
+OUTCOMES = ("reached", "collided", "left", "late")
+SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
+UNDECIDED = -1
+Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
+DRAWS = 1000  # rounds of rejection sampling before giving up
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One run, at every instant looked at.
+
+    Attributes
+    ----------
+    times : (T,) array
+        s; every SUBSTEPS-th is a sampling time.
+    states : (T, ndim) array
+        Coordinates of periodic axes are not wrapped, so that the path has no jumps.
+    inputs : (K,) int array
+        Index into problem.inputs of the input held over each interval.
+    steps_to_go : (K,) int array
+        What the controller promised at the start of each interval.
+    disturbances : (T - 1, D) array
+        What the adversary played between one instant and the next.
+    outcome : {"reached", "collided", "left", "late"}
+        In the target at a sampling time; in an unsafe set before; at a sampling time in a state that no tube holds,
+        where the controller has no answer; or none of these by the last step.
+    """
+
+    times: FloatArray
+    states: FloatArray
+    inputs: FloatArray
+    steps_to_go: FloatArray
+    disturbances: FloatArray
+    outcome: str
+
+    @property
+    def samples(self) -> FloatArray:
+        """The states at the sampling times, (K + 1, ndim), or (K, ndim) where a collision ended an interval early."""
+        return self.states[::SUBSTEPS]
+
+
+@dataclass
+class _Record:
+    """Collects a trajectory while it runs; only for a single run."""
+
+    times: list[float] = field(default_factory=list)
+    states: list[FloatArray] = field(default_factory=list)
+    inputs: list[int] = field(default_factory=list)
+    steps_to_go: list[int] = field(default_factory=list)
+    disturbances: list[FloatArray] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How near each of M runs came to failing; filled while they run.
+
+    Attributes
+    ----------
+    clearance : (M,) array
+        Least true level-set value of the unsafe sets at the instants looked at; <= 0 for a collision.
+    depth : (M,) array
+        Least depth in the largest tube of a sampling time, minus its level-set value, before the target was reached:
+        how near the run was to having no answer. +inf where it was reached at once.
+    """
+
+    clearance: FloatArray
+    depth: FloatArray
+
+    @classmethod
+    def of(cls, count: int) -> "Margins":
+        """For runs that have not begun."""
+        return cls(np.full(count, np.inf), np.full(count, np.inf))
+
+    def note(self, kind: str, runs: FloatArray, values: FloatArray) -> None:
+        """Lower the margins of some runs."""
+        margin: FloatArray = getattr(self, kind)
+        margin[runs] = np.minimum(margin[runs], values)
+
+
+@dataclass(frozen=True)
+class Report:
+    """How many runs ended how; `str()` is a table.
+
+    Attributes
+    ----------
+    runs, adversary, rule, method, seed
+        What was simulated.
+    counts : mapping of outcome to int
+    starts : (runs, ndim) array
+    outcomes : (runs,) int array
+        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late; see `Trajectory`.
+    steps : (runs,) int array
+        Intervals that each run took.
+    seconds : float
+        Wall-clock time.
+    """
+
+    runs: int
+    adversary: str
+    rule: str
+    method: str
+    seed: int
+    counts: Mapping[str, int]
+    starts: FloatArray = field(repr=False)
+    outcomes: FloatArray = field(repr=False)
+    steps: FloatArray = field(repr=False)
+    seconds: float
+
+    def rate(self, outcome: str) -> float:
+        """Share of the runs with an outcome."""
+        return self.counts[outcome] / self.runs
+
+    def interval(self, outcome: str) -> tuple[float, float]:
+        """95% confidence interval of the rate (Wilson's score interval)."""
+        n, p = self.runs, self.rate(outcome)
+        centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
+        half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
+        return max(0.0, centre - half), min(1.0, centre + half)
+
+    def __str__(self) -> str:
+        head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
+        lines = [head, f"{'outcome':<10}{'runs':>10}{'rate':>10}   95% interval"]
+        for outcome in OUTCOMES:
+            rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
+            lines.append(f"{outcome:<10}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
+        reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
+        if reached.size:
+            lines.append(f"reached after {reached.mean():.2f} steps on average, {reached.max()} at most")
+        lines.append(f"took {self.seconds:.1f} s")
+        return "\n".join(lines)
+
+
+def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0) -> Trajectory:
+    """Run the closed loop once from state q0 (ndim,) at step 0.
+
+    Parameters
+    ----------
+    controller : Controller
+    q0 : (ndim,) array
+    adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+        See `sdhj.simulation.adversaries`; yours is called at every substep.
+    seed : int
+
+    Raises
+    ------
+    NotAdmissible
+        Where no tube holds q0.
+    ValueError
+        For a state that is not one, an unknown adversary, or one that leaves its bounds.
+    """
+    check_controller(controller)
+    play, seed = _adversary(adversary), whole("seed", seed, least=0)
+    start = np.asarray(q0, dtype=np.float64)
+    controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
+    record = _Record()
+    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), record)
+    return Trajectory(
+        times=np.array(record.times),
+        states=np.array(record.states),
+        inputs=np.array(record.inputs, dtype=np.int64),
+        steps_to_go=np.array(record.steps_to_go, dtype=np.int64),
+        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.adversaries),
+        outcome=OUTCOMES[outcomes[0]],
+    )
+
+
+def monte_carlo(
+    controller: Controller,
+    runs: int = 100_000,
+    adversary: str | Adversary = "worst",
+    seed: int = 0,
+    *,
+    progress: bool | None = None,
+) -> Report:
+    """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
+
+    Parameters
+    ----------
+    controller : Controller
+    runs : int
+    adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+        As for `simulate`. A function of yours is called from one thread, the named ones from several.
+    seed : int
+        The same seed gives the same report, whatever the number of threads.
+    progress : bool, optional
+        Show a progress bar; by default where standard error is a terminal.
+
+    Raises
+    ------
+    ValueError
+        For an option that does not fit, or where the tube of step 0 is empty.
+    """
+    check_controller(controller)
+    play = _adversary(adversary)
+    runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
+    began = time.perf_counter()
+    sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
+    seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
+    bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
+
+    def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        rng = np.random.default_rng(seeds[number])
+        starts = admissible_states(controller, sizes[number], rng)
+        return (starts, *rollouts(controller, starts, play, rng))
+
+    workers = 1 if callable(adversary) or callable(controller.rule) else threads()
+    with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
+        results = []
+        for result in pool.map(chunk, range(len(sizes))):
+            bar.update(len(result[0]))
+            results.append(result)
+    starts, outcomes, steps = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
+    return Report(
+        runs=runs,
+        adversary=named(adversary),
+        rule=named(controller.rule),
+        method=controller.table.method,
+        seed=seed,
+        counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
+        starts=starts,
+        outcomes=outcomes,
+        steps=steps,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def named(option: object) -> str:
+    return option if isinstance(option, str) else getattr(option, "__name__", type(option).__name__)
+
+
+def check_controller(given: Any) -> None:
+    """Raise ValueError for what cannot play, a table for example."""
+    if not isinstance(given, Controller):
+        raise ValueError(f"controller must be a Controller, for example Controller(table), got {type(given).__name__}")
+
+
+def _adversary(adversary: str | Adversary) -> Adversary:
+    if callable(adversary):
+        return adversary
+    if adversary not in ADVERSARIES:
+        names = ", ".join(ADVERSARIES)
+        raise ValueError(f"adversary must be one of {names}, or a function of a Moment, got {adversary!r}")
+    return ADVERSARIES[adversary]
+
+
+def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
+    """States (count, ndim) drawn uniformly from the tube of step 0, by rejection.
+
+    Raises
+    ------
+    ValueError
+        Where next to nothing of the grid is admissible.
+    """
+    grid, steps = controller.problem.grid, controller.table.steps
+    found: list[FloatArray] = []
+    missing = count
+    for _ in range(DRAWS):
+        states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
+        within = np.full(len(states), steps)
+        inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
+        found.append(inside)
+        missing -= len(inside)
+        if missing == 0:
+            return np.concatenate(found)
+    raise ValueError(
+        f"the tube of step 0 within {steps} steps is empty or tiny (its share of the grid is "
+        f"{controller.table.fraction(start=0, within=steps):.2g}), so there is nothing to start from; use more steps "
+        "or nodes, or a larger target"
+    )
+
+
+def rollouts(
+    controller: Controller,
+    starts: FloatArray,
+    play: Adversary,
+    rng: np.random.Generator,
+    record: _Record | None = None,
+    margins: Margins | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,)."""
+    problem = controller.problem
+    reached, collided, left, late = range(len(OUTCOMES))
+    states, alive = starts.copy(), np.arange(len(starts))
+    outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
+    if record is not None:
+        record.times.append(0.0)
+        record.states.append(starts[0])
+    clearance = problem.unsafe_value(states, 0.0)
+    outcomes[clearance <= 0] = collided
+    if margins is not None:
+        margins.note("clearance", alive, clearance)
+    for step in range(problem.steps + 1):
+        alive = alive[outcomes[alive] == UNDECIDED]
+        inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
+        outcomes[alive[inside]] = reached
+        alive = alive[~inside]
+        if margins is not None and alive.size:
+            largest = np.full(alive.size, problem.steps - step)
+            margins.note("depth", alive, 0.0 - controller.table.values_at(states[alive, None], step, largest)[:, 0])
+        if step == problem.steps or not alive.size:
+            break
+        batch = controller.batch(states[alive], step)
+        inputs = controller.choose(batch)
+        outcomes[alive[inputs < 0]] = left
+        known = inputs >= 0
+        alive, inputs, to_go = alive[known], inputs[known], batch.steps_to_go[known]
+        if not alive.size:
+            break
+        if record is not None:
+            record.inputs.append(int(inputs[0]))
+            record.steps_to_go.append(int(to_go[0]))
+        held = _Held(alive, step, inputs, np.maximum(to_go, 1) - 1)
+        states[alive], hit = _interval(controller, states[alive], held, play, rng, record, margins)
+        outcomes[alive[hit]] = collided
+        taken[alive] += 1
+    outcomes[outcomes == UNDECIDED] = late
+    return outcomes, taken
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What is fixed over an interval: runs (M,), step, the inputs (M,) they hold, the steps to go (M,) they promise."""
+
+    runs: FloatArray
+    step: int
+    inputs: FloatArray
+    promised: FloatArray
+
+
+def _interval(
+    controller: Controller,
+    states: FloatArray,
+    held: _Held,
+    play: Adversary,
+    rng: np.random.Generator,
+    record: _Record | None,
+    margins: Margins | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
+    problem, interval = controller.problem, controller.problem.interval(held.step)
+    duration, v = problem.delta / SUBSTEPS, np.zeros((len(states), problem.dynamics.adversaries))
+    hit = np.zeros(len(states), dtype=bool)
+    for substep in range(SUBSTEPS):
+        now = problem.time(held.step) + substep * duration
+        moment = Moment(
+            problem=problem,
+            states=states,
+            inputs=held.inputs,
+            step=held.step,
+            substep=substep,
+            time=now,
+            remaining=problem.delta - substep * duration,
+            duration=duration,
+            previous=v,
+            runs=held.runs,
+            tube=lambda points: controller.table.values_at(points, held.step + 1, held.promised),
+            rng=rng,
+        )
+        v = _checked(play(moment), moment.bounds)
+        states = interval.advance(states, held.inputs, v, now, duration)
+        clearance = problem.unsafe_value(states, now + duration)
+        hit |= clearance <= 0
+        if margins is not None:
+            margins.note("clearance", held.runs, clearance)
+        if record is not None:
+            record.times.append(now + duration)
+            record.states.append(states[0])
+            record.disturbances.append(v[0])
+        if hit.all():
+            break
+    return states, hit
+
+
+def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
+    """What an adversary returned, if it keeps to its box, bounds (M, D)."""
+    v = np.asarray(v, dtype=np.float64)
+    if v.shape != bounds.shape:
+        raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")
+    outside = ~(np.abs(v) <= bounds * (1 + 1e-12))  # also where it is NaN
+    if outside.any():
+        own = bounds[outside.any(axis=1)][0]
+        raise ValueError(f"the adversary must keep each component of v within +-{own.tolist()} and finite")
+    return v

@@ -1,0 +1,170 @@
+"""The search for losing adversaries: it finds a planted way to lose that random play misses, and none where there is
+a proof."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import search
+import toys
+from search import planned, search_losing
+
+import sdhj
+from sdhj.certified import CertifiedTable
+from sdhj.controller import Controller
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+
+PLAY = ("aggressive", "worst")
+COLLIDED = OUTCOMES.index("collided")
+NEEDLE = np.array([0.055, -0.037])  # where it is, from where the robot would be without an adversary
+START = np.array([-2.6, 0.4])
+
+
+@cache
+def torus_table() -> sdhj.LookupTable:
+    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
+
+
+@cache
+def certified_table() -> CertifiedTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), sdhj.Certified(cells=(105, 105, 36, 36)), progress=False)
+
+
+def planted(radius: float) -> Controller:
+    """A table that does not know of a small disk, there at the end of the second interval only."""
+    table = torus_table()
+    middle = simulate(Controller(table), START, "none").states[2 * SUBSTEPS] + NEEDLE
+    end = 2 * table.problem.delta
+    needle = sdhj.UnsafeSet(
+        (0, 1),
+        lambda p, t: np.hypot(np.hypot(*toys.wrapped(p - middle).T), 10 * (t - end)) - radius,
+        rate=10.0,
+        name="needle",
+    )
+    return Controller(replace(table, problem=replace(table.problem, unsafe=(*table.problem.unsafe, needle))))
+
+
+def test_a_needle_that_random_play_misses_is_found() -> None:
+    """Two intervals spread the robot over 0.32 x 0.32; the needle is a disk of radius 0.002 in it, so a random run
+    hits it with a chance of at most 4 * 0.002^2 pi / 0.32^2 = 5e-4 (a sum of two uniform variables is twice as dense
+    as its mean at the most, on each axis). Of 40 searches of 512 runs 26 hit it, of 40 times 512 random runs none."""
+    controller, starts = planted(0.002), np.tile(START, (40, 1))
+    report = search_losing(controller, starts, population=32, generations=16, progress=False)
+    rng = np.random.default_rng(0)
+    random = rollouts(controller, np.repeat(starts, 512, axis=0), ADVERSARIES["random"], rng)[0]
+    hits = (random == COLLIDED).reshape(40, 512).any(axis=1).sum()
+    assert report.count("collided") == report.lost.sum() >= 15 > 3 >= hits
+    assert (report.generation[report.lost] > 0).all()  # not by luck in the first, which is random
+    assert (report.clearance[report.lost] <= 0).all() and (report.clearance[~report.lost] > 0).all()
+    run = simulate(controller, START, report.adversary(int(report.lost.argmax())))
+    assert run.outcome == "collided" and len(run.times) == 2 * SUBSTEPS + 1
+
+
+def test_where_a_proof_says_so_nobody_wins() -> None:
+    report = search_losing(Controller(certified_table()), 100, population=16, generations=4, progress=False)
+    assert not report.lost.any() and (report.outcomes == OUTCOMES.index("reached")).all()
+    assert report.clearance.min() > 0 and report.depth.min() >= 0
+    assert 100 * 16 < report.rollouts <= 100 * 16 * 4  # those that start in the target play one generation
+    assert (report.generation == -1).all() and "lost 0 of 100 starts" in str(report)
+
+
+def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
+    """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
+    than the strongest of the named adversaries does, and many more than random play with as many runs."""
+    table = certified_table()
+    stronger = replace(table.problem.dynamics, bounds=1.2 * table.problem.dynamics.bounds)
+    proof = replace(table.proof, problem=replace(table.problem, dynamics=stronger))
+    controller = Controller(replace(table, proof=proof))
+    report = search_losing(controller, 300, population=16, generations=8, progress=False)
+    named = {name: rollouts(controller, report.starts, ADVERSARIES[name], np.random.default_rng(0))[0] for name in PLAY}
+    failed = {name: int((outcomes != OUTCOMES.index("reached")).sum()) for name, outcomes in named.items()}
+    again = np.repeat(report.starts, 128, axis=0)
+    random = rollouts(controller, again, ADVERSARIES["random"], np.random.default_rng(0))[0].reshape(300, 128)
+    luck = int((random != OUTCOMES.index("reached")).any(axis=1).sum())
+    assert report.lost.sum() >= 20 and report.lost.sum() > 1.5 * max(failed.values()) and report.lost.sum() > 1.5 * luck
+
+
+def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
+    controller = planted(0.02)
+    report = search_losing(controller, 60, population=12, generations=3, switches=2, seed=5, progress=False)
+    bounds = controller.problem.dynamics.bounds
+    assert report.plans.shape == (60, 3, 2, 2) and (np.abs(report.plans) <= bounds).all()
+    outcomes = [simulate(controller, q, report.adversary(i)).outcome for i, q in enumerate(report.starts)]
+    assert outcomes == [OUTCOMES[place] for place in report.outcomes]
+    assert report.lost.any() and not report.lost.all()
+
+
+def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = planted(0.02)
+    monkeypatch.setattr(search, "CHUNK", 64)
+    one, other = (search_losing(controller, 40, population=8, generations=3, seed=s, progress=False) for s in (1, 2))
+    monkeypatch.setattr(search, "threads", lambda: 1)
+    again = search_losing(controller, 40, population=8, generations=3, seed=1, progress=False)
+    for name in ("starts", "outcomes", "generation", "plans", "clearance", "depth", "rollouts"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+    assert (one.starts != other.starts).all()
+    assert len(np.unique(one.starts, axis=0)) == 40
+
+
+def test_each_generation_is_no_worse() -> None:
+    controller = Controller(torus_table())
+    starts = simulation.admissible_states(controller, 50, np.random.default_rng(0))
+    least = [
+        search_losing(controller, starts, population=8, generations=n, progress=False).clearance for n in (1, 2, 6)
+    ]
+    assert (least[1] <= least[0]).all() and (least[2] <= least[1]).all() and (least[2] < least[0]).mean() > 0.3
+
+
+def test_a_start_in_the_target_is_played_once() -> None:
+    controller = Controller(torus_table())
+    inside = np.array([[-1.0, 0.0]])
+    assert controller.problem.target_value(inside, 0.0)[0] < 0
+    report = search_losing(controller, inside, population=8, generations=5, progress=False)
+    assert report.rollouts == 8 and not report.lost[0]
+
+
+def test_margins_are_those_of_the_trajectory() -> None:
+    controller = Controller(torus_table())
+    problem, starts = controller.problem, np.array([START, [-2.4, -0.6]])
+    plans = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 3, 4, 2))
+    margins = Margins.of(2)
+    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins=margins)
+    for m, start in enumerate(starts):
+        run = simulate(controller, start, planned(plans[m][None]))
+        assert run.outcome == "reached" and len(run.inputs) >= 2
+        values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
+        assert margins.clearance[m] == pytest.approx(min(values), abs=1e-12)  # rounding of a sum of 60 moves
+        depths = [
+            -controller.table.values_at(q[None, None], step, np.array([3 - step]))[0, 0]
+            for step, q in enumerate(run.samples[:-1])
+        ]
+        assert margins.depth[m] == pytest.approx(min(depths), abs=1e-12)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    controller = Controller(torus_table())
+    for options, message in (
+        ({"population": 3}, "population must be a whole number of at least 4"),
+        ({"generations": 0}, "generations must be"),
+        ({"switches": 3}, "switches must divide 20"),
+        ({"switches": 0}, "switches must be"),
+        ({"seed": -1}, "seed must be"),
+        ({"starts": 0}, "starts must be"),
+        ({"starts": np.empty((0, 2))}, "no state"),
+        ({"starts": [[np.nan, 0.0]]}, "NaN"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            search_losing(controller, **{"starts": 5, **options})
+    with pytest.raises(sdhj.NotAdmissible, match="start 1"):
+        search_losing(controller, [START, [3.0, 3.0]])
+
+
+def test_with_no_adversary_there_is_nothing_to_find():
+    problem = toys.torus_problem(nodes=16, steps=2)
+    dynamics = replace(problem.dynamics, gain=np.zeros((2, 0)), bounds=[])
+    controller = sdhj.Controller(sdhj.solve(replace(problem, dynamics=dynamics), progress=False))
+    report = search_losing(controller, 3, population=6, generations=2, progress=False)
+    assert report.plans.shape[-1] == 0 and report.lost.shape == (3,)

@@ -1,0 +1,134 @@
+"""The experiments of Sec. 6.1 on small grids: what they claim has to show in their data."""
+
+import numpy as np
+import pytest
+from artists import axes, named
+from charts import draw_bars, draw_fractions, draw_sweep
+from experiments import clearances, starts_outside
+from extra_adversary import sweep_adversary
+from extra_certified import sweep_cells
+from extra_conservativeness import draw_entries
+from extra_evader import evading_target
+from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
+from extra_rules import compare_rules
+from extra_view_time import compare_view_times
+
+import sdhj
+from sdhj.arm.workspace import Disk, Still
+from sdhj.simulation import simulate
+
+
+@pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])
+def test_a_stronger_adversary_leaves_less_until_nothing(bound):
+    """Larger boxes for the adversary hold the smaller ones, so the maximum over them grows; steps this wide hide what
+    interpolation adds."""
+    values = (0.0, 0.2, 0.8, 2.0, 5.0)
+    sweep = sweep_adversary(bound, values, "lax", nodes=9, steps=2)
+    assert sweep.values == values
+    assert all(np.diff(sweep.fractions) <= 0) and sweep.won[0] > 0.02 and sweep.won[-1] == 0.0
+    assert sweep.extinct == values[sweep.won.index(0.0)]
+    gained = np.subtract(sweep.fractions, sweep.won)
+    np.testing.assert_allclose(gained, gained[-1], atol=1e-12)  # the target itself does not depend on the adversary
+    assert sweep_adversary(bound, values[:2], "lax", nodes=9, steps=2).extinct is None
+
+
+def test_extinction_is_no_reason_to_warn_when_sweeping_projections(recwarn):
+    sweep = sweep_adversary("v_d_max", (5.0,), "projected", nodes=9, steps=1)
+    assert sweep.won == (0.0,) and not recwarn.list
+
+
+def test_more_input_levels_never_lose_and_cost_in_proportion():
+    """The samples with 3 levels are among those with 5 and with 7, and those with 5 among those with 9."""
+    sweep = sweep_input_levels((3, 5, 7, 9), method="lax", nodes=9, steps=2)
+    three, five, seven, nine = sweep.fractions
+    assert three <= five <= nine and three <= seven and nine > three
+    assert sweep.inputs == (9, 25, 49, 81)
+    assert all(seconds > 0 for seconds in sweep.seconds)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
+
+
+def test_rules_trade_effort_clearance_and_time(table):
+    outcomes = {outcome.rule: outcome for outcome in compare_rules(table, 60)}
+    assert set(outcomes) == {"deepest", "effort", "target", "clearance"}
+    assert all(outcome.reached > 50 for outcome in outcomes.values())
+    assert min(outcomes.values(), key=lambda o: o.effort).rule == "effort"
+    assert max(outcomes.values(), key=lambda o: o.clearance).rule == "clearance"
+    assert outcomes["target"].time <= outcomes["effort"].time
+    assert outcomes["effort"].effort < 0.9 * outcomes["target"].effort
+
+
+def test_clearances_are_those_of_the_true_geometry(table):
+    problem = table.problem
+    q0 = starts_outside(table, 1, 3)[0]
+    run = simulate(sdhj.Controller(table), q0, "random", seed=3)
+    coarse, fine = (clearances(problem, [run], finer)[0] for finer in (1, 7))
+    values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
+    assert coarse == pytest.approx(min(values), abs=1e-12)  # rounding of times
+    assert fine <= coarse
+    assert clearances(problem, [], 1).shape == (0,)
+
+
+def test_sampled_obstacles_let_collisions_through():
+    """A thin obstacle at 20 m/s: the gaps between 20 samples are wider than the arm, and runs end in them."""
+    nodes = (25, 25, 5, 5)  # the pursuer's axes matter little here
+    swept, sampled = compare_view_times(("swept", "sampled"), nodes=nodes, steps=2, runs=80)
+    assert swept.fraction < sampled.fraction
+    assert sampled.deepest < 0 and sampled.rate > 0.1
+    assert sampled.collided > 5 * swept.collided  # those of the grid's own error
+    assert swept.runs == sampled.runs == 80
+
+
+def test_without_an_obstacle_that_moves_view_times_agree():
+    still = Disk(Still((-0.22, 0.10)), 0.06)
+    outcomes = compare_view_times(nodes=9, steps=1, runs=10, obstacles=[still])
+    assert len({(outcome.fraction, outcome.collided, outcome.deepest) for outcome in outcomes}) == 1
+
+
+def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
+    found = evading_target(nodes=13, steps=3, runs=200)
+    assert found.won > 0.01 and found.projected_won == 0.0
+    assert found.full.fraction(start=0, within=3) > found.won
+    assert len(found.warnings) == 2 and "the target depends on py" in found.warnings[0]
+    assert set(found.reports) == {"random", "worst"}
+    assert found.reports["random"].rate("reached") > 0.8
+    assert found.reports["worst"].rate("reached") <= found.reports["random"].rate("reached")
+
+
+def test_nothing_to_simulate_is_an_error():
+    hopeless = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1, v_d_max=5.0), progress=False)
+    with pytest.raises(ValueError, match="next to nothing but the target"):
+        compare_rules(hopeless, 2)
+
+
+def test_more_cells_certify_more():
+    problem = sdhj.arm_case_study(nodes=9, steps=3)
+    said = []
+    sweep = sweep_cells(problem, [(27, 27, 6, 6), (53, 53, 12, 12)], said.append)
+    assert sweep.numbers[0] < sweep.numbers[1] and len(said) == 2
+    assert 0 < sweep.fractions[0] < sweep.fractions[1] < 1
+    assert sweep.finest.fraction(start=0, within=3) == sweep.fractions[1]
+
+
+def test_curves_bars_and_entries():
+    ax = axes()
+    draw_sweep(ax, [0.1, 0.2], {"hji": [0.4, 0.0], "projected": [0.3, 0.0]}, xlabel="bound", nominal=0.2)
+    assert named(ax, "sweep-hji")[0].get_ydata().tolist() == [0.4, 0.0]
+    gain, cost = axes(ncols=2)
+    draw_input_levels((gain, cost), LevelSweep((3, 5, 7), (9, 25, 49), (0.3, 0.4, 0.42), (0.9, 2.5, 4.9)))
+    line = named(cost, "levels-line")[0].get_ydata()
+    assert line == pytest.approx([0.0, 4.9])  # these seconds are 0.1 for each input
+    ax = axes()
+    draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0], "y": [3.0, 4.0]}, ylabel="metres")
+    assert [bar.get_height() for container in ax.containers for bar in container] == [1, 2, 3, 4]
+    ax = axes()
+    triangle = np.where(np.add.outer(range(3), range(3)) <= 2, 0.5, np.nan)
+    triangle[0, 0] = np.inf
+    draw_entries(ax, triangle, "kept")
+    assert [text.get_text() for text in ax.texts] == [r"$\infty$", *["0.50"] * 5]
+    ax = axes()
+    draw_fractions(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
+    assert named(ax, "fraction-lax")[0].get_ydata().tolist() == [0.0, 0.2]
