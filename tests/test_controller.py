@@ -11,10 +11,10 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.batches import CHUNK, take_best
+from sdhj.batches import CHUNK, Batch, batched, take_best
 from sdhj.controller import RULES, Candidates, Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import AvoidTubes, Batch, LookupTable, batched
+from sdhj.table import AvoidTubes, LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
