@@ -22,8 +22,8 @@ from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
-from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, monte_carlo
 from sdhj.table import Table
 
 SEARCH = "search"
