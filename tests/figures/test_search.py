@@ -74,9 +74,9 @@ def test_where_a_proof_says_so_nobody_wins() -> None:
 def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
     than the strongest of the named adversaries does, and many more than random play with as many runs."""
-    sets = certified_table().sets
-    stronger = replace(sets.problem.dynamics, bounds=1.2 * sets.problem.dynamics.bounds)
-    controller = Controller(CertifiedTable(replace(sets, problem=replace(sets.problem, dynamics=stronger))))
+    table, problem = certified_table(), certified_table().problem
+    stronger = replace(problem, dynamics=replace(problem.dynamics, bounds=1.2 * problem.dynamics.bounds))
+    controller = Controller(replace(table, proof=replace(table.proof, problem=stronger)))
     report = search_losing(controller, 300, population=16, generations=8, progress=False)
     named = {name: rollouts(controller, report.starts, ADVERSARIES[name], np.random.default_rng(0))[0] for name in PLAY}
     failed = {name: int((outcomes != OUTCOMES.index("reached")).sum()) for name, outcomes in named.items()}
