@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import search
 import toys
-from search import planned, search_losing
+from search import Margins, planned, search_losing
 
 import sdhj
 from sdhj.certified import CertifiedTable
 from sdhj.controller import Controller
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, rollouts, simulate
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
@@ -130,8 +130,8 @@ def test_margins_are_those_of_the_trajectory() -> None:
     controller = Controller(torus_table())
     problem, starts = controller.problem, np.array([START, [-2.4, -0.6]])
     plans = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 3, 4, 2))
-    margins = Margins.of(2)
-    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins=margins)
+    margins = Margins(controller, starts)
+    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins.watch)
     for m, start in enumerate(starts):
         run = simulate(controller, start, planned(plans[m][None]))
         assert run.outcome == "reached" and len(run.inputs) >= 2
