@@ -131,6 +131,19 @@ def neighbours(shape):
     return [np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in shape]
 
 
+def sets_of(steps, shape, rng, shares):
+    """Random sets that grow by a share for each start: bool (entries, n1, n2, nx, ny), index and pool."""
+    cells = []
+    for k in range(steps + 1):
+        grown = np.zeros(shape, np.bool_)
+        for _ in range(steps - k + 1):
+            grown = grown | (rng.random(shape) < shares[k])
+            cells.append(grown)
+    blocks = packed(np.array(cells)).reshape(len(cells), shape[0] * shape[1], -1)
+    pool, index = np.unique(blocks.reshape(-1, blocks.shape[-1]), axis=0, return_inverse=True)
+    return np.array(cells), index.reshape(blocks.shape[:2]).astype(np.uint32), np.ascontiguousarray(pool)
+
+
 # ---- disks, and where a cell's states can get
 
 
