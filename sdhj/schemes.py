@@ -150,10 +150,11 @@ def layout_of(grid: Grid, order: int) -> Layout:
         else:
             moved = begins + shift * (1 if axis == grid.ndim - 1 else width)
         near[:, axis, side, o] = moved.ravel()
-    near = near.reshape(begins.size, grid.ndim, 2 * REACH)
     source = _neighbour(np.arange(-top, rows + top), grid, -2) if top else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
-    return Layout(near, source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1])
+    return Layout(
+        near.reshape(begins.size, grid.ndim, -1), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+    )
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:

@@ -79,7 +79,7 @@ class LipschitzBounds:
         if dynamics is None:
             if not problem.dynamics.stateless:
                 raise ValueError(
-                    f"the dynamics of {problem.name!r} depend on the state: give LipschitzBounds(dynamics=...), how fast"
+                    f"the dynamics of {problem.name!r} depend on the state: say how fast, LipschitzBounds(dynamics=...)"
                 )
             dynamics = np.zeros((ndim, ndim))
         if time is None:
@@ -269,8 +269,8 @@ class GeneralProof:
         reach = Growth(problem, self.matrix, self.drifting, self.parts)
         pairs = list(itertools.product(self.starts, range(len(problem.inputs))))
         for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
-            tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
-            images[start, j] = self._cover(*image, j)
+            tube, first, last = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
+            images[start, j] = self._cover(first, last, j)
             for step in [start] if problem.dynamics.timed else range(problem.steps):
                 for boxes in tube:
                     clear[step, j] &= self._clear(boxes, problem.time(step))
@@ -368,7 +368,7 @@ def check_bounds(proof: GeneralProof) -> None:
     problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
     span, halves = problem.steps * problem.delta, 2 * proof.parts * problem.steps
     for known in known_functions(proof):
-        for axis in np.flatnonzero(grid.periodic) if known.seamless else ():
+        for axis in np.flatnonzero(grid.periodic).tolist() if known.seamless else ():
             points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
             other = points.copy()
             other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])

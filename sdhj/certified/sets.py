@@ -142,7 +142,7 @@ class CellSets:
     def goal(self, step: int) -> None:
         """S_k^N = L(t_k) minus G(t_k)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
-        self._keep(step, 0, self.cells.any(axis=1))
+        self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
         """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""

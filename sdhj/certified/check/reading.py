@@ -38,7 +38,7 @@ def expect(fits: bool, what: str, given: Any) -> None:
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
 
 
 def check_numbers(name: str, given: Any, count: int = 1, least: float = 0.0) -> None:
@@ -146,7 +146,7 @@ class Scene:
 def disk(given: Mapping[str, Any], width: float = 0.0) -> Array:
     """A disk as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
     path = {name: given["path"][name] for name in PATHS[given["path"]["kind"]]}
-    place, velocity = path.get("centre", path.get("start")), path.get("velocity", (0.0, 0.0))
+    place, velocity = path["centre" if "centre" in path else "start"], path.get("velocity", (0.0, 0.0))
     circle = (path.get(name, 0.0) for name in ("radius", "rate", "phase"))
     return np.array([*place, *velocity, *circle, given["radius"] + width], dtype=np.float64)
 
