@@ -56,7 +56,8 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
     """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
     table.save(tmp_path / "certified.h5")
     code = (
-        "import sys, sdhj\nfrom sdhj import batches\nbatches.threads = lambda: 2\n"
+        "import sys, sdhj\nfrom sdhj import batches\nfrom sdhj.simulation import runs\n"
+        "batches.threads = runs.threads = lambda: 2\n"
         "controller = sdhj.Controller(sdhj.load(sys.argv[1]))\n"
         "print(sdhj.monte_carlo(controller, 10_000, 'random', progress=False).counts['reached'])"
     )
@@ -152,6 +153,7 @@ def test_solve_certifies_a_problem_of_ones_own():
         sdhj.solve(problem, method="certified")
 
 
+@pytest.mark.slow
 def test_labels_part_the_states_of_a_tube(table):
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
     points = grid_table.grid.points()

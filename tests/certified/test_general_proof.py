@@ -85,6 +85,7 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
                 assert (bound <= disk.level_set(states, 0.4 + tau)).all()
 
 
+@pytest.mark.slow
 def test_unicycle_runs_succeed(rng):
     problem = unicycle_problem()
     table = certified(problem, cells=(60, 60, 60), bounds=UNICYCLE)
