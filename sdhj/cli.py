@@ -106,6 +106,8 @@ def solve_command(
     nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
 ) -> None:
     """Solve the arm case study and write its look-up table."""
+    if cells is not None and method != "certified":
+        raise ValueError(f"--cells goes with --method certified, got --method {method}")
     counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
