@@ -7,9 +7,8 @@
 
 ===================  ===============================================================================================
 of any robot         `draw_tubes`, `draw_constraints` and `draw_labels` (what of a tube is certified), on a slice along
-                     two axes through a state; `draw_run` and `draw_path`, a run on a slice; `draw_isosurface` along
-                     three axes. Whatever else is to be drawn on a slice: its states are `plane(grid, through).points`,
-                     a set on it `draw_set`
+                     two axes through a state; `draw_run` and `draw_path`, a run on a slice. Whatever else is to be
+                     drawn on a slice: its states are `plane(grid, through).points`, a set on it `draw_set`
 of the arm           `draw_workspace`, `draw_arm`; `draw_moment` of a run
 ===================  ===============================================================================================
 
@@ -35,13 +34,11 @@ from sdhj.plotting.slices import (
     label_legend,
     plane,
 )
-from sdhj.plotting.surfaces import draw_isosurface
 from sdhj.plotting.trajectories import draw_moment, draw_run
 
 __all__ = [
     "draw_arm",
     "draw_constraints",
-    "draw_isosurface",
     "draw_labels",
     "draw_moment",
     "draw_path",
