@@ -37,8 +37,8 @@ def random_problem(rng, shape, periodic):
         ((6, 7), (True, False)),
         ((5, 6, 17), (False, True, True)),
         ((5, 5, 6, 7), (True, True, False, False)),
-        ((5, 5, 6, 5, 7), (True, False, False, True, False)),
-        ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
+        pytest.param(*((5, 5, 6, 5, 7), (True, False, False, True, False)), marks=pytest.mark.slow),
+        pytest.param(*((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)), marks=pytest.mark.slow),
     ],
 )
 def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape, periodic):
@@ -61,8 +61,8 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
         ((6, 7), (False, True)),
         ((5, 5, 6, 7), (True, True, False, False)),
         ((5, 6, 5, 9), (False, True, False, True)),
-        ((5, 5, 6, 5, 7), (True, False, False, True, False)),
-        ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
+        pytest.param(*((5, 5, 6, 5, 7), (True, False, False, True, False)), marks=pytest.mark.slow),
+        pytest.param(*((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)), marks=pytest.mark.slow),
     ],
 )
 def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, periodic):
