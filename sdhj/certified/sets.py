@@ -53,7 +53,6 @@ from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import FloatArray
-from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 
 ARM_CELLS = (419, 419, 72, 72)
@@ -134,7 +133,6 @@ class CellSets:
 
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
-        require(proof.needed, f"certifying {math.prod(counts):.1e} cells", "use fewer cells")
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
