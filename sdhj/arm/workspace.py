@@ -11,16 +11,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdhj.checks import number, pair
 from sdhj.compiling import kernel
-
-FloatArray = NDArray[Any]
+from sdhj.grid import FloatArray
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
-TINY = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
+POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -38,7 +37,7 @@ def _norm(a: FloatArray) -> FloatArray:
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
     """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
     square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > TINY, square, np.inf)
+    return _dot(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -63,20 +62,14 @@ def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: Flo
     return np.where(splits_cd & splits_ab, 0.0, nearest)
 
 
-def skeleton_distance(elbow: FloatArray, tip: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance from points, one (2,) or one for each row (M, 2), to the arm's links, origin-elbow and elbow-tip (M, 2).
+def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
+    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks; shape (M,).
 
-    The smaller `point_segment_distance` of the two to the last bit, in one pass: runs spend most of their time here.
+    Their centres are (D, 2), or (M, D, 2) where each row has its own; radii (D,). The distance to a centre is the
+    smaller `point_segment_distance` to the last bit, in one pass: runs spend most of their time here.
     """
     out = np.empty(len(elbow))
-    _skeleton_distance(elbow, tip, points if points.ndim == 2 else np.broadcast_to(points, elbow.shape), out)
-    return out
-
-
-def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
-    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks (D, 2), (D,); shape (M,)."""
-    out = np.empty(len(elbow))
-    _skeleton_clearance(elbow, tip, centres, radii, out)
+    _skeleton_clearance(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
     return out
 
 
@@ -89,19 +82,12 @@ def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
 
 
 @kernel(nogil=True)
-def _skeleton_distance(elbow, tip, points, out):
-    """`skeleton_distance` into out (M,), overwritten."""
-    for m in range(out.size):
-        out[m] = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], points[m, 0], points[m, 1])
-
-
-@kernel(nogil=True)
 def _skeleton_clearance(elbow, tip, centres, radii, out):
     """`skeleton_clearance` into out (M,), overwritten."""
     for m in range(out.size):
         out[m] = np.inf
         for d in range(radii.size):
-            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[d, 0], centres[d, 1])
+            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[m, d, 0], centres[m, d, 1])
             if not distance - radii[d] >= out[m]:  # so that a NaN comes out as one
                 out[m] = distance - radii[d]
 
@@ -115,7 +101,7 @@ def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
         to_x, to_y = (elbow_x, elbow_y) if link == 0 else (tip_x, tip_y)
         along_x, along_y = to_x - from_x, to_y - from_y
         square = along_x * along_x + along_y * along_y
-        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
+        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > POINT else np.inf)
         s = min(max(foot, 0.0), 1.0)
         dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
         distance = math.sqrt(dx * dx + dy * dy)
@@ -222,7 +208,7 @@ class Circle:
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
         square = _dot(along, along)
-        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > TINY, square, np.inf))
+        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
         )
@@ -335,7 +321,7 @@ class Arm:
         points = np.asarray(points, dtype=np.float64)
         if points.shape not in ((2,), elbow.shape):
             raise ValueError(f"points must have shape (2,) or {elbow.shape}, got {points.shape}")
-        return skeleton_distance(elbow, tip, points)
+        return skeleton_clearance(elbow, tip, points[..., None, :], np.zeros(1))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to everywhere a point on `path` is during [t0, t1]; shape (M,), m.

@@ -1,4 +1,4 @@
-"""Sets with a proof, their independent checker, and a search for adversaries that win.
+"""Sets with a proof, and their independent checker.
 
 Nothing is imported before it is asked for: `sdhj.certified.check` stands alone.
 """
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sdhj.certified.general_proof import LipschitzBounds
-    from sdhj.certified.search import search_losing
     from sdhj.certified.sets import Certified
     from sdhj.certified.table import CertifiedTable
 
@@ -16,9 +15,8 @@ _MODULES = {
     "Certified": "sdhj.certified.sets",
     "CertifiedTable": "sdhj.certified.table",
     "LipschitzBounds": "sdhj.certified.general_proof",
-    "search_losing": "sdhj.certified.search",
 }
-__all__ = ["Certified", "CertifiedTable", "LipschitzBounds", "search_losing"]
+__all__ = ["Certified", "CertifiedTable", "LipschitzBounds"]
 
 
 def __getattr__(name: str) -> Any:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
-MOST_INTERVALS = 64  # a bit for each in `steps_blocked`
+MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 
 def is_arm(problem: ReachAvoidProblem) -> bool:
@@ -68,8 +68,8 @@ class ArmProof:
         arm, (x, y), delta = arm_numbers(stage), axes[2:], float(problem.delta)
         if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
             raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
-        if problem.steps > MOST_INTERVALS:
-            raise ValueError(f"certified sets are for at most {MOST_INTERVALS} steps, got {problem.steps}")
+        if problem.steps > MARKED_STEPS:
+            raise ValueError(f"certified sets are for at most {MARKED_STEPS} steps, got {problem.steps}")
         speeds = [[velocity_bounds(problem, axis, j) for j in range(count)] for axis in range(4)]
         velocities = np.array(speeds[:2], dtype=np.float64)  # (2, L, 2)
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)

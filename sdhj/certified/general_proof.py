@@ -235,8 +235,8 @@ class GeneralProof:
         starts, timed = range(problem.steps if problem.dynamics.timed else 1), problem.dynamics.timed
         pairs = list(itertools.product(starts, range(len(problem.inputs))))
         for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
-            tube, *image = self.reached(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
-            images[start, j] = self._cover(*image, j)
+            tube, first, last = self.reached(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
+            images[start, j] = self._cover(first, last, j)
             for step, boxes in itertools.product([start] if timed else range(problem.steps), tube):
                 clear[step, j] &= self._clear(boxes, problem.time(step))
         return images, clear
@@ -330,7 +330,7 @@ def check_bounds(proof: GeneralProof) -> None:
     problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
     span, often = problem.steps * problem.delta, 2 * proof.parts * problem.steps + 1
     for known in known_functions(proof):
-        for axis in np.flatnonzero(grid.periodic) if known.seamless else ():
+        for axis in np.flatnonzero(grid.periodic).tolist() if known.seamless else ():
             points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
             other = points.copy()
             other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])

@@ -37,7 +37,7 @@ class Agent(NamedTuple):
     ny: int
 
 
-class Scratch(NamedTuple):
+class LinkRoom(NamedTuple):
     """Scratch: points, their hull, the upper and the lower boundary of the thick hull, and the ends of both joints."""
 
     x: FloatArray
@@ -50,7 +50,7 @@ class Scratch(NamedTuple):
 
 @kernel(forceinline=True)
 def make_room():
-    return Scratch(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
+    return LinkRoom(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
 
 
 # ---- where the arm can be

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import h5py
 import numpy as np
 
+from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import CellAxis, cells_of
 from sdhj.certified.general_proof import GeneralProof
@@ -19,7 +20,7 @@ from sdhj.checks import whole
 from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import NOT_ADMISSIBLE, Batch, batched, entry, in_a_line
+from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
 PROOFS: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}

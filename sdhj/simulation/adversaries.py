@@ -26,6 +26,8 @@ class Moment:
         Where each run is.
     inputs : (M,) int array
         The index of the input that each robot holds over the interval.
+    steps_to_go : (M,) int array
+        What the controller promised at the interval's start.
     step, substep : int
         The interval, and the part of it that begins; substep 0 is the sampling time itself.
     time, remaining, duration : float
@@ -43,6 +45,7 @@ class Moment:
     problem: ReachAvoidProblem
     states: FloatArray
     inputs: FloatArray
+    steps_to_go: FloatArray
     step: int
     substep: int
     time: float
@@ -81,9 +84,9 @@ def none(moment: Moment) -> FloatArray:
 
 
 def random(moment: Moment) -> FloatArray:
-    """Drawn uniformly from the box at each sampling time and kept over the interval (Sec. 5.5)."""
+    """Drawn uniformly from the box at each sampling time and kept over the interval, within the box (Sec. 5.5)."""
     if moment.substep > 0:
-        return moment.previous
+        return np.clip(moment.previous, -moment.bounds, moment.bounds)
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 

@@ -32,7 +32,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
     def compile_it(function: Any) -> Any:
         dispatcher = njit(cache=True, **options)(function)
-        kept = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        kept: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if hasattr(kept, "_source_stamp"):
             kept._source_stamp = kept._source_stamp, sources()
         return dispatcher

@@ -37,7 +37,7 @@ def expect(fits: bool, what: str, given: Any) -> None:
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
 
 
 def check_numbers(name: str, given: Any, count: int = 1, least: float = 0.0) -> None:
@@ -101,7 +101,7 @@ class Scene:
         values = [-top + 2 * top * i / (n - 1) for i in range(n)]
         return [(a, b) for a in values for b in values]
 
-    def world(self, edges: Sequence[Array]) -> World:
+    def world(self, edges: tuple[Array, Array, Array, Array]) -> World:
         """What the compiled kernels read; ValueError where a number is too large for the bound on rounding."""
         given, chased, inputs = self.given, self.agent == "pursuer", np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
@@ -123,7 +123,7 @@ class Scene:
 def disk(given: Mapping[str, Any], width: float = 0.0) -> Array:
     """A disk as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
     path = {name: given["path"][name] for name in PATHS[given["path"]["kind"]]}
-    place, velocity = path.get("centre", path.get("start")), path.get("velocity", (0.0, 0.0))
+    place, velocity = path["centre" if "centre" in path else "start"], path.get("velocity", (0.0, 0.0))
     circle = (path.get(name, 0.0) for name in ("radius", "rate", "phase"))
     return np.array([*place, *velocity, *circle, given["radius"] + width], dtype=np.float64)
 
@@ -178,13 +178,14 @@ class File:
             raise ValueError("the arrays of the certified sets do not fit their numbers; the file is damaged")
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
-    def edges(self) -> list[Array]:
+    def edges(self) -> tuple[Array, Array, Array, Array]:
         """Edges of the cells of each axis, (n + 1,), rounded to the nearest number."""
         axes = zip(self.shape, self.widths, self.lowers, self.extents, strict=True)
-        return [
+        q1, q2, x, y = (
             np.array([*(float(lower + i * width) for i in range(n)), float(lower + extent[1])])
             for n, width, lower, extent in axes
-        ]
+        )
+        return q1, q2, x, y
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
         """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""

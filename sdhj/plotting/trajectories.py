@@ -1,0 +1,56 @@
+"""Closed-loop runs: on a slice, of any robot; in the workspace, of the arm (Fig. 12 has more of them)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sdhj.arm.case_studies import scene
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
+from sdhj.plotting.scenes import draw_workspace
+from sdhj.plotting.slices import draw_constraints, draw_path, draw_set, plane
+from sdhj.problem import ReachAvoidProblem
+from sdhj.simulation.runs import Trajectory
+from sdhj.table import Table
+
+LIVE = 97  # points along each side of a slice of which an animation shows many
+WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
+
+
+def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (0, 1)) -> None:
+    """A run on a slice over the tube it starts in, with target and unsafe sets as they are at its end (Fig. 12b)."""
+    problem = table.problem
+    where = plane(problem.grid, run.states[0], axes)
+    n = int(run.steps_to_go[0])
+    draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
+    draw_constraints(ax, problem, through=run.states[-1], step=float(run.times[-1]) / problem.delta, axes=axes)
+    draw_path(ax, problem.grid, run.states, axes, marks=run.samples)
+
+
+def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
+    """The workspace at one moment of a run, with the end-effector's way so far."""
+    view = scene(problem)
+    draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]), arrows=False)
+    ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)
+
+
+def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) -> None:
+    """One moment of a run: workspace on the left, C-space with the tube in force on the right. Clears the figure."""
+    figure.clear()
+    problem = table.problem
+    left, right = figure.subplots(1, 2)
+    draw_frame(left, problem, run, index=index)
+    step, n, goal = 0, 0, (0, 0)
+    if len(run.inputs):  # a run that starts in the target holds none
+        step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
+        n = int(run.steps_to_go[step])
+        goal = (step + 1, max(n - 1, 0))  # where the interval has to end
+    state = run.states[index]
+    where = plane(problem.grid, state, resolution=LIVE)
+    values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
+    draw_set(right, where, values, FULL_LOOKS, "tube", zorder=1.0)
+    draw_constraints(right, problem, through=state, step=float(run.times[index]) / problem.delta, resolution=LIVE)
+    draw_path(right, problem.grid, run.states[: index + 1], marks=state[None])
+    left.set_title(f"$t = {run.times[index]:.2f}$ s, step {step}")
+    right.set_title(f"{n} step{'' if n == 1 else 's'} to go" if index < len(run.times) - 1 else run.outcome)
