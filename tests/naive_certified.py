@@ -20,6 +20,16 @@ CIRCLE = {
 }
 
 
+def pairs(steps):
+    """Every (start, within) in the order in which files have them: (entries, 2)."""
+    return np.array([(start, within) for start in range(steps + 1) for within in range(steps - start + 1)])
+
+
+def place_of(steps, start, within):
+    """Where that order has (start, within)."""
+    return pairs(steps).tolist().index([start, within])
+
+
 def elbow_and_tip(q1, q2, arm):
     """Positions of the arm's elbow and tip; arm is (l1, l2, turn)."""
     l1, l2, turn = arm

@@ -24,8 +24,8 @@ MUTATIONS = {
     ),
     "outward edge": (
         CELLS,
-        "inside = math.ceil((offset + self._laps",
-        "inside = math.floor((offset + self._laps",
+        "inside = math.ceil((offset + self._most",
+        "inside = math.floor((offset + self._most",
         "test_image_holds",
     ),
     "outward wall": (
@@ -66,12 +66,12 @@ MUTATIONS = {
         "left_out_of_the_pursuit",
     ),
     "cell of the pursuer": (LINKS, "highest + growth - agent.y", "highest - agent.y", "test_pursuer_is_met"),
-    "walls of the pursuer": (PACKED, "shift) | passes", "shift) & passes", "test_packed_erosion"),
+    "walls of the pursuer": (PACKED, "k]) | passes", "k]) & passes", "test_packed_erosion"),
     "slack": (PACKED, "STATE_SLACK = 1e-10", "STATE_SLACK = 0.0", "test_state_on_an_edge"),
     "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
     "growth bound": (GENERAL, "slack = away @ self.matrix.T + push", "slack = push", "test_general_reach_box"),
-    "change with time": (GENERAL, "self.drifting * (self.time / 2)", "0.0", "test_timed_growth_holds"),
-    "time of an interval": (GENERAL, "middle = start + (part", "middle = 0.0 + (part", "test_timed_growth_holds"),
+    "change with time": (GENERAL, "self.drifting * (time / 2)", "0.0", "test_timed_growth_holds"),
+    "time of an interval": (GENERAL, "j, start + (part", "j, 0.0 + (part", "test_timed_growth_holds"),
     "rate of a set": (GENERAL, "part.rate * (self.end - self.begin) / 2", "0.0", "test_general_bounds_hold"),
     "size of a box": (GENERAL, "self.half[:, list(part.axes)] @ bounds", "0.0", "test_general_bounds_hold"),
 }

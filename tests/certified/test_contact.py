@@ -11,13 +11,6 @@ from sdhj.certified.links import Agent, joint_moves
 ARM = np.array([0.15, 0.15, 1.0])
 
 
-def moves_of(edges, slow, fast, delta, parts):
-    """`joint_moves` of the cells between edges."""
-    out = np.empty((len(edges) - 1, parts, 6))
-    joint_moves(edges, slow, fast, delta, parts, out)
-    return out
-
-
 def pursuer_clear(moves1, moves2, agent):
     """Whether a pursuer with one cell stays clear of an arm with one cell."""
     out = np.empty((1, 1, 1), np.uint64)
@@ -27,7 +20,7 @@ def pursuer_clear(moves1, moves2, agent):
 
 def met_at_rest(offset):
     """Whether a pursuer's cell whose lower edge is `offset` beyond contact with a stretched arm is met."""
-    still = moves_of(np.zeros(2), 0.0, 0.0, 0.0, 1)  # a cell without width: the arm points along x
+    still = joint_moves(np.zeros(2), 0.0, 0.0, 0.0, 1)  # a cell without width: the arm points along x
     return not pursuer_clear(still, still, Agent(0.0, 0.0, 0.05, 0.0, 0.05 + offset, 0.3, 0.1, 1, 1))
 
 
@@ -47,7 +40,7 @@ def test_contact_within_rounding_is_not_clear():
     assert met_at_rest(0.0) and met_at_rest(1e-10) and not met_at_rest(1e-4)
     for gap, clear in ((0.0, False), (1e-10, False), (1e-4, True)):
         assert disk_clear(centres=(0.1, 0.05 + gap), radius=0.05) == clear
-    still, inside = moves_of(np.zeros(2), 0.0, 0.0, 0.0, 1), np.empty((1, 1, 1), np.uint64)
+    still, inside = joint_moves(np.zeros(2), 0.0, 0.0, 0.0, 1), np.empty((1, 1, 1), np.uint64)
     centre = Agent(0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1, 1)  # a cell without width
     for gap, expected in ((0.0, False), (1e-10, False), (1e-4, True)):
         contact.tips_within(still, still, 0.1 + gap, ARM, centre, inside)
@@ -78,7 +71,7 @@ def test_no_time_is_left_out_of_the_pursuit(parts):
     """The pursuer counts where it can be at the end of each part, and the arm where it passes."""
 
     def clear(offset, slow, fast, speed):
-        moves = moves_of(np.zeros(2), slow, fast, 0.1, parts), moves_of(np.zeros(2), 0.0, 0.0, 0.1, parts)
+        moves = joint_moves(np.zeros(2), slow, fast, 0.1, parts), joint_moves(np.zeros(2), 0.0, 0.0, 0.1, parts)
         return pursuer_clear(*moves, Agent(0.1, speed, 0.05, 0.24, 0.05 + offset, 0.01, 0.01, 1, 1))
 
     assert clear(0.021, 0.0, 0.0, 0.2) and not clear(0.019, 0.0, 0.0, 0.2)  # it comes 0.02 nearer

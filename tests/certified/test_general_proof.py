@@ -10,7 +10,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified import LipschitzBounds
-from sdhj.certified.general_proof import Growth
+from sdhj.certified.general_proof import GeneralProof
 
 UNICYCLE = LipschitzBounds(
     dynamics=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]), sets={"target": [1.0, 1.0], "pillar": [1.0, 1.0]}
@@ -49,11 +49,11 @@ def test_moving_obstacle_is_met_between_the_samples(rng):
 
 def test_general_reach_box_holds_every_trajectory(rng):
     problem = unicycle_problem()
-    growth = Growth(problem, np.asarray(UNICYCLE.dynamics), np.zeros(3), 5)
+    proof = GeneralProof(problem, (), 5, np.asarray(UNICYCLE.dynamics), np.zeros(3), {}, np.empty(0))
     low = rng.uniform([-1.4, -1.4, -3], [1.3, 1.3, 3], (300, 3))
     high = low + rng.uniform(0, 0.1, (300, 3))
     for j in range(3):
-        tube, first, last = growth.run(low.copy(), high.copy(), j)
+        tube, first, last = proof.reached(low.copy(), high.copy(), j, 0.0)
         for _ in range(10):
             states = np.where(rng.random((300, 3)) < 0.5, low, high)
             sign = rng.choice([-1.0, 1.0], (300, 2)) * 0.1
@@ -66,7 +66,7 @@ def test_general_reach_box_holds_every_trajectory(rng):
             assert (first - 5e-4 <= states).all() and (states <= last + 5e-4).all()
     # the image of a point is small: twice what the disturbance and the walls explain
     point = np.zeros((1, 3))
-    _, first, last = growth.run(point.copy(), point.copy(), 1)
+    _, first, last = proof.reached(point.copy(), point.copy(), 1, 0.0)
     assert ((last - first)[0] <= 2 * np.array([0.04, 0.04, 1e-6])).all()
 
 
@@ -74,11 +74,11 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
     """The lower bound of a level set is below its value at every state and time of the boxes."""
     problem = torus_problem()
     disk = problem.unsafe[0]
-    growth = Growth(problem, np.zeros((2, 2)), np.zeros(2), 2)
+    proof = GeneralProof(problem, (), 2, np.zeros((2, 2)), np.zeros(2), {}, np.empty(0))
     low = rng.uniform(-3, 3, (500, 2))
-    tube, _, _ = growth.run(low, low + rng.uniform(0, 0.3, (500, 2)), 0)
+    tube, _, _ = proof.reached(low, low + rng.uniform(0, 0.3, (500, 2)), 0, 0.0)
     for boxes in tube:
-        bound = boxes.least(problem, disk, np.array([1.0, 1.0]), 0.4)
+        bound = boxes.values(problem, disk, np.array([1.0, 1.0]), 0.4)[0]
         for _ in range(30):
             states = boxes.centre + boxes.half * rng.uniform(-1, 1, (500, 2))
             for tau in (boxes.begin, boxes.end):

@@ -6,6 +6,7 @@ import pytest
 
 from sdhj.certified import packed
 from sdhj.certified.arm_proof import packed_window
+from sdhj.certified.links import Agent
 
 
 @pytest.mark.parametrize("count", [1, 63, 64, 65, 144])
@@ -20,13 +21,10 @@ def test_words_hold_the_bits_and_nothing_else(count, rng):
 def test_packed_erosion_agrees_with_shifted_arrays(rng):
     """On sizes that do and do not fill words, with windows that are clipped at the walls."""
     for nx, ny, reach in ((5, 7, 1), (8, 8, 2), (12, 12, 3)):
-        window = np.stack(
-            [
-                np.stack([np.maximum(np.arange(12) - reach, 0), np.minimum(np.arange(12) + reach, n - 1)])
-                for n in (nx, ny)
-            ]
-        )
-        shifts, passes = packed_window(window, nx, ny)
+        first = np.stack([np.maximum(np.arange(12) - reach, 0)] * 2)
+        last = np.stack([np.minimum(np.arange(12) + reach, n - 1) for n in (nx, ny)])
+        agent = Agent(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, nx, ny)
+        shifts, passes = packed_window(first, last - first + 1, agent)
         cells = rng.random((6, nx, ny)) < 0.9
         blocks = naive.packed(cells)
         packed.erode_packed(blocks, shifts, passes)

@@ -13,7 +13,7 @@ import pytest
 
 import sdhj
 from sdhj.certified import LipschitzBounds
-from sdhj.certified.general_proof import Growth
+from sdhj.certified.general_proof import GeneralProof
 
 
 @dataclass(frozen=True)
@@ -124,13 +124,14 @@ def proved(request):
 def test_timed_growth_holds_every_motion(name, parts, rng):
     """In the boxes of each part and in the image, from points and boxes, whenever the interval begins."""
     case = CASES[name]
-    growth = Growth(case.problem(), np.array(case.matrix), np.array(case.time), parts)
+    matrix, drifting = np.array(case.matrix), np.array(case.time)
+    proof = GeneralProof(case.problem(), (), parts, matrix, drifting, {}, np.empty(0))
     for start in (0.0, 0.31, 0.8):
         low = rng.uniform(-2, 2, (200, case.ndim))
         high = low + rng.uniform(0, 0.1, (200, case.ndim)) * (rng.random((200, 1)) < 0.5)
         for j in range(0, len(case.inputs), 2):
             places = np.full(200, j)
-            tube, first, last = growth.run(low, high, j, start)
+            tube, first, last = proof.reached(low, high, j, start)
             for trial in range(6):
                 states = np.where(rng.random(low.shape) < 0.5, low, high)
                 signs = np.full(low.shape, trial - 1.0)  # up, idle or down all the time, then at random

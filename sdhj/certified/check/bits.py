@@ -65,12 +65,6 @@ def any_bit(block):
     return False
 
 
-@compiled()
-def place_of(steps, start, within):
-    """Where the index holds S_start^within."""
-    return start * (steps + 1) - start * (start - 1) // 2 + within
-
-
 @compiled(parallel=True)
 def erode(pool, along_x, along_y, out):
     """For every block the cells (x, y) for which it holds all of along_x[x] times along_y[y]; written to `out`.

@@ -15,7 +15,6 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.check.bits import place_of
 from sdhj.certified.check.claims import PI, cells_cover, counted
 from sdhj.certified.check.reading import Scene
 
@@ -93,7 +92,7 @@ def flip(group, table, start, within, cell):
     """Flip one cell of one set, in a block of its own."""
     index, pool = group["index"][()], group["pool"][()]
     _, n2, _, ny = table.shape
-    place, row, bit = place_of(table.steps, start, within), cell[0] * n2 + cell[1], cell[2] * ny + cell[3]
+    place, row, bit = naive.place_of(table.steps, start, within), cell[0] * n2 + cell[1], cell[2] * ny + cell[3]
     block = pool[index[place, row]].copy()
     block[bit // 64] ^= np.uint64(1) << np.uint64(bit % 64)
     index[place, row] = len(pool)
@@ -269,7 +268,7 @@ def test_cells_that_do_not_cover_are_found(recipe):
 def test_survey_agrees_with_the_twin(rng):
     steps, shape = 2, (4, 3, 5, 6)
     cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
-    file = SimpleNamespace(steps=steps, shape=shape, index=index, pool=pool)
+    file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), shape=shape, index=index, pool=pool)
     counts, grow = counted(file)
     assert grow.failed == 0
     expected, at = np.zeros_like(counts), 0

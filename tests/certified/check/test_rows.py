@@ -10,16 +10,8 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
 from sdhj.certified.check import rows
-from sdhj.certified.check.bits import erode, place_of
+from sdhj.certified.check.bits import erode
 from sdhj.certified.check.reading import Scene
-
-
-def test_no_direction_of_a_sweep_is_horizontal(rng):
-    for nx, ny in [(1.0, 0.0), (-1.0, -1e-12), (0.0, 1.0), *rng.normal(size=(20, 2))]:
-        length = math.hypot(nx, ny)
-        tilted = rows.tilted(nx / length, ny / length)
-        assert math.hypot(*tilted) == pytest.approx(1.0, abs=1e-15) and abs(tilted[1]) >= 1e-7
-        assert tilted == pytest.approx((nx / length, ny / length), abs=1.1e-6)
 
 
 def test_half_planes_prove_what_is_clear(arm_world, rng):
@@ -44,6 +36,20 @@ def test_half_planes_prove_what_is_clear(arm_world, rng):
                 proved_count += 1
                 kept_count += kept[x, y]
     assert kept_count > 0.9 * proved_count > 30
+
+
+def test_a_link_that_stands_upright_is_swept_too(arm_world, rng):
+    """One normal of it is horizontal, and no half plane has an upper end there."""
+    edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
+    world, shape = arm_world(edges), (24, 30)
+    bench, bits = rows.bench_of(0, 0, world), naive.packed(np.ones(shape, np.bool_))
+    bench.part[:4] = math.pi / 2, math.pi / 2, 0.0, 0.0
+    rows.sweep(0, 0.0, world, bench, bits)
+    kept = naive.unpacked(bits, shape)
+    assert 0 < kept.sum() < kept.size
+    for x, y in rng.permutation(np.argwhere(kept))[:60]:
+        rows.agent_cell(x * 30 + y, 0.0, world, bench.part)
+        assert naive.smallest_gap(world, bench.part[:8], 0, 3, 0.0, 0.0, rng, count=60) > 0.0
 
 
 class Twin:
@@ -77,7 +83,7 @@ class Twin:
         self.allowed = rng.random((self.steps, 9, 3, 3)) < 0.2
         eroded = np.empty_like(pool)
         erode(pool, *self.along, eroded)
-        self.stored = rows.Stored(self.steps, index, pool, eroded, self.allowed, *self.ends)
+        self.stored = rows.Stored(naive.pairs(self.steps), index, pool, eroded, self.allowed, *self.ends)
 
     def bounds(self, cell):
         edges = (self.world.q1, self.world.q2, self.world.x, self.world.y)
@@ -132,7 +138,7 @@ def test_nothing_that_samples_refute_is_proved(evader, rng):
                     t = k * twin.world.delta
                     refuted = twin.misses(cell, t) or twin.touches(cell, 4, t, 0.0, agent + twin.known)
                 else:
-                    following = place_of(twin.steps, k + 1, n - 1)
+                    following = naive.place_of(twin.steps, k + 1, n - 1)
                     refuted = all(
                         not twin.allowed[k, j, cell[0], cell[1]]
                         or not twin.reaches(cell, j, following)
