@@ -22,7 +22,7 @@ TURN = 2.0 * np.pi
 POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def _dot_product(a: FloatArray, b: FloatArray) -> FloatArray:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
@@ -31,13 +31,13 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _norm(a: FloatArray) -> FloatArray:
-    return np.sqrt(_dot(a, a))
+    return np.sqrt(_dot_product(a, a))
 
 
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
     """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
-    square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > POINT, square, np.inf)
+    square = _dot_product(along, along)
+    return _dot_product(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -207,7 +207,7 @@ class Circle:
         centre = np.asarray(self.centre)
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
-        square = _dot(along, along)
+        square = _dot_product(along, along)
         reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
