@@ -23,7 +23,7 @@ from sdhj.compiling import hidden
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import FloatArray
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, check_controller, named, rollouts
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from
@@ -200,6 +200,43 @@ def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Gen
     return states
 
 
+class Margins:
+    """How near each of M runs that start together came to failing; filled while `rollouts` calls `watch`.
+
+    Attributes
+    ----------
+    clearance : (M,) array
+        Least true level-set value of the unsafe sets at the instants looked at; <= 0 for a collision.
+    depth : (M,) array
+        Least depth in the largest tube of a sampling time, minus its level-set value, before the target was reached:
+        how near the run was to having no answer. +inf where it was reached at once.
+    """
+
+    def __init__(self, controller: Controller, starts: FloatArray) -> None:
+        self.problem, self.table = controller.problem, controller.table
+        self.clearance = np.array(self.problem.unsafe_value(starts, 0.0))
+        self.depth = np.full(len(starts), np.inf)
+        self.sample(0, np.arange(len(starts)), starts)
+
+    def watch(self, moment: Moment, v: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
+        """Lower the margins of the runs that are going."""
+        self.clearance[moment.runs] = np.minimum(self.clearance[moment.runs], clearance)
+        if moment.substep == SUBSTEPS - 1:
+            self.sample(moment.step + 1, moment.runs, states)
+
+    def sample(self, step: int, runs: FloatArray, states: FloatArray) -> None:
+        """Lower the depth, at a sampling time, of the runs that have neither collided nor reached the target."""
+        going = self.clearance[runs] > 0
+        runs, states = runs[going], states[going]
+        if runs.size:
+            outside = self.problem.target_value(states, self.problem.time(step)) > 0
+            runs, states = runs[outside], states[outside]
+        if runs.size:
+            largest = np.full(runs.size, self.problem.steps - step)
+            depth = 0.0 - self.table.values_at(states[:, None], step, largest)[:, 0]
+            self.depth[runs] = np.minimum(self.depth[runs], depth)
+
+
 @dataclass(frozen=True)
 class _Played:
     """Plans (S, P, steps, switches, D) of S starts, and how their runs went, each (S, P)."""
@@ -264,8 +301,9 @@ class _Search:
         """Play plans (S, P, steps, switches, D) from starts (S, ndim); `play` may write them while it plays."""
         count, population = plans.shape[:2]
         flat = plans.reshape(count * population, *plans.shape[2:])  # nothing to play where D = 0
-        margins, repeated = Margins.of(count * population), np.repeat(starts, population, axis=0)
-        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins=margins)
+        repeated = np.repeat(starts, population, axis=0)
+        margins = Margins(self.controller, repeated)
+        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins.watch)
         arrays = (*results, margins.clearance, margins.depth)
         return _Played(plans, *(array.reshape(count, population) for array in arrays))
 

@@ -21,6 +21,7 @@ def moment(controller: Controller, states: np.ndarray, **changes: object) -> Mom
         "problem": problem,
         "states": states,
         "inputs": np.zeros(len(states), dtype=int),
+        "steps_to_go": np.full(len(states), 2),
         "step": 0,
         "substep": 0,
         "time": 0.0,
