@@ -78,6 +78,14 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
     return np.array(cells)
 
 
+def too_restless(problem: ReachAvoidProblem) -> ValueError:
+    """The error for velocities that change more within an interval than the instants looked at tell."""
+    return ValueError(
+        f"velocities change too fast within a sampling interval of delta = {problem.delta:g} to be followed; use a "
+        "shorter delta, or put what vibrates into the adversary's bounds"
+    )
+
+
 class _OnAxes:
     """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
 
@@ -171,9 +179,17 @@ class HJIGames(_OnAxes):
         if key in self._fields:
             return self._fields[key]
         field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
-        if not callable(field) and sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
+        if callable(field):
+            return lambda tau: self._stable(field(tau), axes, step)
+        if sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
             self._fields[key] = field
         return field
+
+    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
+        """The same, where the time steps of the interval are short enough for them; else ValueError."""
+        if velocities.steps(self.problem.grid.subgrid(axes), self.problem.delta / self.steps(axes, step), 1.0) > 1:
+            raise too_restless(self.problem)
+        return velocities
 
     def steps(self, axes: Axes, step: int) -> int:
         """Time steps of an interval that are enough for every input."""
@@ -182,8 +198,9 @@ class HJIGames(_OnAxes):
             grid, delta, cfl = self.problem.grid.subgrid(axes), self.problem.delta, self.scheme.cfl
             most = 1
             for j in range(self.count):
-                field = self.velocities(j, axes, step)
-                fields = [field(delta * instant) for instant in INSTANTS] if callable(field) else [field]
+                field, interval = self.velocities(j, axes, step), self.problem.interval(step)
+                times = interval.begin + delta * INSTANTS
+                fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
                 most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
             self._steps[key] = most
         return self._steps[key]
@@ -235,6 +252,10 @@ class HopfLaxGames(_OnAxes):
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
             for t in interval.begin + problem.delta * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
+            end = problem.delta
+            whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
+            if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
+                raise too_restless(problem)
         self.cells = checked_travel(problem.grid, speed, problem.delta)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
