@@ -18,10 +18,10 @@ from typing import Protocol
 import numpy as np
 
 from sdhj.dynamics import INSTANTS
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray
 from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
+from sdhj.schemes import Scheme, Velocities, checked_travel, evolve, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
@@ -68,22 +68,6 @@ class Wall:
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
         return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
-
-
-def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
-    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
-    if max(cells) > MOST_STEPS:
-        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
-    return np.array(cells)
-
-
-def too_restless(problem: ReachAvoidProblem) -> ValueError:
-    """The error for velocities that change more within an interval than the instants looked at tell."""
-    return ValueError(
-        f"velocities change too fast within a sampling interval of delta = {problem.delta:g} to be followed; use a "
-        "shorter delta, or put what vibrates into the adversary's bounds"
-    )
 
 
 class _OnAxes:
@@ -188,7 +172,7 @@ class HJIGames(_OnAxes):
     def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
         """The same, where the time steps of the interval are short enough for them; else ValueError."""
         if velocities.steps(self.problem.grid.subgrid(axes), self.problem.delta / self.steps(axes, step), 1.0) > 1:
-            raise too_restless(self.problem)
+            raise too_restless(self.problem.delta)
         return velocities
 
     def steps(self, axes: Axes, step: int) -> int:
@@ -255,7 +239,7 @@ class HopfLaxGames(_OnAxes):
             end = problem.delta
             whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
-                raise too_restless(problem)
+                raise too_restless(problem.delta)
         self.cells = checked_travel(problem.grid, speed, problem.delta)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:

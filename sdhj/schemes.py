@@ -135,6 +135,22 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
     )
 
 
+def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
+    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
+    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
+    if max(cells) > MOST_STEPS:
+        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
+    return np.array(cells)
+
+
+def too_restless(delta: float) -> ValueError:
+    """The error for velocities that change more within an interval than the instants looked at tell."""
+    return ValueError(
+        f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
+        "shorter delta, or put what vibrates into the adversary's bounds"
+    )
+
+
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
     """The layout of a grid's functions for differences of some order."""
