@@ -1,63 +1,57 @@
-"""The controller against the adversary: runs to play and to step through. Chapters 10 and 11 too."""
+"""Full against projected."""
 
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any
 
-import ipywidgets
 import numpy as np
+from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from widgets import Explorer, Numbers, choice, slider
+from widgets import Explorer, Numbers, agent_sliders, step_sliders
 
-import sdhj
-from sdhj.plotting import draw_moment
-from sdhj.problem import ReachAvoidProblem
+from sdhj.plotting import plane
+from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
 from sdhj.table import Table
 
 
-def explore_run(
-    table: Table,
-    states: Sequence[Sequence[float]],
+def draw_gap(
+    figure: Figure,
+    full: Table,
+    inner: Table,
     *,
-    adversaries: Sequence[str] = ("none", "random", "aggressive", "worst"),
-    rules: Sequence[str] = ("deepest",),
-) -> Explorer:
-    """Play and step through a run from one of `states` against an adversary of your choice."""
-    controllers = {rule: sdhj.Controller(table, rule=rule) for rule in rules}
-
-    @lru_cache(maxsize=64)
-    def run(number: int, adversary: str, rule: str, seed: int) -> Any:
-        return sdhj.simulate(
-            controllers[rule], np.asarray(states[number], dtype=np.float64), adversary=adversary, seed=seed
-        )
-
-    def draw(figure: Figure, number: int, adversary: str, rule: str, seed: int, moment: float) -> Numbers:
-        played = run(number, adversary, rule, seed)
-        index = round(moment / 100 * (len(played.times) - 1))
-        draw_moment(figure, table, played, index=index)
-        return {
-            "time (s)": float(played.times[index]),
-            "outcome": played.outcome,
-            "steps taken": len(played.inputs),
-            "cost so far": _closest(table.problem, played, index),
-        }
-
-    moment = slider("progress of the run (%)", 0, 100, 4, 60)
-    moment.player = ipywidgets.Play(min=0, max=100, step=4, interval=250, show_repeat=True)
-    ipywidgets.jslink((moment.player, "value"), (moment, "value"))
-    controls = {
-        "number": slider("initial state", 0, len(states) - 1, 1, 0)
-        if len(states) > 1
-        else choice("initial state", (0,), 0),
-        "adversary": choice("adversary", adversaries, adversaries[-1]),
-        "rule": choice("rule", rules, rules[0]),
-        "seed": slider("seed", 0, 9, 1, 0),
-        "moment": moment,
+    state: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+) -> Numbers:
+    """One tube by two methods over each other, through the pursuer in `state` (Fig. 13): `full` light, `inner` dark."""
+    within = full.steps - start if within is None else min(within, full.steps - start)
+    left, right = figure.subplots(1, 2)
+    problem = full.problem
+    draw_arm_live(left, problem, state, start * problem.delta)
+    left.set_title("workspace")
+    where = plane(full.grid, state, resolution=LIVE)
+    a, b = (
+        slice_values(table.grid, table.values(start=start, within=within), state, (0, 1), where.x, where.y)
+        for table in (full, inner)
+    )
+    image = np.zeros((*a.shape, 4))
+    image[a <= 0], image[b <= 0], image[(b <= 0) & (a > 0)] = (
+        to_rgba(colour) for colour in (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK)
+    )
+    extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
+    draw_pixels(right, image, extent, "gap")
+    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    right.set_title(f"light: {full.method}, dark: {inner.method}; within {within}")
+    return {
+        f"slice inside, {full.method}": float((a <= 0).mean()),
+        f"slice inside, {inner.method}": float((b <= 0).mean()),
+        f"in {inner.method} and not in {full.method}": float(((b <= 0) & (a > 0)).mean()),
     }
-    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run")
 
 
-def _closest(problem: ReachAvoidProblem, played: Any, index: int) -> float:
-    """The least clearance so far, m, negated: positive after a collision (the second term of Eq. (5))."""
-    clearances = [problem.unsafe_value(played.states[i : i + 1], float(played.times[i]))[0] for i in range(index + 1)]
-    return -float(min(clearances))
+def explore_gap(full: Table, inner: Table) -> Explorer:
+    """A tube by two methods over each other."""
+
+    def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:
+        return draw_gap(figure, full, inner, state=(*POSTURE, px, py), start=start, within=within)
+
+    return Explorer(draw, {**agent_sliders(full.problem), **step_sliders(full)}, alt="Two tubes over each other")

@@ -1,98 +1,65 @@
-"""A car: a robot of one's own, from its equations to its controller."""
+"""What the grid hides, and what a certificate repairs."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from chapter_03 import away, draw_plane_game
+from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from widgets import Explorer, Numbers, angle, slider
+from widgets import Explorer, Numbers, agent_sliders, step_sliders
 
-from sdhj.arm.workspace import Disk, Still
-from sdhj.grid import FloatArray, Grid
-from sdhj.plotting import draw_path, plane
-from sdhj.plotting.looks import INK
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.grid import FloatArray
+from sdhj.plotting import plane
+from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS
 from sdhj.table import Table
 
 
-def car(
-    nodes: Sequence[int] = (33, 33, 32),
-    steps: int = 5,
+def draw_failures(ax: Axes, depth: FloatArray, failed: FloatArray, *, bins: int = 8) -> None:
+    """Share of runs that fail against how deep in the tube they start (the level-set value, m), in equal groups."""
+    order = np.array_split(np.argsort(depth), bins)
+    middles = [float(np.median(depth[group])) for group in order]
+    ax.plot(middles, [100 * float(failed[group].mean()) for group in order], marker="o", gid="failures")
+    ax.set(xlabel="level-set value at the start (m); 0 is the boundary", ylabel="runs that fail (%)", ylim=(0, None))
+    ax.grid(axis="y")
+
+
+def draw_certified(
+    figure: Figure,
+    table: Table,
+    certified: Any,
     *,
-    delta: float = 0.25,
-    speed: float = 1.0,
-    turn: float = 2.0,
-    wind: float = 0.15,
-    target: Disk | None = None,
-    obstacle: Disk | None = None,
-) -> ReachAvoidProblem:
-    """A car that cannot drive sideways: state (x, y, heading), dx/dt = speed * (cos, sin) + wind, dheading/dt = u.
-
-    It has to reach a disk past a post. The edge of the map is unsafe: the grid ends there, the car would not.
-
-    Parameters
-    ----------
-    nodes : 3 int
-    steps : int
-    delta : float
-        Sampling interval, s.
-    speed, turn, wind : float
-        m/s, rad/s, and the bound of each component of the wind, m/s.
-    """
-    target = Disk(Still((0.55, 0.0)), 0.25) if target is None else target
-    obstacle = Disk(Still((0.0, 0.0)), 0.18) if obstacle is None else obstacle
-
-    def drift(q: FloatArray, u: FloatArray) -> FloatArray:
-        return np.stack([speed * np.cos(q[:, 2]), speed * np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1)
-
-    def off_the_map(q: FloatArray, t: float) -> FloatArray:
-        return 0.95 - np.abs(q).max(axis=1)
-
-    return ReachAvoidProblem(
-        grid=Grid((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi), nodes, (False, False, True), ("x", "y", "heading")),
-        dynamics=Dynamics(
-            inputs=np.array([[-turn], [0.0], [turn]]),
-            drift=drift,
-            gain=np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),
-            bounds=np.array([wind, wind]),
-        ),
-        target=TargetSet((0, 1), away(target)),
-        unsafe=(UnsafeSet((0, 1), away(obstacle), name="obstacles"), UnsafeSet((0, 1), off_the_map, name="edge")),
-        delta=delta,
-        steps=steps,
-        name="car",
-    )
-
-
-def draw_car(ax: Axes, table: Table, *, heading: float, within: int | None = None) -> Numbers:
-    """The car's tubes for one heading, with the heading as an arrow; north is up."""
-    within = table.steps if within is None else within
-    state = (0.0, 0.0, heading)
-    draw_plane_game(ax, table, within=within, through=state)
-    tip = 0.18 * np.array([np.cos(heading), np.sin(heading)])
-    corner, arrow = np.array([-0.75, 0.75]), {"arrowstyle": "-|>", "color": INK, "linewidth": 2}
-    ax.annotate("", tuple(corner + tip), tuple(corner - tip), arrowprops=arrow)
-    where = plane(table.grid, state, resolution=121)
-    inside = where.of(table.grid, table.values(start=0, within=within)) <= 0
-    return {"share of places for this heading": float(inside.mean())}
-
-
-def draw_plane_run(ax: Axes, table: Table, run: Any) -> None:
-    """A run in the plane over the tubes it starts in."""
-    draw_plane_game(ax, table, through=run.states[0])
-    draw_path(ax, table.grid, run.states, marks=run.samples)
-
-
-def explore_car(table: Table) -> Explorer:
-    """The car's tubes, heading by heading."""
-
-    def draw(figure: Figure, heading: float, within: int) -> Numbers:
-        return draw_car(figure.subplots(), table, heading=heading, within=within)
-
-    controls = {
-        "heading": angle("heading (rad)", 0.0),
-        "within": slider("within, steps to go n", 0, table.steps, 1, table.steps),
+    state: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+) -> Numbers:
+    """What is proved (dark) of what interpolation says (light), on a slice through the pursuer in `state`."""
+    within = table.steps - start if within is None else min(within, table.steps - start)
+    left, right = figure.subplots(1, 2)
+    problem = table.problem
+    draw_arm_live(left, problem, state, start * problem.delta)
+    left.set_title("workspace")
+    where = plane(table.grid, state, resolution=LIVE)
+    said, proved = (where.shaped(t.contains(where.points, start=start, within=within)) > 0 for t in (table, certified))
+    image = np.zeros((*said.shape, 4))
+    image[said], image[proved] = to_rgba(FULL_LOOKS["facecolor"]), to_rgba(INNER_LOOKS["facecolor"])
+    draw_pixels(right, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "certified")
+    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    right.set_title(f"dark: proved; light: interpolated only; within {within}")
+    return {
+        "slice inside by interpolation": float(said.mean()),
+        "slice proved": float(proved.mean()),
+        "proved and not inside by interpolation": float((proved & ~said).mean()),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), alt="Tubes of the car for one heading")
+
+
+def explore_certified(table: Table, certified: Any) -> Explorer:
+    """What of an interpolated table is certified, slice by slice."""
+
+    def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:
+        return draw_certified(figure, table, certified, state=(*POSTURE, px, py), start=start, within=within)
+
+    return Explorer(
+        draw, {**agent_sliders(table.problem), **step_sliders(table)}, alt="Certified and interpolated tube"
+    )

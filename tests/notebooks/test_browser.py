@@ -120,7 +120,7 @@ def strip_outputs(source: Path, target: Path) -> None:
     target.write_text(json.dumps(notebook), encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ["01_sets_as_functions.ipynb", "03_one_interval.ipynb"])
+@pytest.mark.parametrize("name", ["01_sets_as_functions.ipynb", "04_one_interval.ipynb"])
 def test_a_slider_changes_the_picture(name: str, tmp_path: Path) -> None:
     """The first chapter only redraws; in the third a slider solves a game anew."""
     (tmp_path / "notebooks").mkdir()

@@ -10,15 +10,15 @@ import pytest
 import widgets
 from chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
 from chapter_02 import carry, explore_schemes, explore_upwinding, shrink
-from chapter_03 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
-from chapter_04 import explore_spaces, explore_view_time, union_of_samples
-from chapter_05 import explore_plane_game, explore_row
-from chapter_06 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_07 import explore_gap
-from chapter_09 import explore_run
-from chapter_10 import explore_certified
-from chapter_11 import explore_evader
-from chapter_12 import car, explore_car
+from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
+from chapter_06 import explore_spaces, explore_view_time, union_of_samples
+from chapter_07 import explore_plane_game, explore_row
+from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
+from chapter_09 import explore_gap
+from chapter_11 import explore_run
+from chapter_12 import explore_certified
+from chapter_14 import explore_evader
+from chapter_15 import car, explore_car
 from live_slices import slice_values, steps_image
 from paper import paper_figure, starts_of_runs
 
