@@ -40,13 +40,13 @@ def every_check() -> Iterator[Any]:
             yield pytest.param(path.name[:2], check, marks=marks, id=check.number)
 
 
-@pytest.mark.parametrize(("chapter", "check"), every_check())
+@pytest.mark.parametrize(("chapter", "check"), list(every_check()))
 def test_the_solution_is_right(chapter: str, check: Check) -> None:
     verdict = check(*given(answers(chapter, "RIGHT")[check]))
     assert verdict, str(verdict)
 
 
-@pytest.mark.parametrize(("chapter", "check"), every_check())
+@pytest.mark.parametrize(("chapter", "check"), list(every_check()))
 def test_wrong_answers_are_refused_with_a_word(chapter: str, check: Check) -> None:
     wrong = answers(chapter, "WRONG")[check]
     assert len(wrong) >= 1
