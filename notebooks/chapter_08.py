@@ -107,17 +107,15 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
     """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
     @lru_cache(maxsize=16)
-    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool) -> Table:
+    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Table:
         obstacles = (Disk(Still((x, y)), 0.06), *OBSTACLES[1:])
         problem = sdhj.arm_case_study(
             nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles
         )
-        return sdhj.solve(problem, method=method, progress=progress)
+        return sdhj.solve(problem, method=method, progress=False)
 
-    def draw(
-        figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool
-    ) -> Numbers:
-        return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y, progress), state=(*POSTURE, 0.24, 0.24))
+    def draw(figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Numbers:
+        return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y), state=(*POSTURE, 0.24, 0.24))
 
     controls = {
         "v_p": slider("pursuer's speed (m/s)", 0.0, 0.8, 0.05, 0.2, live=False),

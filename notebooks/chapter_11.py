@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
-import ipywidgets
 import numpy as np
 from matplotlib.figure import Figure
-from widgets import Explorer, Numbers, choice, slider
+from widgets import Explorer, Numbers, choice, played, slider
 
 import sdhj
-from sdhj.plotting import draw_moment
+from sdhj.arm.case_studies import scene
+from sdhj.plotting import draw_moment, draw_path
+from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import Table
 
@@ -32,19 +33,17 @@ def explore_run(
         )
 
     def draw(figure: Figure, number: int, adversary: str, rule: str, seed: int, moment: float) -> Numbers:
-        played = run(number, adversary, rule, seed)
-        index = round(moment / 100 * (len(played.times) - 1))
-        draw_moment(figure, table, played, index=index)
+        one = run(number, adversary, rule, seed)
+        index = round(moment / 100 * (len(one.times) - 1))
+        draw_moment(figure, table, one, index=index)
+        draw_way(figure, table.problem, one)
         return {
-            "time (s)": float(played.times[index]),
-            "outcome": played.outcome,
-            "steps taken": len(played.inputs),
-            "cost so far": _closest(table.problem, played, index),
+            "time (s)": float(one.times[index]),
+            "outcome": one.outcome,
+            "steps taken": len(one.inputs),
+            "cost so far": _closest(table.problem, one, index),
         }
 
-    moment = slider("progress of the run (%)", 0, 100, 4, 60)
-    moment.player = ipywidgets.Play(min=0, max=100, step=4, interval=250, show_repeat=True)
-    ipywidgets.jslink((moment.player, "value"), (moment, "value"))
     controls = {
         "number": slider("initial state", 0, len(states) - 1, 1, 0)
         if len(states) > 1
@@ -52,9 +51,19 @@ def explore_run(
         "adversary": choice("adversary", adversaries, adversaries[-1]),
         "rule": choice("rule", rules, rules[0]),
         "seed": slider("seed", 0, 9, 1, 0),
-        "moment": moment,
+        "moment": played(slider("progress of the run (%)", 0, 100, 4, 60)),
     }
     return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run")
+
+
+def draw_way(figure: Figure, problem: ReachAvoidProblem, run: Any) -> None:
+    """The whole run, faint, over the pictures of one moment: which run it is shows at every moment."""
+    left, right = figure.axes
+    tips = scene(problem).arm.tip(run.states[:, :2])
+    looks = {"color": OUTCOME_INK, "linewidth": 0.8, "alpha": 0.45, "zorder": 5.5}
+    left.plot(*tips.T, linestyle="-", gid="whole-tip-path", **looks)
+    left.plot(*run.states[:, 2:4].T, linestyle=":", gid="whole-agent-path", **looks | {"color": "black"})
+    draw_path(right, problem.grid, run.states, gid="whole-path", **looks)
 
 
 def _closest(problem: ReachAvoidProblem, played: Any, index: int) -> float:

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.patches import Rectangle
 
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
-from sdhj.plotting.looks import OUTCOME_INK, look
+from sdhj.plotting.looks import OUTCOME_INK, UNSAFE_LOOKS, look
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import Table
 
@@ -136,7 +137,17 @@ def draw_sets_quickly(
             lines = ax.contour(where.x, where.y, values, levels=[0.0], zorder=5.0, **edge)
             lines.set_linestyle([looks.get("linestyle", "-")])
             lines.set_gid(f"{part.name}-edge")
+        elif part is not problem.target and values.max() <= 0:
+            draw_full(ax, part.name)
     frame_live(ax, problem.grid)
+
+
+def draw_full(ax: Axes, name: str) -> None:
+    """Say of a slice that all of it is in one unsafe set: it has no outline then, and would look free."""
+    looks = {"facecolor": UNSAFE_LOOKS["facecolor"], "edgecolor": UNSAFE_LOOKS["edgecolor"], "hatch": "//"}
+    ax.add_patch(Rectangle((0, 0), 1, 1, transform=ax.transAxes, zorder=4.5, gid=f"{name}-full", **looks))
+    said = {"ha": "center", "va": "center", "zorder": 9.0, "bbox": {"facecolor": "white", "edgecolor": "none"}}
+    ax.text(0.5, 0.5, f"every posture collides: {name}", transform=ax.transAxes, **said)
 
 
 def draw_short_bar(ax: Axes, steps: int) -> None:
