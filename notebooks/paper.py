@@ -11,16 +11,19 @@ import boat
 from charts import draw_fractions, draw_sweep
 from common import PAPER_NODES, Context, draw, starts_of_runs, title
 from fig14_timing import PAPER_SECONDS
-from surfaces import draw_isosurface
+from surfaces import LIGHT, block, draw_isosurface, isosurface
 
 __all__ = [
+    "LIGHT",
     "PAPER_NODES",
     "PAPER_SECONDS",
     "Context",
+    "block",
     "boat",
     "draw_fractions",
     "draw_isosurface",
     "draw_sweep",
+    "isosurface",
     "paper_figure",
     "starts_of_runs",
 ]
