@@ -38,7 +38,7 @@ def check_amdahl(seconds):
     expect(abs(seconds - 8 / 25) > 1e-9, "not everything is games: what of the eighth second?")
     expect(abs(seconds - 1.28) > 1e-9, "and the shifts?")
     expect_close(
-        seconds, 1 + 7 / 25 + 25 * 0.02, "the rest stays; one game of 25 stays; 25 shifts are new.", within=5e-3
+        seconds, 1 + 7 / 25 + 25 * 0.02, "the rest stays, one game of 25 stays, 25 shifts are new.", within=5e-3
     )
 
 
