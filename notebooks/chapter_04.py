@@ -16,7 +16,7 @@ from sdhj.arm.workspace import Disk, Line, Still
 from sdhj.games import HJIGames
 from sdhj.grid import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
-from sdhj.plotting.looks import TARGET_LOOKS
+from sdhj.plotting.looks import FULL_LOOKS, TARGET_LOOKS
 from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
 from sdhj.table import Table
@@ -113,6 +113,17 @@ def draw_plane_games(figure: Figure, tables: Mapping[str, Table]) -> None:
         ax.set_title(title)
     for ax in axes[1:]:
         ax.set_ylabel("")
+
+
+def draw_safe_twice(ax: Axes, problem: ReachAvoidProblem, at_instants: FloatArray, always: FloatArray) -> None:
+    """States of the boat that are safe at both ends of the interval (blue), and those of them that are hit between."""
+    where = boat.draw_lake(ax, boat.OneStepGame(problem, at_instants, always, always))
+    instants, tube = where.of(problem.grid, at_instants), where.of(problem.grid, always)
+    draw_set(ax, where, instants, FULL_LOOKS, "at-instants", zorder=0.5)
+    between = np.maximum(instants, -tube)
+    draw_set(
+        ax, where, between, {"facecolor": "#d9480f", "edgecolor": "#8a2b06", "linewidth": 0.8}, "between", zorder=0.8
+    )
 
 
 def explore_interval(nodes: int = 49) -> Explorer:
