@@ -134,9 +134,7 @@ def explore_interval(nodes: int = 49) -> Explorer:
         u = (1.5 * math.cos(heading), 1.5 * math.sin(heading))
         return boat.one_step_game(boat.boat_problem(nodes=nodes, hold=hold, wind=wind, heading=u))
 
-    def draw(
-        figure: Figure, show: str, hold: float, wind: float, heading: float, x: float, y: float, progress: bool
-    ) -> Numbers:
+    def draw(figure: Figure, show: str, hold: float, wind: float, heading: float, x: float, y: float) -> Numbers:
         game = solved(hold, wind, heading)
         played = boat.play(game.problem, (x, y))
         boat.draw_one_step(figure.subplots(), game, show=show, starts=[("$q$", played)])
@@ -163,9 +161,9 @@ def explore_interval(nodes: int = 49) -> Explorer:
 def explore_holding(nodes: int = 41) -> Explorer:
     """One horizon of 0.8 s cut into 1 to 8 intervals: what it costs to hold an input and not to look."""
 
-    def draw(figure: Figure, intervals: int, v_max: float, input_levels: int, progress: bool) -> Numbers:
+    def draw(figure: Figure, intervals: int, v_max: float, input_levels: int) -> Numbers:
         problem = point_robot(nodes, intervals, delta=0.8 / intervals, v_max=v_max, input_levels=input_levels)
-        table = sdhj.solve(problem, progress=progress)
+        table = sdhj.solve(problem, progress=False)
         ax = figure.subplots()
         draw_plane_game(ax, table)
         ax.set_title(f"{intervals} intervals of {0.8 / intervals:.2f} s")

@@ -1,6 +1,8 @@
 """The recursion and the look-up table, in the plane."""
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from chapter_04 import draw_plane_game, point_robot
@@ -60,24 +62,16 @@ def explore_row(table: Table) -> Explorer:
 def explore_plane_game(nodes: int = 41) -> Explorer:
     """The point robot's whole game, solved at each change: adversary, sampling interval, inputs, obstacle."""
 
-    def draw(
-        figure: Figure,
-        v_max: float,
-        delta: float,
-        input_levels: int,
-        obstacle_x: float,
-        obstacle_speed: float,
-        start: int,
-        progress: bool,
-    ) -> Numbers:
+    @lru_cache(maxsize=32)
+    def solved(v_max: float, delta: float, input_levels: int, obstacle_x: float, obstacle_speed: float) -> Table:
         obstacle = Disk(Line((obstacle_x, -0.45), (0.0, obstacle_speed)), 0.16)
-        table = sdhj.solve(
-            point_robot(nodes, 4, delta=delta, v_max=v_max, input_levels=input_levels, obstacle=obstacle),
-            progress=progress,
-        )
-        ax = figure.subplots()
+        problem = point_robot(nodes, 4, delta=delta, v_max=v_max, input_levels=input_levels, obstacle=obstacle)
+        return sdhj.solve(problem, progress=False)
+
+    def draw(figure: Figure, start: int, **game: Any) -> Numbers:
+        table, ax = solved(**game), figure.subplots()
         draw_plane_game(ax, table, start=start)
-        ax.set_title(f"from step {start}, $t = {start * delta:.2f}$ s")
+        ax.set_title(f"from step {start}, $t = {table.problem.time(start):.2f}$ s")
         return {f"within {n}": table.fraction(start=start, within=n) for n in range(4 - start + 1)}
 
     controls = {

@@ -11,13 +11,13 @@ from live_slices import (
     draw_short_bar,
     draw_steps,
     fewest_steps,
+    here,
     steps_image,
-    wrapped,
 )
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper import draw_isosurface
-from widgets import Explorer, Numbers, agent_sliders, angle, slider, step_sliders
+from widgets import Explorer, Numbers, agent_sliders, angle, choice, slider, step_sliders
 
 import sdhj
 from sdhj.arm.case_studies import OBSTACLES, scene
@@ -25,9 +25,17 @@ from sdhj.arm.workspace import Disk, Still
 from sdhj.plotting import draw_arm, draw_workspace
 from sdhj.table import Table
 
+PLANES = {"q1 and q2": (0, 1), "px and py": (2, 3), "q1 and px": (0, 2), "q2 and py": (1, 3)}
+
 
 def draw_tube_and_arm(
-    figure: Figure, table: Table, *, state: Sequence[float], start: int = 0, within: int | None = None
+    figure: Figure,
+    table: Table,
+    *,
+    state: Sequence[float],
+    start: int = 0,
+    within: int | None = None,
+    axes: Sequence[int] = (0, 1),
 ) -> Numbers:
     """A slice of the four-dimensional tube through a state, beside the arm in that state."""
     within = table.steps - start if within is None else min(within, table.steps - start)
@@ -36,10 +44,10 @@ def draw_tube_and_arm(
     problem = table.problem
     draw_arm_live(left, problem, state, start * problem.delta)
     left.set_title(f"workspace at step {start}")
-    fewest = steps_image(table, through=state, start=start, within=within)
-    draw_steps(right, table, fewest, within=within)
-    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
-    right.plot(*wrapped(state), **HERE)
+    fewest = steps_image(table, through=state, start=start, within=within, axes=axes)
+    draw_steps(right, table, fewest, within=within, axes=axes)
+    draw_sets_quickly(right, problem, through=state, step=start, axes=axes, filled=False, resolution=81)
+    right.plot(*here(table.grid, state, axes), **HERE)
     right.set_title(f"from step {start}, within {within} steps")
     draw_short_bar(bar, table.steps)
     return {
@@ -77,10 +85,12 @@ def draw_surface(figure: Figure, table: Table, *, through: Sequence[float]) -> N
 def explore_tube(table: Table) -> Explorer:
     """Slice the four-dimensional tube wherever you like."""
 
-    def draw(figure: Figure, px: float, py: float, start: int, within: int, q1: float, q2: float) -> Numbers:
-        return draw_tube_and_arm(figure, table, state=(q1, q2, px, py), start=start, within=within)
+    def draw(figure: Figure, axes: str, start: int, within: int, **at: float) -> Numbers:
+        state = [at[name] for name in ("q1", "q2", "px", "py")]
+        return draw_tube_and_arm(figure, table, state=state, start=start, within=within, axes=PLANES[axes])
 
     controls = {
+        "axes": choice("slice", list(PLANES), "q1 and q2"),
         **agent_sliders(table.problem),
         **step_sliders(table),
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
@@ -107,17 +117,15 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
     """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
     @lru_cache(maxsize=16)
-    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool) -> Table:
+    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Table:
         obstacles = (Disk(Still((x, y)), 0.06), *OBSTACLES[1:])
         problem = sdhj.arm_case_study(
             nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles
         )
-        return sdhj.solve(problem, method=method, progress=progress)
+        return sdhj.solve(problem, method=method, progress=False)
 
-    def draw(
-        figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool
-    ) -> Numbers:
-        return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y, progress), state=(*POSTURE, 0.24, 0.24))
+    def draw(figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Numbers:
+        return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y), state=(*POSTURE, 0.24, 0.24))
 
     controls = {
         "v_p": slider("pursuer's speed (m/s)", 0.0, 0.8, 0.05, 0.2, live=False),

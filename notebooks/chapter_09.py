@@ -1,16 +1,22 @@
 """Full against projected."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from widgets import Explorer, Numbers, agent_sliders, step_sliders
+from paper import LIGHT, block, isosurface
+from widgets import Explorer, Numbers, agent_sliders, played, slider, step_sliders
 
+from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
 from sdhj.table import Table
+
+TURNED = {"hji": "#6aa6d6", "projected": "#46ab9f"}  # the colours of Fig. 13
 
 
 def draw_gap(
@@ -55,3 +61,78 @@ def explore_gap(full: Table, inner: Table) -> Explorer:
         return draw_gap(figure, full, inner, state=(*POSTURE, px, py), start=start, within=within)
 
     return Explorer(draw, {**agent_sliders(full.problem), **step_sliders(full)}, alt="Two tubes over each other")
+
+
+def draw_toy(figure: Figure, grid: Grid, cases: Mapping[str, tuple[FloatArray, FloatArray]]) -> None:
+    """Reach sets in the plane (light) under what comes back from the line (dark); orange where that is wrong."""
+    axes = figure.subplots(1, len(cases), sharey=True)
+    for ax, (title, (full, line)) in zip(axes, cases.items(), strict=True):
+        claimed = np.broadcast_to(line[:, None] <= 0, grid.shape)
+        image = np.zeros((*grid.shape, 4))
+        image[full <= 0] = to_rgba(FULL_LOOKS["facecolor"])
+        image[claimed] = to_rgba(INNER_LOOKS["facecolor"])
+        image[claimed & (full > 1e-9)] = to_rgba(OUTCOME_INK)
+        extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
+        draw_pixels(ax, image.swapaxes(0, 1), extent, "toy")
+        ax.contour(grid.nodes(0), grid.nodes(1), full.T, levels=[0.0], colors=[FULL_LOOKS["edgecolor"]], linewidths=1.0)
+        ax.set(title=title, xlabel="kept, $x$", xlim=(-1, 1))
+    axes[0].set_ylabel(r"dropped, $\omega$")
+
+
+def turned(points: FloatArray, azimuth: float, elevation: float) -> FloatArray:
+    """Points (..., 3) as seen from a direction, degrees: right, up, and towards the viewer."""
+    a, e = np.radians((azimuth, elevation))
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    towards = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+    return points @ np.stack([right, np.cross(towards, right), towards], axis=1)
+
+
+def draw_turned(ax: Axes, table: Table, *, through: Sequence[float], azimuth: float, elevation: float) -> None:
+    """The boundary of the whole tube over (q1, q2, px), turned, in a box; far triangles first."""
+    grid, corners = table.grid, np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    middle = np.array([(grid.upper[i] + grid.lower[i]) / 2 for i in range(3)])
+    half = np.array([(grid.upper[i] - grid.lower[i]) / 2 for i in range(3)])
+    values, coordinates = block(grid, table.values(start=0, within=table.steps), (0, 1, 2), through)
+    triangles = (isosurface(values, coordinates) - middle) / half
+    seen = turned(triangles, azimuth, elevation)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    facing = (turned(normal, azimuth, elevation)[:, 2] > 0) & (np.linalg.norm(normal, axis=1) > 1e-12)
+    seen, normal = seen[facing], normal[facing] / np.linalg.norm(normal[facing], axis=1, keepdims=True)
+    light = 0.55 + 0.45 * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    order = np.argsort(seen[..., 2].mean(axis=1))
+    colours = (light[order, None] * np.array(to_rgba(TURNED[table.method])[:3])).clip(0, 1)
+    looks = {"edgecolors": "none", "linewidths": 0.0, "antialiaseds": False}
+    ax.add_collection(PolyCollection(seen[order][..., :2], facecolors=colours, zorder=2.0, gid="surface", **looks))
+    for i, corner in enumerate(corners):
+        for axis, name in enumerate(("q_1", "q_2", "p_x")):
+            if corner[axis] < 0:
+                other = corner + 2.0 * np.eye(3)[axis]
+                ends = turned(np.stack([corner, other]), azimuth, elevation)
+                behind = ends[:, 2].mean() < 0
+                ax.plot(*ends[:, :2].T, color="#8c8c8c", linewidth=0.7, linestyle="-", zorder=1.0 if behind else 3.0)
+                if i == 0:
+                    label = turned(other * 1.14, azimuth, elevation)[:2]
+                    ax.text(*label, f"${name}$", ha="center", va="center", zorder=4.0)
+    ax.set(xlim=(-1.85, 1.85), ylim=(-1.85, 1.85), aspect="equal")
+    ax.axis("off")
+
+
+def explore_surface(tables: Mapping[str, Table]) -> Explorer:
+    """Fig. 13 in three axes: tubes over (q1, q2, px) side by side, turned, cut at a height of the pursuer."""
+
+    def draw(figure: Figure, azimuth: int, elevation: int, py: float) -> Numbers:
+        numbers = {}
+        for ax, (name, table) in zip(figure.subplots(1, len(tables)), tables.items(), strict=True):
+            draw_turned(ax, table, through=(0, 0, 0, py), azimuth=azimuth, elevation=elevation)
+            grid = table.grid
+            values, _ = block(grid, table.values(start=0, within=table.steps), (0, 1, 2), (0, 0, 0, py))
+            numbers[f"share of the box inside, {name}"] = float((values[1:-2, 1:-2, 1:-1] <= 0).mean())
+            ax.set_title(name, loc="center")
+        return numbers
+
+    controls = {
+        "azimuth": played(slider("from the side (degrees)", -180, 180, 6, -58), interval=150),
+        "elevation": slider("from above (degrees)", -90, 90, 6, 24),
+        "py": slider("pursuer y (m)", -0.36, 0.36, 0.01, 0.24),
+    }
+    return Explorer(draw, controls, size=(7.4, 3.6), alt="Two tubes in three axes, turned")

@@ -15,15 +15,15 @@ def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
     """The evading target of Sec. 6.1, solved at each change of its speed and size."""
 
     @lru_cache(maxsize=16)
-    def solved(v_e: float, v_d: float, radius: float, progress: bool) -> Table:
+    def solved(v_e: float, v_d: float, radius: float) -> Table:
         return sdhj.solve(
             sdhj.evader_case_study(nodes, v_e_max=v_e, v_d_max=v_d, evader_radius=radius),
             method=method,
-            progress=progress,
+            progress=False,
         )
 
-    def draw(figure: Figure, v_e: float, v_d: float, radius: float, px: float, py: float, progress: bool) -> Numbers:
-        return draw_tube_and_arm(figure, solved(v_e, v_d, radius, progress), state=(*POSTURE, px, py))
+    def draw(figure: Figure, v_e: float, v_d: float, radius: float, px: float, py: float) -> Numbers:
+        return draw_tube_and_arm(figure, solved(v_e, v_d, radius), state=(*POSTURE, px, py))
 
     problem = sdhj.evader_case_study(nodes)
     controls = {

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.patches import Rectangle
 
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
-from sdhj.plotting.looks import OUTCOME_INK, look
+from sdhj.plotting.looks import OUTCOME_INK, UNSAFE_LOOKS, look
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import Table
 
@@ -116,11 +117,12 @@ def draw_sets_quickly(
     *,
     through: Sequence[float],
     step: float = 0.0,
+    axes: Sequence[int] = (0, 1),
     filled: bool = True,
     resolution: int = LIVE,
 ) -> None:
-    """As `draw_constraints` on the first two axes, without hatching and with pixels for areas."""
-    where = plane(problem.grid, through, resolution=resolution)
+    """As `draw_constraints`, without hatching and with pixels for areas."""
+    where = plane(problem.grid, through, axes, resolution)
     t = step * problem.delta
     extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
     parts: list[UnsafeSet | TargetSet] = [problem.target, *problem.unsafe]
@@ -136,7 +138,17 @@ def draw_sets_quickly(
             lines = ax.contour(where.x, where.y, values, levels=[0.0], zorder=5.0, **edge)
             lines.set_linestyle([looks.get("linestyle", "-")])
             lines.set_gid(f"{part.name}-edge")
-    frame_live(ax, problem.grid)
+        elif part is not problem.target and values.max() <= 0:
+            draw_full(ax, part.name)
+    frame_live(ax, problem.grid, axes)
+
+
+def draw_full(ax: Axes, name: str) -> None:
+    """Say of a slice that all of it is in one unsafe set: it has no outline then, and would look free."""
+    looks = {"facecolor": UNSAFE_LOOKS["facecolor"], "edgecolor": UNSAFE_LOOKS["edgecolor"], "hatch": "//"}
+    ax.add_patch(Rectangle((0, 0), 1, 1, transform=ax.transAxes, zorder=4.5, gid=f"{name}-full", **looks))
+    said = {"ha": "center", "va": "center", "zorder": 9.0, "bbox": {"facecolor": "white", "edgecolor": "none"}}
+    ax.text(0.5, 0.5, f"all of this slice collides: {name}", transform=ax.transAxes, **said)
 
 
 def draw_short_bar(ax: Axes, steps: int) -> None:
@@ -144,6 +156,11 @@ def draw_short_bar(ax: Axes, steps: int) -> None:
     draw_pixels(ax, np.array(step_colours(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
     ax.set(xticks=[], yticks=[0, steps], title="n")
     ax.yaxis.tick_right()
+
+
+def here(grid: Grid, state: Sequence[float], axes: Sequence[int] = (0, 1)) -> FloatArray:
+    """Where a state lies on a slice of two axes, angles between the ends of the grid: (2,)."""
+    return grid.wrapped(np.asarray(state, dtype=np.float64)[None])[0, list(axes)]
 
 
 def wrapped(state: Sequence[float]) -> FloatArray:

@@ -1,5 +1,6 @@
 """The widgets' callbacks at the corners of their sliders; what they show is asserted as numbers, not as pixels."""
 
+import io
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import widgets
 from chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
 from chapter_02 import carry, explore_schemes, explore_upwinding, shrink
 from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
-from chapter_06 import explore_spaces, explore_view_time, union_of_samples
+from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
 from chapter_07 import explore_plane_game, explore_row
 from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
 from chapter_09 import explore_gap
@@ -20,7 +21,9 @@ from chapter_12 import explore_certified
 from chapter_14 import explore_evader
 from chapter_15 import car, explore_car
 from live_slices import slice_values, steps_image
+from matplotlib.figure import Figure
 from paper import paper_figure, starts_of_runs
+from PIL import Image
 
 import sdhj
 from sdhj.plotting import plane
@@ -142,6 +145,13 @@ def test_plane_game_at_the_corners() -> None:
     assert "within 1" not in explorer.set(start=4)
 
 
+def test_another_start_of_the_plane_game_solves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    explorer = explore_plane_game(nodes=15)
+    monkeypatch.setattr(sdhj, "solve", lambda *_, **__: pytest.fail("solved anew"))
+    before = explorer.numbers
+    assert explorer.set(start=2) != before and explorer.error == ""
+
+
 def test_row_at_the_corners(point: LookupTable) -> None:
     explorer = explore_row(point)
     visit_corners(explorer)
@@ -157,6 +167,15 @@ def test_spaces_at_the_corners(arm: LookupTable) -> None:
     state = np.array([[0.3, -1.0, 0.1, 0.0]])
     assert shown["target (m, inside below 0)"] == pytest.approx(float(arm.problem.target_value(state, 0.1)[0]))
     assert shown["unsafe sets (m, collision below 0)"] == pytest.approx(float(arm.problem.unsafe_value(state, 0.1)[0]))
+
+
+def test_a_slice_without_a_free_posture_says_so(arm: LookupTable) -> None:
+    """With the pursuer on the arm's base every configuration collides: there is no outline to draw."""
+    for state, full in (((0.3, -1.0, 0.24, 0.24), False), ((0.3, -1.0, 0.0, 0.0), True)):
+        figure = Figure()
+        draw_both_spaces(figure, arm.problem, state=state)
+        drawn = {artist.get_gid() for artist in figure.axes[1].get_children()}
+        assert ("pursuer-full" in drawn) is full and ("pursuer-edge" in drawn) is not full
 
 
 def test_view_time_at_the_corners() -> None:
@@ -268,16 +287,47 @@ def test_a_first_setting_that_is_refused_raises() -> None:
         widgets.Explorer(draw_share, {"share": slider(0.9)})
 
 
-def test_slow_pictures_are_given_progress() -> None:
-    asked = []
+@pytest.mark.parametrize("slow", [False, True])
+def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
+    """A callback that raises is silent in a notebook, and an Output widget swallows what is raised within it."""
 
-    def draw(figure: Any, share: float, progress: bool) -> dict[str, float]:
-        asked.append(progress)
+    def draw(figure: Any, share: float) -> dict[str, float]:
+        if share > 0.8:
+            raise KeyError("<nothing> there")
         return draw_share(figure, share)
 
-    explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=True)
-    explorer.set(share=0.3)
-    assert asked == [False, True]  # a page that is only read shows no bar
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=slow)
+    explorer.set(share=0.9)
+    assert explorer.error == "KeyError: '<nothing> there'" and "&lt;nothing&gt; there" in explorer._status.value
+    explorer.set(share=0.5)  # the setting that the picture still shows
+    assert explorer.error == "" and "share: 0.5" in explorer._status.value
+
+
+def test_a_value_that_comes_back_rounded_draws_nothing() -> None:
+    drawn = []
+
+    def draw(figure: Any, share: float, angle: float) -> dict[str, float]:
+        drawn.append((share, angle))
+        return draw_share(figure, share)
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.1), "angle": widgets.angle("angle", 0.3)})
+    explorer.set(share=0.09999999999999998)
+    explorer.controls["angle"].slider.value = 0.2999999999999998
+    assert drawn == [(0.1, 0.3)]
+    explorer.controls["angle"].slider.value = 1.2400000000000002
+    explorer.set(angle=-0.777)
+    assert drawn[1:] == [(0.1, 1.24), (0.1, -0.777)]
+
+
+def test_what_plays_begins_where_the_slider_is() -> None:
+    """Linked in the browser, a player at 0 would put the slider to 0 when both are shown."""
+    control = widgets.played(widgets.slider("moment", 0, 100, 4, 60))
+    assert control.player.value == control.value == 60
+
+
+def test_a_picture_holds_what_it_says() -> None:
+    png, _ = widgets.render(draw_share, (4.0, 3.0), share=0.5)
+    assert Image.open(io.BytesIO(png)).info["Description"] == "share: 0.5"
 
 
 def test_axes_stay_where_the_first_picture_had_them() -> None:
