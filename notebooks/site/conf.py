@@ -1,11 +1,15 @@
 """Sphinx: the course as a site, from the executed notebooks; nothing is run.
 
-    pip install -e '.[docs]'
-    python -m sphinx -c notebooks/site notebooks build/site
+pip install -e '.[docs]'
+python -m sphinx -c notebooks/site notebooks build/site
 """
 
 import json
+import os
+import re
 from typing import Any
+
+from docutils import nodes
 
 import sdhj
 
@@ -23,8 +27,7 @@ extensions = [
     "sphinx-mathjax-offline",  # MathJax and its fonts come with it: no page asks the network for anything
 ]
 exclude_patterns = ["gallery", "solutions", "**.ipynb_checkpoints"]
-nitpicky = True
-nitpick_ignore_regex = [("py:.*", r".*")]  # names in docstrings' types; links in the text are checked
+default_role = "code"
 
 nb_execution_mode = "off"
 nb_merge_streams = True
@@ -41,10 +44,13 @@ napoleon_use_rtype = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "sdhj: a course"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
-    "navbar_align": "left",
+    "navbar_center": [],  # the chapters stand at the left
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
@@ -56,7 +62,7 @@ html_theme_options = {
 
 def with_alt_texts(app: Any, docname: str, source: list[str]) -> None:
     """Give a notebook's pictures the words that their outputs carry, where MyST-NB looks for them."""
-    if not app.env.doc2path(docname).endswith(".ipynb"):
+    if not os.fspath(app.env.doc2path(docname)).endswith(".ipynb"):
         return
     notebook = json.loads(source[0])
     for cell in notebook["cells"]:
@@ -66,7 +72,25 @@ def with_alt_texts(app: Any, docname: str, source: list[str]) -> None:
     source[0] = json.dumps(notebook)
 
 
+def as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Docstrings are prose and not reStructuredText: |v_d| is a size and *shape an unpacking."""
+    for number, line in enumerate(lines):
+        bullet, text = re.match(r"(\s*(?:\* )?)(.*)", line).groups()
+        pieces = text.split("`")  # what stands between backticks is code
+        pieces[::2] = [re.sub(r"(?<!\\)([*|])", r"\\\1", piece) for piece in pieces[::2]]
+        lines[number] = bullet + "`".join(pieces)
+
+
+def as_written(app: Any, doctree: nodes.document) -> None:
+    """Displayed formulas as they stand: Sphinx would wrap rows into an environment in which no tag is allowed."""
+    for formula in doctree.findall(nodes.math_block):
+        formula["no-wrap"] = True
+        formula.children = [nodes.Text(rf"\[{formula.astext()}\]")]
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", as_plain_text, priority=900)  # after numpydoc's sections are understood
+    app.connect("doctree-read", as_written)
     app.connect("source-read", with_alt_texts)
     return {"parallel_read_safe": True}
