@@ -62,7 +62,7 @@ def explore_certified(table: Table, certified: Any) -> Explorer:
 
 Claims = dict[tuple[int, int], tuple[int, int | None]]  # (step, cell): steps to go, input
 ENDS, TARGET, DELTA, STEPS = 1.5, 0.3, 0.25, 4
-ARROWS = {-1: "◂", 0: "·", 1: "▸"}
+ARROWS = {-1: "<", 0: "·", 1: ">"}
 
 
 def draw_line(ax: Axes, cells: int, certificate: Claims, post: Callable[[Any], Any]) -> None:
@@ -72,7 +72,7 @@ def draw_line(ax: Axes, cells: int, certificate: Claims, post: Callable[[Any], A
         image[k, cell] = colours[n]
         if u is not None and cells <= 60:
             x = -ENDS + (cell + 0.5) * 2 * ENDS / cells
-            ax.text(x, k * DELTA, ARROWS[u], ha="center", va="center", fontsize=5, color="white" if n < 2 else "black")
+            ax.text(x, k * DELTA, ARROWS[u], ha="center", va="center", fontsize=7, color="white" if n < 2 else "black")
     half = 0.35 * DELTA
     for k in range(STEPS + 1):
         extent = (-ENDS, ENDS, k * DELTA - half, k * DELTA + half)

@@ -20,6 +20,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -309,14 +310,20 @@ class Seen:
             self.settle()
 
 
-def tube_share(picture: Image.Image) -> float:
-    """The share of the right-hand map that has the colours of tubes: neither white nor a grey nor the frame."""
+def shares(picture: Image.Image) -> tuple[float, float]:
+    """Of the map, the widest part of the picture with a frame around it: the shares in tubes' colours and in red."""
     pixels = np.asarray(picture.convert("RGB")).astype(int)
     dark = (pixels < 110).all(axis=2)
     columns = np.flatnonzero(dark.mean(axis=0) > 0.6)  # frames run from top to bottom
-    rows = np.flatnonzero(dark[:, columns[-2] : columns[-1]].mean(axis=1) > 0.9)
-    inside = pixels[rows[0] + 2 : rows[-1] - 1, columns[-2] + 2 : columns[-1] - 1]
-    return float(((inside.max(axis=2) - inside.min(axis=2)) > 12).mean())
+    maps = []
+    for left, right in pairwise(columns):
+        rows = np.flatnonzero(dark[:, left:right].mean(axis=1) > 0.9)
+        if right - left > 100 and len(rows) >= 2:
+            maps.append(pixels[rows[0] + 2 : rows[-1] - 1, left + 2 : right - 1])
+    red, green, blue = np.moveaxis(max(maps, key=lambda one: one.size), -1, 0)
+    coloured = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue) > 12
+    warm = red > green + 15  # unsafe sets and the dot; tubes are blue, green and yellow
+    return float((coloured & ~warm).mean()), float((coloured & warm).mean())
 
 
 def number_in(status: str, name: str) -> float:
@@ -441,7 +448,7 @@ def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None
             pictures.add(seen.cell.locator(".jp-RenderedImage img").get_attribute("src"))
             if "share of the slice inside" in seen.status and not seen.refused:
                 said = number_in(seen.status, "share of the slice inside")
-                assert tube_share(seen.picture) == pytest.approx(said, abs=0.04), f"{call}, {stop}"
+                assert shares(seen.picture)[0] == pytest.approx(said, abs=0.05), f"{call}, {stop}"
         assert stops and len(pictures) > 1, f"{call} answers to nothing"
     assert errors(page) == []
 
@@ -468,7 +475,7 @@ def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
     """Every posture collides: the slice must not look free."""
     cells = ["import sdhj\nfrom chapter_06 import explore_spaces", "explore_spaces(sdhj.arm_case_study(nodes=9))"]
     seen = Seen(opened(cells, "base"), 1)
-    free = tube_share(seen.picture)
+    _, free = shares(seen.picture)
     for label in ("pursuer x (m)", "pursuer y (m)"):
         readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
             ".widget-readout"
@@ -477,7 +484,7 @@ def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
         readout.press("Enter")
         seen.settle()
     assert number_in(seen.status, "unsafe sets (m, collision below 0)") < 0
-    assert tube_share(seen.picture) > 0.5 > free
+    assert shares(seen.picture)[1] > 0.5 > free
 
 
 def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
