@@ -8,6 +8,7 @@ import numpy as np
 from live_slices import (
     HERE,
     POSTURE,
+    colours_of,
     draw_arm_live,
     draw_pixels,
     draw_sets_quickly,
@@ -23,7 +24,7 @@ from widgets import Explorer, Numbers, agent_sliders, angle, choice, played, sli
 import sdhj
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray
-from sdhj.plotting import draw_moment, draw_path, plane, step_colours
+from sdhj.plotting import draw_moment, draw_path, plane
 from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import Adversary, Moment
@@ -99,14 +100,14 @@ BARE = (1.0, 1.0, 1.0, 0.0)
 
 def row_image(table: Table, state: Sequence[float], start: int) -> tuple[FloatArray, int | None]:
     """Row `start` of the table as one picture of cells, and the column of the leftmost set that holds the state."""
-    most, grid = table.steps - start, table.grid
+    most, grid, colours = table.steps - start, table.grid, colours_of(table.steps)
     fewest = steps_image(table, through=state, start=start, within=most, resolution=CELL)
     where = plane(grid, state, resolution=CELL)
     unsafe = where.shaped(table.problem.unsafe_value(where.points, table.problem.time(start))) <= 0
     image = np.full((CELL, (table.steps + 1) * (CELL + GAP), 4), BARE)
     for n in range(most + 1):
         cell = np.where(unsafe[..., None], (0.91, 0.91, 0.91, 1.0), (0.985, 0.985, 0.985, 1.0))
-        cell[fewest <= n] = step_colours(table.steps)[n]
+        cell[fewest <= n] = colours[n]
         image[:, n * (CELL + GAP) : n * (CELL + GAP) + CELL] = cell
     held = fewest_steps(table, state, start, most)
     return image, None if np.isnan(held) else int(held)
@@ -121,8 +122,9 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
         draw_pixels(ax, image, (0, image.shape[1], bottom, bottom + CELL), f"row-{start}")
         ax.text(-4, bottom + CELL / 2, f"$k = {start}$", ha="right", va="center")
         dot = (here(grid, state) - grid.lower[:2]) / (np.array(grid.upper[:2]) - grid.lower[:2]) * CELL
-        for n in range(table.steps - start + 1):
-            ax.plot(n * side + dot[0], bottom + dot[1], **HERE | {"markersize": 3.2, "markeredgewidth": 0.4})
+        columns = side * np.arange(table.steps - start + 1)
+        looks = HERE | {"linestyle": "none", "markersize": 3.2, "markeredgewidth": 0.4}
+        ax.plot(columns + dot[0], np.full(len(columns), bottom + dot[1]), **looks)
         if (n := found[start]) is not None:
             looks = {"facecolor": "none", "edgecolor": OUTCOME_INK, "linewidth": 1.8, "gid": f"frame-{start}"}
             ax.add_patch(Rectangle((n * side, bottom), CELL, CELL, zorder=6.0, **looks))

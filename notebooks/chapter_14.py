@@ -2,13 +2,27 @@
 
 from functools import lru_cache
 
+import numpy as np
 from chapter_08 import draw_tube_and_arm
 from live_slices import POSTURE
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, agent_sliders, slider
 
 import sdhj
+from sdhj.grid import FloatArray
 from sdhj.table import Table
+
+
+def draw_limits(ax: Axes, bounds: FloatArray, shares: FloatArray, limit: float) -> None:
+    """Shares of C within 0 and 8 steps, (B, 2), against the disturbance, with the limit that the pencil found."""
+    for column, label in enumerate(("in the target", "within 8 steps")):
+        ax.plot(bounds, shares[:, column], marker="o", label=label, gid=label)
+    ax.axvline(limit, color="#c44e00", linestyle=":", label="predicted limit")
+    share = r"share of $\mathcal{C}$ inside"
+    ax.set(xlabel="disturbance of the joints (rad/s)", ylabel=share, ylim=(0, 1.05 * float(np.max(shares))))
+    ax.grid(axis="y")
+    ax.legend()
 
 
 def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:

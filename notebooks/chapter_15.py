@@ -1,76 +1,35 @@
-"""A car: a robot of one's own, from its equations to its controller."""
+"""A robot in the plane with a heading: its tubes for one heading, and a run over them."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from chapter_04 import away, draw_plane_game
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, angle, slider
 
-from sdhj.arm.workspace import Disk, Still
-from sdhj.grid import FloatArray, Grid
-from sdhj.plotting import draw_path, plane
-from sdhj.plotting.looks import INK
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.plotting import draw_constraints, draw_path, draw_set, draw_tubes, plane
+from sdhj.plotting.looks import INK, TARGET_LOOKS
 from sdhj.table import Table
 
 
-def car(
-    nodes: Sequence[int] = (33, 33, 32),
-    steps: int = 5,
-    *,
-    delta: float = 0.25,
-    speed: float = 1.0,
-    turn: float = 2.0,
-    wind: float = 0.15,
-    target: Disk | None = None,
-    obstacle: Disk | None = None,
-) -> ReachAvoidProblem:
-    """A car that cannot drive sideways: state (x, y, heading), dx/dt = speed * (cos, sin) + wind, dheading/dt = u.
-
-    It has to reach a disk past a post. The edge of the map is unsafe: the grid ends there, the car would not.
-
-    Parameters
-    ----------
-    nodes : 3 int
-    steps : int
-    delta : float
-        Sampling interval, s.
-    speed, turn, wind : float
-        m/s, rad/s, and the bound of each component of the wind, m/s.
-    """
-    target = Disk(Still((0.55, 0.0)), 0.25) if target is None else target
-    obstacle = Disk(Still((0.0, 0.0)), 0.18) if obstacle is None else obstacle
-
-    def drift(q: FloatArray, u: FloatArray) -> FloatArray:
-        return np.stack([speed * np.cos(q[:, 2]), speed * np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1)
-
-    def off_the_map(q: FloatArray, t: float) -> FloatArray:
-        return 0.95 - np.abs(q).max(axis=1)
-
-    return ReachAvoidProblem(
-        grid=Grid((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi), nodes, (False, False, True), ("x", "y", "heading")),
-        dynamics=Dynamics(
-            inputs=np.array([[-turn], [0.0], [turn]]),
-            drift=drift,
-            gain=np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]),
-            bounds=np.array([wind, wind]),
-        ),
-        target=TargetSet((0, 1), away(target)),
-        unsafe=(UnsafeSet((0, 1), away(obstacle), name="obstacles"), UnsafeSet((0, 1), off_the_map, name="edge")),
-        delta=delta,
-        steps=steps,
-        name="car",
-    )
+def draw_plane_tubes(ax: Axes, table: Table, *, through: Sequence[float], within: int | None = None) -> None:
+    """Tubes of a robot in the plane, with its target and its obstacles; the edge of the map is left out."""
+    draw_tubes(ax, table, through=through, within=within, unsafe=False)
+    shown = [part.name for part in table.problem.unsafe if part.name != "edge"]
+    draw_constraints(ax, table.problem, through=through, parts=shown)
+    where = plane(table.grid, through, resolution=201)
+    target = table.problem.target
+    goal = where.shaped(target.level_set(where.points[:, target.axes], 0.0))
+    draw_set(ax, where, goal, TARGET_LOOKS | {"facecolor": "none"}, "target", zorder=5.0)
+    ax.set_aspect("equal")
 
 
 def draw_car(ax: Axes, table: Table, *, heading: float, within: int | None = None) -> Numbers:
     """The car's tubes for one heading, with the heading as an arrow; north is up."""
     within = table.steps if within is None else within
     state = (0.0, 0.0, heading)
-    draw_plane_game(ax, table, within=within, through=state)
+    draw_plane_tubes(ax, table, within=within, through=state)
     tip = 0.18 * np.array([np.cos(heading), np.sin(heading)])
     corner, arrow = np.array([-0.75, 0.75]), {"arrowstyle": "-|>", "color": INK, "linewidth": 2}
     ax.annotate("", tuple(corner + tip), tuple(corner - tip), arrowprops=arrow)
@@ -81,7 +40,7 @@ def draw_car(ax: Axes, table: Table, *, heading: float, within: int | None = Non
 
 def draw_plane_run(ax: Axes, table: Table, run: Any) -> None:
     """A run in the plane over the tubes it starts in."""
-    draw_plane_game(ax, table, through=run.states[0])
+    draw_plane_tubes(ax, table, through=run.states[0])
     draw_path(ax, table.grid, run.states, marks=run.samples)
 
 

@@ -54,6 +54,7 @@ def check_aligned(aligned_width):
         (Fraction(1, 4), (-1, 0, 1), Fraction(1, 5)),
         (Fraction(1, 10), (Fraction(-3), Fraction(-3, 2), 0, Fraction(3, 2), Fraction(3)), Fraction(3, 10)),
         (Fraction(1, 3), (0, 2), Fraction(1, 7)),
+        (Fraction(1, 4), (-1, 1), Fraction(3, 10)),
     ):
         width = Fraction(aligned_width(delta, inputs, wind))
         expect(width > 0, "a width is positive.")
@@ -69,7 +70,7 @@ def _game():
     """A certificate with true claims and what is needed to judge them; cells of two widths."""
     edges = [Fraction(-1) + Fraction(i, 10) for i in range(15)] + [Fraction(1, 2) + Fraction(i, 20) for i in range(11)]
     edges = sorted(set(edges))
-    delta, wind, steps, target = Fraction(1, 4), Fraction(1, 10), 3, (Fraction(-1, 5), Fraction(1, 5))
+    delta, wind, steps, target = Fraction(1, 4), Fraction(1, 10), 3, (Fraction(-2, 5), Fraction(2, 5))
 
     def moved(a, b, u):
         return a + delta * (u - wind), b + delta * (u + wind)
@@ -101,7 +102,7 @@ def check_claims(claims_that_fail):
     """A true certificate, and forgeries of every kind."""
     true, *rest = _game()
     steps, edges = rest[2], rest[0]
-    middle = next(c for c in range(len(edges) - 1) if edges[c] == 0)
+    middle = next(c for c in range(len(edges) - 1) if edges[c] == Fraction(1, 5))
     later = next((k, c) for (k, c), (n, _) in true.items() if n == 2)
     first = next((k, c) for (k, c), (n, _) in true.items() if n == 1)
 

@@ -95,7 +95,7 @@ def _asked(answer: Any) -> Any:
             raise Unanswered
         return value
 
-    return watched
+    return update_wrapper(watched, answer)  # a check that compiles needs the function itself, `__wrapped__`
 
 
 def expect(condition: Any, look_at: str) -> None:

@@ -1,6 +1,7 @@
 """Slices that follow a slider: pictures made of pixels, because filled contours cost ten times as much."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
 LIVE = 141  # points along each side of a slice that follows a slider
 HERE: dict[str, Any] = {"marker": "o", "markersize": 6, "color": OUTCOME_INK, "markeredgecolor": "white"}
 HERE |= {"zorder": 8, "gid": "here"}
+
+
+colours_of = cache(step_colours)  # a colour map takes a while to make
 
 
 def slice_values(
@@ -99,7 +103,7 @@ def steps_image(
 
 def draw_steps(ax: Axes, table: Table, fewest: FloatArray, *, within: int, axes: Sequence[int] = (0, 1)) -> None:
     """An image of `steps_image` in the colours of the tubes."""
-    colours = np.array([*step_colours(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
+    colours = np.array([*colours_of(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
     grid, (first, second) = table.grid, axes
     extent = (grid.lower[first], grid.upper[first], grid.lower[second], grid.upper[second])
     draw_pixels(ax, colours[fewest], extent, "tubes")
@@ -153,7 +157,7 @@ def draw_full(ax: Axes, name: str) -> None:
 
 def draw_short_bar(ax: Axes, steps: int) -> None:
     """The colours of 0 to `steps` steps to go, from the bottom up."""
-    draw_pixels(ax, np.array(step_colours(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
+    draw_pixels(ax, np.array(colours_of(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
     ax.set(xticks=[], yticks=[0, steps], title="n")
     ax.yaxis.tick_right()
 

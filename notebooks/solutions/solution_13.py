@@ -55,7 +55,7 @@ def outward_image(a, b, u, wind, tau):
 
 
 RIGHT = {
-    check_image: after,
+    check_image: (after,),
     check_clear: stays_clear,
     check_aligned: aligned_width,
     check_claims: claims_that_fail,
@@ -109,9 +109,9 @@ def _far_too_much(a, b, u, wind, tau):
 
 WRONG = {
     check_image: [
-        (Fraction(7, 20), Fraction(2, 5)),  # no adversary
-        (Fraction(2, 5), Fraction(7, 20)),  # ends exchanged
-        (Fraction(1, 10), Fraction(13, 20)),
+        ((Fraction(7, 20), Fraction(2, 5)),),  # no adversary
+        ((Fraction(9, 20), Fraction(3, 10)),),  # ends exchanged
+        ((Fraction(2, 5), Fraction(7, 20)),),
     ],
     check_clear: [_ends_only, _each_time],
     check_aligned: [

@@ -173,7 +173,7 @@ def made_by(statement: ast.stmt) -> set[str]:
         return {(alias.asname or alias.name).split(".")[0] for alias in statement.names}
     if isinstance(statement, ast.FunctionDef | ast.ClassDef):
         return {statement.name}
-    return names_of(statement, ast.Store)
+    return set() if isinstance(statement, ast.Expr) else names_of(statement, ast.Store)
 
 
 def is_widget(statement: ast.stmt) -> bool:

@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,13 @@ from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_i
 from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
 from chapter_07 import explore_plane_game, explore_row
 from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_09 import explore_gap
-from chapter_11 import explore_run
-from chapter_12 import explore_certified
+from chapter_09 import explore_gap, explore_surface, turned
+from chapter_11 import explore_lookup, explore_pursuit, explore_run
+from chapter_12 import explore_interpolation
+from chapter_13 import explore_certified, explore_line
 from chapter_14 import explore_evader
-from chapter_15 import car, explore_car
+from chapter_15 import explore_car
+from checks_15 import reference_car
 from live_slices import slice_values, steps_image
 from matplotlib.figure import Figure
 from paper import paper_figure, starts_of_runs
@@ -51,7 +54,7 @@ def point() -> LookupTable:
 
 @pytest.fixture(scope="module")
 def car_table() -> LookupTable:
-    return sdhj.solve(car((17, 17, 16)), progress=False)
+    return sdhj.solve(reference_car((17, 17, 16)), progress=False)
 
 
 def ends(control: Any) -> tuple[Any, Any]:
@@ -196,6 +199,14 @@ def test_tube_at_the_corners(arm: LookupTable) -> None:
     assert explorer.set(q1=0.6, q2=1.2, px=0.15, py=0.24)["steps to go of this state"] == held[0]
 
 
+def test_other_slices_of_the_tube(arm: LookupTable) -> None:
+    explorer = explore_tube(arm)
+    at = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24, "within": 3}
+    shown = [dict(explorer.set(axes=axes, **at)) for axes in explorer.controls["axes"].options]
+    assert len({numbers["steps to go of this state"] for numbers in shown}) == 1  # the same state on every slice
+    assert len({numbers["share of the slice inside"] for numbers in shown}) == len(shown)
+
+
 def test_pursuer_at_the_corners(arm: LookupTable) -> None:
     explorer = explore_pursuer(arm)
     shown = visit_corners(explorer)
@@ -210,6 +221,59 @@ def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
     for shown in visit_corners(explorer):
         assert shown["slice inside, projected"] <= shown["slice inside, hji"] + shown["in projected and not in hji"]
     assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
+
+
+def test_surface_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
+    explorer = explore_surface({"full": arm, "projected": projected})
+    for shown in visit_corners(explorer):
+        assert shown["share of the box inside, projected"] <= shown["share of the box inside, full"] + 1e-3
+    before = explorer.png
+    explorer.set(azimuth=explorer.values["azimuth"] + 60)
+    assert explorer.png != before
+
+
+def test_turning_keeps_lengths(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(20, 3))
+    seen = turned(points, 37.0, -12.0)
+    np.testing.assert_allclose(np.linalg.norm(seen, axis=1), np.linalg.norm(points, axis=1), rtol=1e-12)
+    towards = turned(np.array([[1.0, 0.0, 0.0]]), 0.0, 0.0)
+    np.testing.assert_allclose(towards, [[0.0, 0.0, 1.0]], atol=1e-12)  # seen from the x axis, it points at us
+
+
+def test_interpolation_at_the_corners() -> None:
+    explorer = explore_interpolation()
+    visit_corners(explorer)
+    errors = [explorer.set(kind="one target", cells=cells, shift=0.0)["largest error"] for cells in (10, 20, 40)]
+    assert errors == pytest.approx([2 / 8 / 25, 2 / 8 / 100, 2 / 8 / 400], rel=1e-3)  # h^2 s'' / 8
+    assert explorer.set(kind="a thin post", cells=4, shift=0.25)["falsely inside"] > 0
+
+
+def test_line_at_the_corners() -> None:
+    def certify(cells: int, wind: Fraction) -> dict[tuple[int, int], tuple[int, int | None]]:
+        return {(0, cell): (0, None) for cell in range(0, cells, 1 + int(10 * wind))}
+
+    explorer = explore_line(certify, lambda t: (1.0 - t, 1.2 - t))
+    for shown in visit_corners(explorer):
+        assert 0 < shown["certified from step 0"] <= 1
+
+
+def test_lookup_at_the_corners(arm: LookupTable) -> None:
+    explorer = explore_lookup(arm)
+    visit_corners(explorer)
+    state = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24}
+    shown = explorer.set(**state)
+    held = sdhj.Controller(arm).steps_to_go(np.array(list(state.values())), 0)
+    assert shown["steps to go from step 0"] == ("none" if held is None else held)
+    assert explorer.set(px=0.0, py=0.0)["steps to go from step 0"] == "none"  # on the arm's base
+
+
+def test_pursuit_at_the_corners(arm: LookupTable) -> None:
+    starts = [list(map(float, q)) for q in starts_of_runs(arm, 2, within=2)]
+    explorer = explore_pursuit(arm, starts)
+    for shown in visit_corners(explorer):
+        assert shown["clearance now (m)"] > 0 or shown["outcome"] == "collided"
+    first = explorer.set(x=-0.3, y=-0.3, moment=100, disturbance="none")["clearance now (m)"]
+    assert explorer.set(x=0.1, y=0.2)["clearance now (m)"] != first
 
 
 def test_certified_at_the_corners(arm: LookupTable) -> None:
