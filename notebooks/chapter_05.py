@@ -12,6 +12,7 @@ from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 
 Games = Mapping[str, FloatArray]
+HELD = {"to the left": -0.8, "none": 0.0, "to the right": 0.8}  # m/s
 
 
 def draw_games(figure: Figure, rail: Grid, games: Games, joint: FloatArray | None = None) -> Numbers:
@@ -44,11 +45,11 @@ def draw_wrong_union(ax: Axes, rail: Grid, right: FloatArray, wrong: FloatArray)
 def explore_games(rail: Grid, games: Callable[..., tuple[Games, FloatArray]]) -> Explorer:
     """Three games and their intersection, with the joint game beside it; `games` is the reader's."""
 
-    def draw(figure: Figure, u: float, v_d: float, v_p: float, delta: float, progress: bool) -> Numbers:
-        return draw_games(figure, rail, *games(u, v_d, v_p, delta))
+    def draw(figure: Figure, held: str, v_d: float, v_p: float, delta: float) -> Numbers:
+        return draw_games(figure, rail, *games(HELD[held], v_d, v_p, delta))
 
     controls = {
-        "u": choice("input held (m/s)", (-0.8, 0.0, 0.8), 0.8),
+        "held": choice("input held", tuple(HELD), "to the right"),
         "v_d": slider("disturbance, at most (m/s)", 0.0, 0.4, 0.05, 0.1, live=False),
         "v_p": slider("pursuer, at most (m/s)", 0.0, 1.0, 0.05, 0.4, live=False),
         "delta": slider("length of the interval (s)", 0.05, 0.6, 0.05, 0.3, live=False),

@@ -24,6 +24,7 @@ FOLDERS = r"(?:/(?:home|Users|root|work|opt|srv|mnt|media|shared)/\w|[A-Z]:\\+Us
 MACHINE_PATH = re.compile(rf"(?:(?<![\w.+/)}}\]])|(?<=file://)){FOLDERS}")
 
 TOP_LEVEL = {
+    ".binder",
     ".ci",
     ".gitignore",
     ".pre-commit-config.yaml",

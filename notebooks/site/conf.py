@@ -9,8 +9,6 @@ import os
 import re
 from typing import Any
 
-from docutils import nodes
-
 import sdhj
 
 project = "sdhj"
@@ -81,8 +79,10 @@ def as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines:
         lines[number] = bullet + "`".join(pieces)
 
 
-def as_written(app: Any, doctree: nodes.document) -> None:
+def as_written(app: Any, doctree: Any) -> None:
     """Displayed formulas as they stand: Sphinx would wrap rows into an environment in which no tag is allowed."""
+    from docutils import nodes  # only Sphinx needs it
+
     for formula in doctree.findall(nodes.math_block):
         formula["no-wrap"] = True
         formula.children = [nodes.Text(rf"\[{formula.astext()}\]")]

@@ -4,6 +4,7 @@ Skipped without what `pip install -e '.[docs]'` brings; the browser's part also 
 """
 
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -18,9 +19,10 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from notebooks.test_browser import chromium
 
 ROOT = Path(__file__).parent.parent.parent
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 NEEDED = ("sphinx", "myst_nb", "pydata_sphinx_theme", "sphinx-mathjax-offline")
 RAW = re.compile(r"\\(?:[a-zA-Z]{2,}|[()\[\]])|\$[^\s$][^$]*\$")  # \frac, \(, $x$: LaTeX that nobody has set
 SETTLED = "() => !window.MathJax || (window.MathJax.startup && window.MathJax.startup.promise.then(() => true))"
@@ -114,6 +116,20 @@ def served(folder: Path) -> Iterator[str]:
         yield f"http://127.0.0.1:{server.server_address[1]}"
     finally:
         server.shutdown()
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A page of a headless Chromium; skips where there is none."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on the path: install chromium to run the browser test")
+    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    with sync.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
+        try:
+            yield browser.new_page(viewport={"width": 1280, "height": 1600})
+        finally:
+            browser.close()
 
 
 @pytest.mark.browser
