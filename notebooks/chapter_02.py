@@ -37,7 +37,7 @@ class Profile:
         return float(np.abs(self.computed - self.exact).max())
 
 
-def _hat(x: FloatArray) -> FloatArray:
+def hat(x: FloatArray) -> FloatArray:
     """Level-set function of |x| <= 0.3 on the periodic line [-1, 1), capped so that it is flat far away."""
     wrapped = np.mod(x + 1.0, 2.0) - 1.0
     return np.clip(np.abs(wrapped) - 0.3, -0.2, 0.2)
@@ -71,13 +71,13 @@ def carry(
     x = -1.0 + 2.0 / nodes * np.arange(nodes)
     spacing = 2.0 / nodes
     steps = max(1, int(np.ceil(duration * abs(velocity) / (spacing * cfl) - 1e-9)))
-    start = _hat(x)
+    start = hat(x)
     values = start.copy()
     for _ in range(steps):
         left, right = values - np.roll(values, 1), np.roll(values, -1) - values
         slope = {"left": left, "central": (left + right) / 2, "right": right}[difference] / spacing
         values = values + duration / steps * velocity * slope
-    return Profile(x, start, values, _hat(x + velocity * duration), steps)
+    return Profile(x, start, values, hat(x + velocity * duration), steps)
 
 
 @dataclass(frozen=True)

@@ -1,130 +1,101 @@
-"""Tubes in four dimensions: slices in the joint angles and in the pursuer's plane, surfaces. Chapters 8 and 11 too."""
+"""From the workspace to the configuration space; obstacles that move (Secs. 2 and 5.4)."""
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
 
-from live_slices import (
-    HERE,
-    POSTURE,
-    draw_arm_live,
-    draw_sets_quickly,
-    draw_short_bar,
-    draw_steps,
-    fewest_steps,
-    steps_image,
-    wrapped,
-)
-from matplotlib.axes import Axes
+import numpy as np
+from live_slices import HERE, POSTURE, draw_arm_live, draw_sets_quickly, wrapped
 from matplotlib.figure import Figure
-from paper import draw_isosurface
-from widgets import Explorer, Numbers, agent_sliders, angle, slider, step_sliders
+from widgets import Explorer, Numbers, agent_sliders, angle, slider
 
-import sdhj
-from sdhj.arm.case_studies import OBSTACLES, scene
-from sdhj.arm.workspace import Disk, Still
-from sdhj.plotting import draw_arm, draw_workspace
-from sdhj.table import Table
+from sdhj.arm.case_studies import scene
+from sdhj.grid import FloatArray
+from sdhj.plotting import draw_constraints, draw_set, draw_workspace, frame_slice, plane
+from sdhj.plotting.looks import INK, UNSAFE_LOOKS
+from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 
-def draw_tube_and_arm(
-    figure: Figure, table: Table, *, state: Sequence[float], start: int = 0, within: int | None = None
+def union_of_samples(part: UnsafeSet, points: FloatArray, t0: float, t1: float, samples: int) -> FloatArray:
+    """Union of a moving unsafe set at `samples` times of [t0, t1]: the paper's view-time, any number of samples."""
+    times = np.linspace(t0, t1, samples) if samples > 1 else np.array([t0])
+    return np.minimum.reduce([part.level_set(points, float(t)) for t in times])
+
+
+def draw_both_spaces(
+    figure: Figure, problem: ReachAvoidProblem, *, state: Sequence[float], step: float = 0.0
 ) -> Numbers:
-    """A slice of the four-dimensional tube through a state, beside the arm in that state."""
-    within = table.steps - start if within is None else min(within, table.steps - start)
-    grid = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.0, 0.05))
-    left, right, bar = (figure.add_subplot(grid[0, column]) for column in range(3))
-    problem = table.problem
-    draw_arm_live(left, problem, state, start * problem.delta)
-    left.set_title(f"workspace at step {start}")
-    fewest = steps_image(table, through=state, start=start, within=within)
-    draw_steps(right, table, fewest, within=within)
-    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    """The arm in the workspace and as a point of C-space, with the sets at time step * delta (Fig. 9)."""
+    left, right = figure.subplots(1, 2)
+    t = step * problem.delta
+    draw_arm_live(left, problem, state, t)
+    left.set_title(f"workspace, t = {t:.2f} s")
+    draw_sets_quickly(right, problem, through=state, step=step)
     right.plot(*wrapped(state), **HERE)
-    right.set_title(f"from step {start}, within {within} steps")
-    draw_short_bar(bar, table.steps)
+    right.set_title("configuration space (slice)")
+    q = np.asarray([state], dtype=np.float64)
     return {
-        "share of the slice inside": float((fewest[:-1, :-1] <= within).mean()),
-        "share of C inside": table.fraction(start=start, within=within),
-        "steps to go of this state": fewest_steps(table, state, start, within),
+        "target (m, inside below 0)": float(problem.target_value(q, t)[0]),
+        "unsafe sets (m, collision below 0)": float(problem.unsafe_value(q, t)[0]),
     }
 
 
-def draw_pursuer_plane(
-    ax: Axes, table: Table, *, state: Sequence[float], start: int = 0, within: int | None = None
+def draw_view_time(
+    figure: Figure, problem: ReachAvoidProblem, *, step: int = 0, samples: int = 3, pieces: Sequence[float] = (0.0, 1.0)
 ) -> Numbers:
-    """The other slice: joint angles fixed, where may the pursuer be? Tubes in (px, py) with the arm drawn into them."""
-    within = table.steps - start if within is None else min(within, table.steps - start)
-    draw_workspace(ax, scene(table.problem), time=start * table.problem.delta, arrows=False)
-    draw_arm(ax, scene(table.problem), state[:2])
-    fewest = steps_image(table, through=state, start=start, within=within, axes=(2, 3))
-    draw_steps(ax, table, fewest, within=within, axes=(2, 3))
-    ax.set(aspect="equal", title="where the pursuer may be, for this posture")
-    return {"share of the pursuer's places": float((fewest <= within).mean())}
-
-
-def draw_surface(figure: Figure, table: Table, *, through: Sequence[float]) -> None:
-    """The boundary of the whole tube from step 0 over the first three axes."""
-    ax, grid = figure.add_subplot(projection="3d"), table.grid
-    draw_isosurface(ax, table, through=through)
-    for axis, name in enumerate("xyz"):
-        if not grid.periodic[axis]:
-            getattr(ax, f"set_{name}ticks")((grid.lower[axis], 0.0, grid.upper[axis]))
-        elif grid.names[axis] == "heading":
-            getattr(ax, f"set_{name}label")("heading (rad)", labelpad=-4)
-    ax.set_box_aspect(None, zoom=0.92)
-
-
-def explore_tube(table: Table) -> Explorer:
-    """Slice the four-dimensional tube wherever you like."""
-
-    def draw(figure: Figure, px: float, py: float, start: int, within: int, q1: float, q2: float) -> Numbers:
-        return draw_tube_and_arm(figure, table, state=(q1, q2, px, py), start=start, within=within)
-
-    controls = {
-        **agent_sliders(table.problem),
-        **step_sliders(table),
-        "q1": angle("joint angle q1 (rad)", POSTURE[0]),
-        "q2": angle("joint angle q2 (rad)", POSTURE[1]),
+    """What the moving obstacles sweep over one interval, in C-space, and a union of samples that misses some of it."""
+    left, right = figure.subplots(1, 2)
+    part = next(part for part in problem.unsafe if part.moving)
+    grid = problem.grid.subgrid(part.axes)
+    t0, t1 = problem.time(step) + np.asarray(pieces) * problem.delta
+    view = scene(problem)
+    draw_workspace(left, view, time=t0, trail=np.linspace(t0, t1, max(samples, 2)), arrows=False)
+    left.set_title(f"samples of the obstacles, $t$ in [{t0:.1f}, {t1:.1f}] s")
+    where = plane(grid, (0.0, 0.0), resolution=241)
+    swept = where.shaped(part.over(where.points, t0, t1, "swept"))
+    union = where.shaped(union_of_samples(part, where.points, t0, t1, samples))
+    draw_set(right, where, swept, UNSAFE_LOOKS, "swept", zorder=1.0)
+    draw_set(right, where, union, {"facecolor": "#e2e2e2", "edgecolor": INK, "linewidth": 0.8}, "sampled", zorder=2.0)
+    frame_slice(right, grid)
+    right.set_title("swept (red, all of it) and sampled (grey)")
+    missed = (swept <= 0) & (union > 0)
+    return {
+        "share of C-space swept": float(np.mean(swept <= 0)),
+        "of it missed by the samples": float(missed.sum() / (swept <= 0).sum()),
     }
-    return Explorer(draw, controls, alt="A slice of the tube beside the arm")
 
 
-def explore_pursuer(table: Table) -> Explorer:
-    """The other slice: for one posture of the arm, where may the pursuer be?"""
+def draw_kinematics(figure: Figure, problems: Mapping[str, ReachAvoidProblem], *, state: Sequence[float]) -> None:
+    """The same joint angles under two readings of Eq. (8), workspace above, C-space below."""
+    axes = figure.subplots(2, len(problems))
+    for (top, bottom), (title, problem) in zip(axes.T, problems.items(), strict=True):
+        draw_workspace(top, scene(problem), state=state, arrows=False)
+        top.set_title(title)
+        draw_constraints(bottom, problem, through=state)
+        bottom.plot(*wrapped(state), **HERE)
 
-    def draw(figure: Figure, q1: float, q2: float, start: int, within: int) -> Numbers:
-        return draw_pursuer_plane(figure.subplots(), table, state=(q1, q2, 0.36, 0.36), start=start, within=within)
+
+def explore_spaces(problem: ReachAvoidProblem) -> Explorer:
+    """Place the arm in C-space and see it in the workspace, or the other way round."""
+
+    def draw(figure: Figure, q1: float, q2: float, px: float, py: float, step: float) -> Numbers:
+        return draw_both_spaces(figure, problem, state=(q1, q2, px, py), step=step)
 
     controls = {
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
-        **step_sliders(table),
+        **agent_sliders(problem),
+        "step": slider("time (steps of delta)", 0.0, float(problem.steps), 0.1, 0.0),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), alt="Where the pursuer may start")
+    return Explorer(draw, controls, alt="The arm in the workspace and as a point in configuration space")
 
 
-def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
-    """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
+def explore_view_time(problem: ReachAvoidProblem) -> Explorer:
+    """Swept volume of the moving obstacles over one interval, and what a union of samples misses."""
 
-    @lru_cache(maxsize=16)
-    def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool) -> Table:
-        obstacles = (Disk(Still((x, y)), 0.06), *OBSTACLES[1:])
-        problem = sdhj.arm_case_study(
-            nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles
-        )
-        return sdhj.solve(problem, method=method, progress=progress)
-
-    def draw(
-        figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float, progress: bool
-    ) -> Numbers:
-        return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y, progress), state=(*POSTURE, 0.24, 0.24))
+    def draw(figure: Figure, step: int, samples: int) -> Numbers:
+        return draw_view_time(figure, problem, step=step, samples=samples)
 
     controls = {
-        "v_p": slider("pursuer's speed (m/s)", 0.0, 0.8, 0.05, 0.2, live=False),
-        "v_d": slider("disturbance (rad/s)", 0.0, 2.0, 0.1, 0.3, live=False),
-        "delta": slider("sampling interval (s)", 0.05, 0.2, 0.01, 0.1, live=False),
-        "levels": slider("input levels on each axis", 2, 7, 1, 5, live=False),
-        "x": slider("static obstacle x (m)", -0.3, 0.3, 0.02, -0.22, live=False),
-        "y": slider("static obstacle y (m)", -0.3, 0.3, 0.02, 0.1, live=False),
+        "step": slider("step k", 0, problem.steps - 1, 1, 2),
+        "samples": slider("samples of the interval", 1, 20, 1, 2),
     }
-    return Explorer(draw, controls, slow=True, alt="A slice of the tube, solved anew")
+    return Explorer(draw, controls, alt="Swept and sampled obstacles in the workspace and in configuration space")

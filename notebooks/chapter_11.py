@@ -1,35 +1,212 @@
-"""The evader, and the limits of the adversary."""
+"""The controller against the adversary: runs to play and to step through. Chapters 12 and 14 too."""
 
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
-from chapter_06 import draw_tube_and_arm
-from live_slices import POSTURE
+import numpy as np
+from live_slices import (
+    HERE,
+    POSTURE,
+    colours_of,
+    draw_arm_live,
+    draw_pixels,
+    draw_sets_quickly,
+    fewest_steps,
+    here,
+    steps_image,
+)
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from widgets import Explorer, Numbers, agent_sliders, slider
+from matplotlib.patches import Rectangle
+from widgets import Explorer, Numbers, agent_sliders, angle, choice, played, slider
 
 import sdhj
+from sdhj.arm.case_studies import scene
+from sdhj.grid import FloatArray
+from sdhj.plotting import draw_moment, draw_path, plane
+from sdhj.plotting.looks import OUTCOME_INK
+from sdhj.problem import ReachAvoidProblem
+from sdhj.simulation.adversaries import Adversary, Moment
+from sdhj.simulation.runs import SUBSTEPS
 from sdhj.table import Table
 
 
-def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
-    """The evading target of Sec. 6.1, solved at each change of its speed and size."""
+def explore_run(
+    table: Table,
+    states: Sequence[Sequence[float]],
+    *,
+    adversaries: Sequence[str] = ("none", "random", "aggressive", "worst"),
+    rules: Sequence[str] | Mapping[str, Any] = ("deepest",),
+) -> Explorer:
+    """Play and step through a run from one of `states` against an adversary of your choice; rules by their names."""
+    given = dict(rules) if isinstance(rules, Mapping) else {rule: rule for rule in rules}
+    controllers = {name: sdhj.Controller(table, rule=rule) for name, rule in given.items()}
 
-    @lru_cache(maxsize=16)
-    def solved(v_e: float, v_d: float, radius: float, progress: bool) -> Table:
-        return sdhj.solve(
-            sdhj.evader_case_study(nodes, v_e_max=v_e, v_d_max=v_d, evader_radius=radius),
-            method=method,
-            progress=progress,
+    @lru_cache(maxsize=64)
+    def run(number: int, adversary: str, rule: str, seed: int) -> Any:
+        return sdhj.simulate(
+            controllers[rule], np.asarray(states[number], dtype=np.float64), adversary=adversary, seed=seed
         )
 
-    def draw(figure: Figure, v_e: float, v_d: float, radius: float, px: float, py: float, progress: bool) -> Numbers:
-        return draw_tube_and_arm(figure, solved(v_e, v_d, radius, progress), state=(*POSTURE, px, py))
+    def draw(figure: Figure, number: int, adversary: str, rule: str, seed: int, moment: float) -> Numbers:
+        one = run(number, adversary, rule, seed)
+        index = round(moment / 100 * (len(one.times) - 1))
+        draw_moment(figure, table, one, index=index)
+        draw_way(figure, table.problem, one)
+        return {
+            "time (s)": float(one.times[index]),
+            "outcome": one.outcome,
+            "steps taken": len(one.inputs),
+            "cost so far": _closest(table.problem, one, index),
+        }
 
-    problem = sdhj.evader_case_study(nodes)
     controls = {
-        "v_e": slider("evader's speed (m/s)", 0.0, 0.6, 0.05, 0.1, live=False),
-        "v_d": slider("disturbance (rad/s)", 0.0, 2.0, 0.1, 0.3, live=False),
-        "radius": slider("evader's radius (m)", 0.05, 0.1, 0.01, 0.06, live=False),
-        **agent_sliders(problem, 0.1, 0.18),
+        "number": slider("initial state", 0, len(states) - 1, 1, 0)
+        if len(states) > 1
+        else choice("initial state", (0,), 0),
+        "adversary": choice("adversary", adversaries, adversaries[-1]),
+        "rule": choice("rule", tuple(given), next(iter(given))),
+        "seed": slider("seed", 0, 9, 1, 0),
+        "moment": played(slider("progress of the run (%)", 0, 100, 4, 60)),
     }
-    return Explorer(draw, controls, slow=True, alt="A slice of the tube of the evader game")
+    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run")
+
+
+def draw_way(figure: Figure, problem: ReachAvoidProblem, run: Any, axes: Sequence[Axes] = ()) -> None:
+    """The whole run, faint, over the pictures of one moment: which run it is shows at every moment."""
+    left, right = axes or figure.axes
+    tips = scene(problem).arm.tip(run.states[:, :2])
+    looks = {"color": OUTCOME_INK, "linewidth": 0.8, "alpha": 0.45, "zorder": 5.5}
+    left.plot(*tips.T, linestyle="-", gid="whole-tip-path", **looks)
+    left.plot(*run.states[:, 2:4].T, linestyle=":", gid="whole-agent-path", **looks | {"color": "black"})
+    draw_path(right, problem.grid, run.states, gid="whole-path", **looks)
+
+
+def _closest(problem: ReachAvoidProblem, played: Any, index: int) -> float:
+    """The least clearance so far, m, negated: positive after a collision (the second term of Eq. (5))."""
+    clearances = [problem.unsafe_value(played.states[i : i + 1], float(played.times[i]))[0] for i in range(index + 1)]
+    return -float(min(clearances))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The look-up table, live (Fig. 8)
+# ----------------------------------------------------------------------------------------------------------------------
+
+CELL = 45  # points along each side of a cell
+GAP = 5  # points between two cells
+BARE = (1.0, 1.0, 1.0, 0.0)
+
+
+def row_image(table: Table, state: Sequence[float], start: int) -> tuple[FloatArray, int | None]:
+    """Row `start` of the table as one picture of cells, and the column of the leftmost set that holds the state."""
+    most, grid, colours = table.steps - start, table.grid, colours_of(table.steps)
+    fewest = steps_image(table, through=state, start=start, within=most, resolution=CELL)
+    where = plane(grid, state, resolution=CELL)
+    unsafe = where.shaped(table.problem.unsafe_value(where.points, table.problem.time(start))) <= 0
+    image = np.full((CELL, (table.steps + 1) * (CELL + GAP), 4), BARE)
+    for n in range(most + 1):
+        cell = np.where(unsafe[..., None], (0.91, 0.91, 0.91, 1.0), (0.985, 0.985, 0.985, 1.0))
+        cell[fewest <= n] = colours[n]
+        image[:, n * (CELL + GAP) : n * (CELL + GAP) + CELL] = cell
+    held = fewest_steps(table, state, start, most)
+    return image, None if np.isnan(held) else int(held)
+
+
+def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> dict[int, int | None]:
+    """Rows of the look-up table from the top down, each through a state, which is dotted; its set is framed."""
+    found, grid, side = {}, table.grid, CELL + GAP
+    for place, (start, state) in enumerate(states.items()):
+        image, found[start] = row_image(table, state, start)
+        bottom = -(place + 1) * side
+        draw_pixels(ax, image, (0, image.shape[1], bottom, bottom + CELL), f"row-{start}")
+        ax.text(-4, bottom + CELL / 2, f"$k = {start}$", ha="right", va="center")
+        dot = (here(grid, state) - grid.lower[:2]) / (np.array(grid.upper[:2]) - grid.lower[:2]) * CELL
+        columns = side * np.arange(table.steps - start + 1)
+        looks = HERE | {"linestyle": "none", "markersize": 3.2, "markeredgewidth": 0.4}
+        ax.plot(columns + dot[0], np.full(len(columns), bottom + dot[1]), **looks)
+        if (n := found[start]) is not None:
+            looks = {"facecolor": "none", "edgecolor": OUTCOME_INK, "linewidth": 1.8, "gid": f"frame-{start}"}
+            ax.add_patch(Rectangle((n * side, bottom), CELL, CELL, zorder=6.0, **looks))
+    for n in range(table.steps + 1):
+        ax.text(n * side + CELL / 2, 3, f"$n = {n}$", ha="center", va="bottom")
+    ax.set(xlim=(-20, (table.steps + 1) * side), ylim=(-len(states) * side - 2, 18), aspect="equal")
+    ax.axis("off")
+    return found
+
+
+def explore_lookup(table: Table) -> Explorer:
+    """The whole look-up table for one state: which set of each row is the leftmost that holds it (Fig. 8)."""
+
+    def draw(figure: Figure, **state: float) -> Numbers:
+        q = [state[name] for name in ("q1", "q2", "px", "py")]
+        found = draw_rows(figure.subplots(), table, dict.fromkeys(range(table.steps + 1), q))
+        return {f"steps to go from step {k}": "none" if n is None else n for k, n in found.items() if k % 2 == 0}
+
+    controls = {
+        **agent_sliders(table.problem),
+        "q1": angle("joint angle q1 (rad)", POSTURE[0]),
+        "q2": angle("joint angle q2 (rad)", POSTURE[1]),
+    }
+    return Explorer(draw, controls, size=(6.6, 6.9), alt="The look-up table, the leftmost set of each row framed")
+
+
+def running_at(aim: Sequence[float], disturbance: str) -> Adversary:
+    """A pursuer that runs straight at a place, and a disturbance of the joints: "none", "random" or "steady"."""
+
+    def play(moment: Moment) -> FloatArray:
+        v = np.zeros_like(moment.previous)
+        v[:, 2:] = (np.asarray(aim) - moment.states[:, 2:]) / moment.duration
+        if disturbance == "steady":
+            v[:, :2] = moment.bounds[:, :2]
+        elif disturbance == "random" and moment.substep:
+            v[:, :2] = moment.previous[:, :2]
+        elif disturbance == "random":
+            v[:, :2] = moment.rng.uniform(-1, 1, (len(v), 2)) * moment.bounds[:, :2]
+        return np.clip(v, -moment.bounds, moment.bounds)
+
+    return play
+
+
+def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer:
+    """A run with the pursuer where you send it, and the row of the table at the moment shown (Figs. 8, 10 and 12)."""
+    controller = sdhj.Controller(table)
+
+    @lru_cache(maxsize=64)
+    def run(number: int, x: float, y: float, disturbance: str) -> Any:
+        start = np.asarray(states[number], dtype=np.float64)
+        return sdhj.simulate(controller, start, adversary=running_at((x, y), disturbance), seed=0)
+
+    def draw(figure: Figure, number: int, x: float, y: float, disturbance: str, moment: int) -> Numbers:
+        one = run(number, x, y, disturbance)
+        index = round(moment / 100 * (len(one.times) - 1))
+        step = min(index // SUBSTEPS, table.steps)
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 0.36))
+        left, right, below = (figure.add_subplot(grid[place]) for place in ((0, 0), (0, 1), (1, slice(None))))
+        state, time = one.states[index], float(one.times[index])
+        draw_arm_live(left, table.problem, state, time)
+        left.plot(x, y, "x", color=OUTCOME_INK, markersize=7, zorder=7)
+        draw_sets_quickly(right, table.problem, through=state, step=time / table.problem.delta, resolution=81)
+        draw_way(figure, table.problem, one, (left, right))
+        right.plot(*here(table.grid, state), **HERE)
+        left.set_title(f"$t = {time:.2f}$ s, step {step}")
+        right.set_title("the joints' way (Fig. 12b)")
+        measured = one.states[step * SUBSTEPS]
+        found = draw_rows(below, table, {step: measured})
+        return {
+            "time (s)": time,
+            "outcome": one.outcome,
+            "steps to go at this step": "none" if found[step] is None else found[step],
+            "clearance now (m)": float(table.problem.unsafe_value(state[None], time)[0]),
+        }
+
+    controls = {
+        "number": slider("initial state", 0, len(states) - 1, 1, 0),
+        **{
+            name: slider(f"pursuer runs at {name} (m)", -0.36, 0.36, 0.02, value)
+            for name, value in (("x", 0.06), ("y", 0.2))
+        },
+        "disturbance": choice("disturbance of the joints", ("none", "random", "steady"), "random"),
+        "moment": played(slider("progress of the run (%)", 0, 100, 4, 48)),
+    }
+    return Explorer(draw, controls, size=(8.2, 5.2), alt="A run with the pursuer where you send it, and its table row")

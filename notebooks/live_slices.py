@@ -1,16 +1,18 @@
 """Slices that follow a slider: pictures made of pixels, because filled contours cost ten times as much."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.patches import Rectangle
 
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
-from sdhj.plotting.looks import OUTCOME_INK, look
+from sdhj.plotting.looks import OUTCOME_INK, UNSAFE_LOOKS, look
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import Table
 
@@ -19,6 +21,9 @@ POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
 LIVE = 141  # points along each side of a slice that follows a slider
 HERE: dict[str, Any] = {"marker": "o", "markersize": 6, "color": OUTCOME_INK, "markeredgecolor": "white"}
 HERE |= {"zorder": 8, "gid": "here"}
+
+
+colours_of = cache(step_colours)  # a colour map takes a while to make
 
 
 def slice_values(
@@ -98,7 +103,7 @@ def steps_image(
 
 def draw_steps(ax: Axes, table: Table, fewest: FloatArray, *, within: int, axes: Sequence[int] = (0, 1)) -> None:
     """An image of `steps_image` in the colours of the tubes."""
-    colours = np.array([*step_colours(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
+    colours = np.array([*colours_of(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
     grid, (first, second) = table.grid, axes
     extent = (grid.lower[first], grid.upper[first], grid.lower[second], grid.upper[second])
     draw_pixels(ax, colours[fewest], extent, "tubes")
@@ -116,11 +121,12 @@ def draw_sets_quickly(
     *,
     through: Sequence[float],
     step: float = 0.0,
+    axes: Sequence[int] = (0, 1),
     filled: bool = True,
     resolution: int = LIVE,
 ) -> None:
-    """As `draw_constraints` on the first two axes, without hatching and with pixels for areas."""
-    where = plane(problem.grid, through, resolution=resolution)
+    """As `draw_constraints`, without hatching and with pixels for areas."""
+    where = plane(problem.grid, through, axes, resolution)
     t = step * problem.delta
     extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
     parts: list[UnsafeSet | TargetSet] = [problem.target, *problem.unsafe]
@@ -136,14 +142,29 @@ def draw_sets_quickly(
             lines = ax.contour(where.x, where.y, values, levels=[0.0], zorder=5.0, **edge)
             lines.set_linestyle([looks.get("linestyle", "-")])
             lines.set_gid(f"{part.name}-edge")
-    frame_live(ax, problem.grid)
+        elif part is not problem.target and values.max() <= 0:
+            draw_full(ax, part.name)
+    frame_live(ax, problem.grid, axes)
+
+
+def draw_full(ax: Axes, name: str) -> None:
+    """Say of a slice that all of it is in one unsafe set: it has no outline then, and would look free."""
+    looks = {"facecolor": UNSAFE_LOOKS["facecolor"], "edgecolor": UNSAFE_LOOKS["edgecolor"], "hatch": "//"}
+    ax.add_patch(Rectangle((0, 0), 1, 1, transform=ax.transAxes, zorder=4.5, gid=f"{name}-full", **looks))
+    said = {"ha": "center", "va": "center", "zorder": 9.0, "bbox": {"facecolor": "white", "edgecolor": "none"}}
+    ax.text(0.5, 0.5, f"all of this slice collides: {name}", transform=ax.transAxes, **said)
 
 
 def draw_short_bar(ax: Axes, steps: int) -> None:
     """The colours of 0 to `steps` steps to go, from the bottom up."""
-    draw_pixels(ax, np.array(step_colours(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
+    draw_pixels(ax, np.array(colours_of(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
     ax.set(xticks=[], yticks=[0, steps], title="n")
     ax.yaxis.tick_right()
+
+
+def here(grid: Grid, state: Sequence[float], axes: Sequence[int] = (0, 1)) -> FloatArray:
+    """Where a state lies on a slice of two axes, angles between the ends of the grid: (2,)."""
+    return grid.wrapped(np.asarray(state, dtype=np.float64)[None])[0, list(axes)]
 
 
 def wrapped(state: Sequence[float]) -> FloatArray:

@@ -8,19 +8,25 @@ from widgets import show
 sys.path.append(str(Path(__file__).resolve().parent.parent / "figures"))  # the scripts are no package to install
 
 import boat
-from charts import draw_fractions, draw_sweep
+from charts import METHOD_NAMES, draw_fractions, draw_sweep
 from common import PAPER_NODES, Context, draw, starts_of_runs, title
-from fig14_timing import PAPER_SECONDS
-from surfaces import draw_isosurface
+from fig14_timing import PAPER_SECONDS, draw_timings, machine
+from surfaces import LIGHT, block, draw_isosurface, isosurface
 
 __all__ = [
+    "LIGHT",
+    "METHOD_NAMES",
     "PAPER_NODES",
     "PAPER_SECONDS",
     "Context",
+    "block",
     "boat",
     "draw_fractions",
     "draw_isosurface",
     "draw_sweep",
+    "draw_timings",
+    "isosurface",
+    "machine",
     "paper_figure",
     "starts_of_runs",
 ]

@@ -5,10 +5,10 @@ each `explore_*` of the chapters' modules returns one. Put it on the last line o
 the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place.
 """
 
+import html
 import inspect
 import io
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import ipywidgets
@@ -46,15 +46,18 @@ def render(
                 ax.set_position(place)
         elif places:
             figure.set_layout_engine("constrained")
-        png = _png(figure)
+        told = dict(numbers) if isinstance(numbers, Mapping) else {}
+        png = _png(figure, _told(told))
         if places is not None:
             places[:] = [ax.get_position(original=True) for ax in figure.axes]
-        return png, dict(numbers) if isinstance(numbers, Mapping) else {}
+        return png, told
 
 
-def _png(figure: Figure, **options: Any) -> bytes:
+def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
+    """A PNG file that holds in words what its picture says."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata=UNDATED["png"], **options)
+    words = {"Description": said} if said else {}
+    figure.savefig(buffer, format="png", dpi=DPI, metadata=UNDATED["png"] | words, **options)
     return buffer.getvalue()
 
 
@@ -89,17 +92,19 @@ def _number(value: float | str) -> str:
 class Explorer:
     """Controls and a picture that answers to them.
 
+    What `draw` refuses, by an exception of any kind, is told in words below the controls, and the picture stays that of
+    the last setting that could be drawn. A value that comes back from the browser rounded is no new value.
+
     Parameters
     ----------
     draw : callable (figure, **values) -> mapping or None
-        Draws for one value of each control, and returns the numbers to show. A ValueError is shown to the user and
-        leaves the picture as it was.
+        Draws for one value of each control, and returns the numbers to show.
     controls : mapping of str to widget
         By argument of `draw`.
     size : (float, float)
         Of the picture, inches.
     slow : bool
-        The picture takes longer than a moment: `draw` is given `progress` and writes a progress bar where that is true.
+        The picture can take longer than a moment: until it is there, the line below the controls says so.
 
     Attributes
     ----------
@@ -122,21 +127,19 @@ class Explorer:
         self.draw, self.controls, self.size, self.slow, self.alt = draw, dict(controls), size, slow, alt
         self.numbers: dict[str, float | str] = {}
         self.error = ""
-        self.png = b""
         self._picture: Any = None
         self._places: list[Any] = []
         self._status = ipywidgets.HTML()
-        self._progress = ipywidgets.Output()
+        self._asked = self.values
+        self.png, self.numbers = render(draw, size, places=self._places, **self._asked)  # raises what is refused
+        self._tell()
         for control in self.controls.values():
             control.observe(self._changed, names="value")
-        self._redraw(first=True)
-        if self.error:
-            raise ValueError(self.error)
 
     @property
     def values(self) -> dict[str, Any]:
-        """The controls' values by argument."""
-        return {name: control.value for name, control in self.controls.items()}
+        """The controls' values by argument, on the steps of their sliders."""
+        return {name: _on_its_step(control) for name, control in self.controls.items()}
 
     def set(self, **values: Any) -> dict[str, float | str]:
         """Move controls, as a user would, and return the numbers that the picture then shows."""
@@ -145,37 +148,38 @@ class Explorer:
         return self.numbers
 
     def _changed(self, _change: Any) -> None:
-        self._redraw()
-        if self._picture is not None:
-            self._picture.update(self._image())
-
-    def _redraw(self, *, first: bool = False) -> None:
-        live = self.slow and not first
-        if live:
-            self._status.value = "solving ..."
-        extra = {"progress": live} if self.slow else {}
+        if self.values == self._asked:
+            return
+        self._asked = self.values
+        if self.slow:
+            self._status.value = WORKING
         try:
-            with self._progress if live else nullcontext():
-                self.png, self.numbers = render(self.draw, self.size, places=self._places, **self.values, **extra)
+            self.png, self.numbers = render(self.draw, self.size, places=self._places, **self._asked)
             self.error = ""
-        except ValueError as error:
-            self.error = str(error)
-        if live and self._picture is not None:
-            self._progress.clear_output()
-        told = f"<span style='color:#a8330f'>{self.error}</span>" if self.error else _told(self.numbers)
-        self._status.value = f"<div style='line-height:1.4'>{told}</div>"
+        except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
+            self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        if self._picture is not None and not self.error:
+            self._picture.update(self._image())
+        self._tell()
+
+    def _tell(self) -> None:
+        if self.error:
+            reason = f"Not possible: {html.escape(self.error)}.<br>The picture is still that of the setting before."
+            self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
+        else:
+            self._status.value = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
 
     def _image(self) -> Image:
-        return Image(data=self.png, format="png", alt=self.alt or _first_line(self.draw))
+        alt = self.alt or _first_line(self.draw)
+        return Image(data=self.png, format="png", alt=f"{alt}. {_told(self.numbers)}" if self.numbers else alt)
 
     def panel(self) -> Any:
         """The controls in columns, with the numbers below."""
         rows = ipywidgets.Box(
-            [_labelled(control) for control in self.controls.values()],
+            [_whole(control) for control in self.controls.values()],
             layout=ipywidgets.Layout(display="flex", flex_flow="row wrap", align_items="center"),
         )
-        parts = [rows, self._status, self._progress] if self.slow else [rows, self._status]
-        return ipywidgets.VBox(parts)
+        return ipywidgets.VBox([rows, self._status])
 
     def _ipython_display_(self) -> None:
         names = ", ".join(
@@ -189,17 +193,30 @@ class Explorer:
         self._picture = display(self._image(), display_id=True)
 
 
-def _labelled(control: Any) -> Any:
-    """A control, with a button to play it where it has one."""
-    play = getattr(control, "player", None)
-    return control if play is None else ipywidgets.HBox([play, control])
+def _on_its_step(control: Any) -> Any:
+    """The value of a control without what rounding in the browser did to it."""
+    value = control.value
+    if not isinstance(value, float):
+        return value
+    if isinstance(control, ipywidgets.FloatSlider):
+        value = control.min + round((value - control.min) / control.step) * control.step
+    return min(max(round(value, 6), control.min), control.max)
+
+
+def _whole(control: Any) -> Any:
+    """A control with what it has beside it: a button to play it, a slider for its number box."""
+    before, behind = getattr(control, "player", None), getattr(control, "slider", None)
+    parts = [part for part in (before, control, behind) if part is not None]
+    return ipywidgets.HBox(parts) if len(parts) > 1 else control
 
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Controls
 # ----------------------------------------------------------------------------------------------------------------------
 
-LOOK = {"style": {"description_width": "13em"}, "layout": ipywidgets.Layout(width="30em")}
+WORKING = "<div role='status' style='line-height:1.4; color:#555555'>solving ... (the first time also compiling)</div>"
+LABEL = {"description_width": "13em"}
+LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
 
 
 def slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
@@ -209,12 +226,38 @@ def slider(label: str, low: float, high: float, step: float, value: float, *, li
     return kind(value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **LOOK)
 
 
+def played(control: Any, interval: int = 250) -> Any:
+    """The same whole-numbered slider with a button beside it that plays it.
+
+    The two are linked in the browser, where the first to be displayed wins: both begin with the slider's value.
+    """
+    play = {"min": control.min, "max": control.max, "step": control.step, "interval": interval}
+    control.player = ipywidgets.Play(value=control.value, show_repeat=False, **play)
+    ipywidgets.jslink((control.player, "value"), (control, "value"))
+    return control
+
+
 def choice(label: str, options: Sequence[Any], value: Any) -> Any:
     return ipywidgets.Dropdown(options=options, value=value, description=label, **LOOK)
 
 
-def angle(label: str, value: float) -> Any:
-    return slider(label, -3.14, 3.14, 0.02, value)
+def angle(label: str, value: float, step: float = 0.02) -> Any:
+    """An angle in radians: a number box, because a slider has fewer pixels than an angle has values, and a slider."""
+    ends = {"min": -3.14, "max": 3.14, "step": step}
+    box = ipywidgets.BoundedFloatText(
+        value, description=label, style=LABEL, layout=ipywidgets.Layout(width="19em"), **ends
+    )
+    box.slider = ipywidgets.FloatSlider(
+        value, readout=False, tooltip=label, layout=ipywidgets.Layout(width="17em"), **ends
+    )
+
+    def moved(change: Any) -> None:  # what is typed stays as it is; the slider shows the nearest of its places
+        if abs(change.new - box.value) > step / 2:
+            box.value = round(change.new, 2)
+
+    box.slider.observe(moved, names="value")
+    box.observe(lambda change: setattr(box.slider, "value", change.new), names="value")
+    return box
 
 
 def step_sliders(table: Table) -> dict[str, Any]:

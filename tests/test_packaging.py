@@ -24,6 +24,7 @@ FOLDERS = r"(?:/(?:home|Users|root|work|opt|srv|mnt|media|shared)/\w|[A-Z]:\\+Us
 MACHINE_PATH = re.compile(rf"(?:(?<![\w.+/)}}\]])|(?<=file://)){FOLDERS}")
 
 TOP_LEVEL = {
+    ".binder",
     ".ci",
     ".gitignore",
     ".pre-commit-config.yaml",
@@ -182,6 +183,7 @@ def test_no_dependency_is_for_nothing() -> None:
     for text in PROJECT["dependencies"]:
         assert Requirement(text).name in imported("sdhj/**/*.py")
     tools = {"jupyterlab", "nbval", "pytest-benchmark", "pytest-xdist"}  # used without an import
+    tools |= {"myst-nb", "pydata-sphinx-theme", "sphinx", "sphinx-mathjax-offline"}  # named in notebooks/site/conf.py
     for requirement in requirements(*PROJECT["optional-dependencies"]):
         assert requirement.name.replace("-", "_") in everywhere or requirement.name in tools, requirement.name
 

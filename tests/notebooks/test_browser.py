@@ -1,7 +1,16 @@
-"""Chapters in a real browser: JupyterLab on a free port of this machine, a headless Chromium, a slider moved by key."""
+"""Chapters in a real browser: JupyterLab on a free port of this machine, a headless Chromium, controls moved by key.
 
+Each chapter becomes a notebook of its widgets and of what they need, nothing more, and every control of every widget
+goes to both ends. A picture holds in words what it says (`widgets.render`), so that what the browser shows can be
+compared to the numbers below the controls; where the picture is a map of tubes, its pixels are counted too.
+"""
+
+import ast
+import base64
+import io
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -11,16 +20,22 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import nbformat
+import numpy as np
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parent.parent.parent
+CHAPTERS = sorted((ROOT / "notebooks").glob("[0-9]*.ipynb"))
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 START = 120  # s for the server to answer
 PATIENCE = 600  # s for a chapter to run: one that waits for compiled code on a busy machine
+ANSWER = 120  # s for a widget to answer: one that solves, on a busy machine
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -28,6 +43,21 @@ CELLS = "window.jupyterapp.shell.currentWidget.content.widgets.filter(cell => ce
 HAS_KERNEL = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
 ALL_RAN = f"{CELLS}.every(cell => cell.model.executionCount > 0) && {HAS_KERNEL}"
 OUTPUTS = f"{CELLS}.map(cell => cell.model.sharedModel.getOutputs())"
+# from the key to the new picture, ms, in the browser's own time
+STOPWATCH = """(cell) => {
+    const watch = {pressed: null, seen: null, source: cell.querySelector('.jp-RenderedImage img')?.src};
+    cell.addEventListener('keydown', () => { watch.pressed ??= performance.now(); }, {capture: true});
+    new MutationObserver(() => {
+        const image = cell.querySelector('.jp-RenderedImage img');
+        if (image && image.src !== watch.source && watch.pressed !== null) watch.seen ??= performance.now();
+    }).observe(cell, {subtree: true, childList: true, attributes: true, attributeFilter: ['src']});
+    window.watch = watch;
+}"""
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Server and browser
+# ----------------------------------------------------------------------------------------------------------------------
 
 
 def free_port() -> int:
@@ -96,7 +126,7 @@ def chromium(width: int = 1280, height: int = 1600) -> Iterator[Any]:
 
 
 def run_chapter(page: Any, address: str, name: str) -> None:
-    """Open a chapter and run all its cells from the menu."""
+    """Open a notebook and run all its cells from the menu."""
     page.goto(f"{address}/lab/tree/{name}?reset", wait_until="domcontentloaded")
     page.wait_for_function(HAS_KERNEL, timeout=START * 1000)
     page.get_by_role("menuitem", name="Run", exact=True).click()
@@ -111,33 +141,381 @@ def errors(page: Any) -> list[Any]:
     return [o for o in outputs if o["output_type"] == "error" or o.get("name") == "stderr"]
 
 
-def strip_outputs(source: Path, target: Path) -> None:
-    """A chapter as its author left it: what the browser shows is then made in this run."""
-    notebook = json.loads(source.read_text(encoding="utf-8"))
-    for cell in notebook["cells"]:
-        if cell["cell_type"] == "code":
-            cell.update(outputs=[], execution_count=None)
-    target.write_text(json.dumps(notebook), encoding="utf-8")
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A function that writes a notebook of some cells, runs it in the browser, and returns the page."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "notebooks").mkdir()
+    with chromium() as page, jupyterlab(folder / "notebooks", folder) as address:
+
+        def run(cells: list[str], name: str) -> Any:
+            notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+            notebook.metadata.kernelspec = {"display_name": "Python 3", "language": "python", "name": "python3"}
+            nbformat.write(notebook, folder / "notebooks" / f"{name}.ipynb")
+            run_chapter(page, address, f"{name}.ipynb")
+            assert errors(page) == []
+            return page
+
+        yield run
 
 
-@pytest.mark.parametrize("name", ["01_sets_as_functions.ipynb", "03_one_interval.ipynb"])
-def test_a_slider_changes_the_picture(name: str, tmp_path: Path) -> None:
-    """The first chapter only redraws; in the third a slider solves a game anew."""
-    (tmp_path / "notebooks").mkdir()
-    strip_outputs(ROOT / "notebooks" / name, tmp_path / "notebooks" / name)
-    with chromium() as page, jupyterlab(tmp_path / "notebooks", tmp_path) as address:
-        run_chapter(page, address, name)
-        assert errors(page) == []
-        widget = page.locator(".jp-CodeCell", has=page.locator(".noUi-handle")).first
-        widget.scroll_into_view_if_needed()
-        image = widget.locator(".jp-RenderedImage img")
-        assert image.count() == 1
-        before = image.get_attribute("src")
-        widget.locator(".noUi-handle").first.press("ArrowRight")
-        until = time.monotonic() + 120
-        while image.get_attribute("src") == before and time.monotonic() < until:  # the element may be a new one
-            page.wait_for_timeout(100)
-        assert image.get_attribute("src") != before
-        assert errors(page) == []
-        size = image.evaluate("image => [image.naturalWidth, image.naturalHeight]")
-        assert min(size) > 200
+# ----------------------------------------------------------------------------------------------------------------------
+# What a chapter's widgets need
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+def names_of(tree: ast.AST, kind: type[ast.expr_context]) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, kind)}
+
+
+def made_by(statement: ast.stmt) -> set[str]:
+    """The names that a statement gives a value to."""
+    if isinstance(statement, ast.Import | ast.ImportFrom):
+        return {(alias.asname or alias.name).split(".")[0] for alias in statement.names}
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return {statement.name}
+    return set() if isinstance(statement, ast.Expr) else names_of(statement, ast.Store)
+
+
+def is_widget(statement: ast.stmt) -> bool:
+    """A call of explore_something(...) on a line of its own."""
+    call = statement.value if isinstance(statement, ast.Expr) else None
+    return isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id.startswith("explore_")
+
+
+def widget_cells(path: Path) -> list[str]:
+    """The widgets of a chapter, each in a cell with the statements before it that it needs."""
+    code = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    statements = [statement for cell in code for statement in ast.parse(cell).body]
+    cells: list[str] = []
+    done: set[int] = set()
+    for place in (place for place, statement in enumerate(statements) if is_widget(statement)):
+        needed, wanted = {place}, set[str]()
+        while True:  # a function may need what is defined below it
+            loads = set().union(*(names_of(statements[i], ast.Load) for i in needed))
+            if loads == wanted:
+                break
+            wanted = loads
+            needed |= {i for i in range(place) if made_by(statements[i]) & wanted}
+        cells.append("\n".join(ast.unparse(statements[i]) for i in sorted(needed - done)))
+        done |= needed
+    return cells
+
+
+def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
+    cells = [
+        "import a\nimport b\nx = a.f()\nx = a.g(x)",
+        "def h(z):\n    return y\ny = 1\nprint(b)",
+        "explore_it(h(x))",
+    ]
+    cells += ["x = 2\nb.show(x)", "explore_it(x)"]
+    path = tmp_path / "01_new.ipynb"
+    nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells]), path)
+    first = "import a\nx = a.f()\nx = a.g(x)\ndef h(z):\n    return y\ny = 1\nexplore_it(h(x))"
+    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [first, "x = 2\nexplore_it(x)"]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# A widget, as somebody at the screen sees and moves it
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+class Seen:
+    """A widget in the browser, by the place of its cell."""
+
+    def __init__(self, page: Any, place: int) -> None:
+        self.page, self.cell = page, page.locator(".jp-CodeCell").nth(place)
+        self.cell.scroll_into_view_if_needed()
+        self.cell.locator(".jp-RenderedImage img").wait_for()
+
+    @property
+    def status(self) -> str:
+        """What stands below the controls."""
+        text: str = self.cell.locator(".widget-html").last.inner_text().strip()
+        return text
+
+    @property
+    def picture(self) -> Image.Image:
+        source = self.cell.locator(".jp-RenderedImage img").get_attribute("src")
+        return Image.open(io.BytesIO(base64.b64decode(source.split(",", 1)[1])))
+
+    @property
+    def said(self) -> str:
+        """What the picture says that it shows."""
+        return str(self.picture.info.get("Description", ""))
+
+    @property
+    def refused(self) -> bool:
+        return self.cell.locator("[role=alert]").count() > 0
+
+    def settle(self) -> None:
+        """Wait for the answer: the kernel has come to rest and picture and numbers agree, or it says why not."""
+        until, quiet = time.monotonic() + ANSWER, 0
+        while time.monotonic() < until:
+            answered = self.page.evaluate(HAS_KERNEL) and (self.refused or self.status == self.said)
+            quiet = quiet + 1 if answered else 0
+            if quiet == 3:
+                return
+            self.page.wait_for_timeout(60)
+        pytest.fail(f"the picture says {self.said!r} and the numbers {self.status!r}")
+
+    def controls(self, kind: str) -> list[Any]:
+        """The visible controls of a kind: ".noUi-handle", "select", "input[type=number]"."""
+        return [one for one in self.cell.locator(kind).all() if one.is_visible()]
+
+    def labelled(self, label: str) -> Any:
+        """The control with a label: the handle of a slider, a drop-down list or a number box."""
+        box = self.cell.locator(".widget-inline-hbox", has=self.page.get_by_text(label, exact=True))
+        return box.locator(".noUi-handle, select, input[type=number]").first
+
+    def press(self, control: Any, key: str) -> float:
+        """Press a key on a slider's handle and wait for the answer; ms to a new picture, NaN where there is none."""
+        self.cell.evaluate(STOPWATCH)
+        control.press(key)
+        self.page.wait_for_timeout(30)
+        self.settle()
+        watch = self.page.evaluate("window.watch")
+        return float(watch["seen"] - watch["pressed"]) if watch["seen"] else float("nan")
+
+    def visit(self) -> Iterator[str]:
+        """Move each control on its own to both ends and back; a word for each stop."""
+        for place, handle in enumerate(self.controls(".noUi-handle")):
+            before = float(handle.get_attribute("aria-valuenow"))
+            for key, end in (("End", "aria-valuemax"), ("Home", "aria-valuemin")):
+                self.press(handle, key)
+                assert float(handle.get_attribute("aria-valuenow")) == float(handle.get_attribute(end))
+                yield f"slider {place} at its {key.lower()}"
+            readout = handle.locator("xpath=ancestor::*[contains(@class,'widget-slider')]").locator(".widget-readout")
+            if readout.is_visible():
+                readout.fill(str(before))
+                readout.press("Enter")
+                self.settle()
+        for place, box in enumerate(self.controls("input[type=number]")):
+            for end in ("min", "max"):
+                box.fill(box.get_attribute(end))
+                box.press("Enter")
+                self.settle()
+                yield f"box {place} at its {end}"
+            box.fill("0.5")
+            box.press("Enter")
+            self.settle()
+        for place, chooser in enumerate(self.controls("select")):
+            options = [option.inner_text() for option in chooser.locator("option").all()]
+            before = chooser.input_value()
+            for option in options:
+                chooser.select_option(label=option)
+                self.settle()
+                yield f"list {place} at {option!r}"
+            chooser.select_option(before)
+            self.settle()
+
+
+def shares(picture: Image.Image) -> tuple[float, float]:
+    """Of the map, the widest part of the picture with a frame around it: the shares in tubes' colours and in red."""
+    pixels = np.asarray(picture.convert("RGB")).astype(int)
+    dark = (pixels < 110).all(axis=2)
+    columns = np.flatnonzero(dark.mean(axis=0) > 0.6)  # frames run from top to bottom
+    maps = []
+    for left, right in pairwise(columns):
+        rows = np.flatnonzero(dark[:, left:right].mean(axis=1) > 0.9)
+        if right - left > 100 and len(rows) >= 2:
+            maps.append(pixels[rows[0] + 2 : rows[-1] - 1, left + 2 : right - 1])
+    red, green, blue = np.moveaxis(max(maps, key=lambda one: one.size), -1, 0)
+    coloured = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue) > 12
+    warm = red > green + 15  # unsafe sets and the dot; tubes are blue, green and yellow
+    return float((coloured & ~warm).mean()), float((coloured & warm).mean())
+
+
+def number_in(status: str, name: str) -> float:
+    found = re.search(rf"{re.escape(name)}: ([-+.\de]+)", status)
+    assert found, f"no {name!r} in {status!r}"
+    return float(found[1])
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The machinery of widgets.py
+# ----------------------------------------------------------------------------------------------------------------------
+
+TOY = """
+import widgets
+
+drawn = []
+
+def draw(figure, share, angle, moment, colour):
+    drawn.append(share)
+    if share > 0.8:
+        raise ValueError("share must be at most 0.8, not <much> more")
+    if colour == "none":
+        raise KeyError("no such colour")
+    figure.subplots().plot([0, 1], [0, share + angle], color=colour)
+    return {"share": share, "angle": angle, "moment": moment}
+
+controls = {
+    "share": widgets.slider("share", 0.0, 1.0, 0.1, 0.1, live=False),
+    "angle": widgets.angle("angle", 0.3),
+    "moment": widgets.played(widgets.slider("moment", 0, 100, 4, 60)),
+    "colour": widgets.choice("colour", ("red", "blue", "none"), "red"),
+}
+explorer = widgets.Explorer(draw, controls, slow=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def toy(opened: Any) -> Seen:
+    return Seen(opened([TOY, "explorer"], "toy"), 1)
+
+
+def drawn_so_far(seen: Seen) -> int:
+    """How often the toy has been drawn, from the kernel."""
+    code = """async () => {
+        const kernel = window.jupyterapp.shell.currentWidget.sessionContext.session.kernel;
+        const future = kernel.requestExecute({code: '', user_expressions: {n: 'len(drawn)'}, silent: true});
+        return (await future.done).content.user_expressions.n.data['text/plain'];
+    }"""
+    return int(seen.page.evaluate(code))
+
+
+def test_showing_a_widget_does_not_draw_it_again_nor_move_it(toy: Seen) -> None:
+    """The browser rounds a slider's value and sends it back, and a link takes the value of what it links from."""
+    toy.settle()
+    assert toy.status == "share: 0.1; angle: 0.3; moment: 60"
+    assert drawn_so_far(toy) == 1
+
+
+def test_what_is_refused_is_said_and_then_forgotten(toy: Seen) -> None:
+    before = toy.said
+    toy.press(toy.labelled("share"), "End")
+    assert toy.refused
+    assert "Not possible: share must be at most 0.8, not <much> more." in toy.status
+    assert toy.said == before
+    toy.press(toy.labelled("share"), "Home")
+    assert not toy.refused and number_in(toy.status, "share") == 0.0
+    toy.labelled("colour").select_option("none")
+    toy.settle()
+    assert toy.refused and "KeyError: 'no such colour'" in toy.status
+    toy.labelled("colour").select_option("red")
+    toy.settle()
+    assert not toy.refused and errors(toy.page) == []
+
+
+def test_an_angle_is_typed_or_dragged(toy: Seen) -> None:
+    box = toy.labelled("angle")
+    box.fill("-1.234")
+    box.press("Enter")
+    toy.settle()
+    assert number_in(toy.status, "angle") == -1.23 and box.input_value() == "-1.234"
+    handle = box.locator("xpath=ancestor::*[contains(@class,'widget-hbox')][1]").locator(".noUi-handle")
+    toy.press(handle, "ArrowRight")
+    assert number_in(toy.status, "angle") == -1.22
+
+
+def test_play_plays_from_where_the_slider_is(toy: Seen) -> None:
+    handle = toy.labelled("moment")
+    handle.press("Home")
+    toy.settle()
+    toy.cell.locator(".widget-play button").first.click()
+    toy.page.wait_for_timeout(1500)
+    toy.cell.locator(".widget-play button").first.click()
+    toy.settle()
+    assert 4 <= number_in(toy.status, "moment") <= 60
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Every widget of every chapter
+# ----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=CHAPTERS, ids=lambda path: path.stem)
+def chapter(request: pytest.FixtureRequest, opened: Any) -> tuple[Any, list[str]]:
+    """The page with a chapter's widgets, each in a cell of its own, and their calls."""
+    cells = widget_cells(request.param)
+    if not cells:
+        pytest.skip("no widget in this chapter")
+    return opened(cells, request.param.stem), [cell.splitlines()[-1] for cell in cells]
+
+
+def test_every_control_goes_to_both_ends(chapter: tuple[Any, list[str]]) -> None:
+    page, calls = chapter
+    for place, call in enumerate(calls):
+        seen = Seen(page, place)
+        seen.settle()
+        pictures, stops = {seen.cell.locator(".jp-RenderedImage img").get_attribute("src")}, 0
+        for stop in seen.visit():
+            stops += 1
+            assert not seen.refused or REFUSES.get(call.split("(")[0], "") in seen.status, (
+                f"{call}, {stop}: {seen.status}"
+            )
+            pictures.add(seen.cell.locator(".jp-RenderedImage img").get_attribute("src"))
+            if "share of the slice inside" in seen.status and not seen.refused:
+                said = number_in(seen.status, "share of the slice inside")
+                assert shares(seen.picture)[0] == pytest.approx(said, abs=0.05), f"{call}, {stop}"
+        assert stops and len(pictures) > 1, f"{call} answers to nothing"
+    assert errors(page) == []
+
+
+REFUSES: dict[str, str] = {}  # widgets whose ends are refused, and how; all others must draw at both ends
+
+
+def test_an_obstacle_on_the_arm_is_refused_in_words(opened: Any) -> None:
+    """Every posture collides with a disk on the arm's base: there is no game, and the widget says so."""
+    cells = ["from chapter_08 import explore_arm_game", "explore_arm_game(nodes=9)"]
+    seen = Seen(opened(cells, "obstacle"), 1)
+    for label in ("static obstacle x (m)", "static obstacle y (m)"):
+        readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
+            ".widget-readout"
+        )
+        readout.fill("0.0")
+        readout.press("Enter")
+        seen.page.wait_for_timeout(100)
+        seen.settle()
+    assert seen.refused and "the unsafe sets swallow the target" in seen.status
+
+
+def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
+    """Every posture collides: the slice must not look free."""
+    cells = ["import sdhj\nfrom chapter_06 import explore_spaces", "explore_spaces(sdhj.arm_case_study(nodes=9))"]
+    seen = Seen(opened(cells, "base"), 1)
+    _, free = shares(seen.picture)
+    for label in ("pursuer x (m)", "pursuer y (m)"):
+        readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
+            ".widget-readout"
+        )
+        readout.fill("0.0")
+        readout.press("Enter")
+        seen.settle()
+    assert number_in(seen.status, "unsafe sets (m, collision below 0)") < 0
+    assert shares(seen.picture)[1] > 0.5 > free
+
+
+def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
+    """The run is not put back to its start when it is shown, and each choice gives another picture."""
+    cells = [
+        "import sdhj\nfrom chapter_11 import explore_run\nfrom paper import starts_of_runs\n"
+        "table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=4), progress=False)\n"
+        "starts = [list(map(float, q)) for q in starts_of_runs(table, 1, within=3)]",
+        "explore_run(table, starts, rules=('deepest', 'effort'))",
+    ]
+    seen = Seen(opened(cells, "run"), 1)
+    seen.settle()
+    assert number_in(seen.status, "time (s)") > 0
+    pictures = set()
+    for adversary in ("none", "random", "aggressive"):
+        seen.labelled("adversary").select_option(adversary)
+        seen.settle()
+        pictures.add(seen.cell.locator(".jp-RenderedImage img").get_attribute("src"))
+    assert len(pictures) == 3
+    assert number_in(seen.status, "time (s)") > 0
+
+
+@pytest.mark.bench
+def test_how_soon_a_widget_answers(chapter: tuple[Any, list[str]], capsys: pytest.CaptureFixture[str]) -> None:
+    """Prints the milliseconds from a key to the new picture, as the browser sees them: median of up to 12."""
+    page, calls = chapter
+    for place, call in enumerate(calls):
+        seen, lines = Seen(page, place), []
+        for handle in seen.controls(".noUi-handle"):
+            taken = [seen.press(handle, key) for key in ("ArrowRight", "ArrowRight", "ArrowLeft", "ArrowLeft") * 3]
+            label = handle.locator("xpath=ancestor::*[contains(@class,'widget-slider')]").locator("label").inner_text()
+            lines.append(f"{label or 'angle'}: {np.nanmedian(taken):.0f}")
+        with capsys.disabled():
+            print(f"\n{call[:60]}: " + ", ".join(lines))

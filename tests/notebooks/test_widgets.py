@@ -1,8 +1,10 @@
 """The widgets' callbacks at the corners of their sliders; what they show is asserted as numbers, not as pixels."""
 
+import io
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -10,17 +12,21 @@ import pytest
 import widgets
 from chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
 from chapter_02 import carry, explore_schemes, explore_upwinding, shrink
-from chapter_03 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
-from chapter_04 import explore_spaces, explore_view_time, union_of_samples
-from chapter_05 import explore_plane_game, explore_row
-from chapter_06 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_07 import explore_gap
-from chapter_09 import explore_run
-from chapter_10 import explore_certified
-from chapter_11 import explore_evader
-from chapter_12 import car, explore_car
+from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
+from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
+from chapter_07 import explore_plane_game, explore_row
+from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
+from chapter_09 import explore_gap, explore_surface, turned
+from chapter_11 import explore_lookup, explore_pursuit, explore_run
+from chapter_12 import explore_interpolation
+from chapter_13 import explore_certified, explore_line
+from chapter_14 import explore_evader
+from chapter_15 import explore_car
+from checks_15 import reference_car
 from live_slices import slice_values, steps_image
+from matplotlib.figure import Figure
 from paper import paper_figure, starts_of_runs
+from PIL import Image
 
 import sdhj
 from sdhj.plotting import plane
@@ -49,7 +55,7 @@ def point() -> LookupTable:
 
 @pytest.fixture(scope="module")
 def car_table() -> LookupTable:
-    return sdhj.solve(car((17, 17, 16)), progress=False)
+    return sdhj.solve(reference_car((17, 17, 16)), progress=False)
 
 
 def ends(control: Any) -> tuple[Any, Any]:
@@ -143,6 +149,13 @@ def test_plane_game_at_the_corners() -> None:
     assert "within 1" not in explorer.set(start=4)
 
 
+def test_another_start_of_the_plane_game_solves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    explorer = explore_plane_game(nodes=15)
+    monkeypatch.setattr(sdhj, "solve", lambda *_, **__: pytest.fail("solved anew"))
+    before = explorer.numbers
+    assert explorer.set(start=2) != before and explorer.error == ""
+
+
 def test_row_at_the_corners(point: LookupTable) -> None:
     explorer = explore_row(point)
     visit_corners(explorer)
@@ -158,6 +171,15 @@ def test_spaces_at_the_corners(arm: LookupTable) -> None:
     state = np.array([[0.3, -1.0, 0.1, 0.0]])
     assert shown["target (m, inside below 0)"] == pytest.approx(float(arm.problem.target_value(state, 0.1)[0]))
     assert shown["unsafe sets (m, collision below 0)"] == pytest.approx(float(arm.problem.unsafe_value(state, 0.1)[0]))
+
+
+def test_a_slice_without_a_free_posture_says_so(arm: LookupTable) -> None:
+    """With the pursuer on the arm's base every configuration collides: there is no outline to draw."""
+    for state, full in (((0.3, -1.0, 0.24, 0.24), False), ((0.3, -1.0, 0.0, 0.0), True)):
+        figure = Figure()
+        draw_both_spaces(figure, arm.problem, state=state)
+        drawn = {artist.get_gid() for artist in figure.axes[1].get_children()}
+        assert ("pursuer-full" in drawn) is full and ("pursuer-edge" in drawn) is not full
 
 
 def test_view_time_at_the_corners() -> None:
@@ -178,6 +200,14 @@ def test_tube_at_the_corners(arm: LookupTable) -> None:
     assert explorer.set(q1=0.6, q2=1.2, px=0.15, py=0.24)["steps to go of this state"] == held[0]
 
 
+def test_other_slices_of_the_tube(arm: LookupTable) -> None:
+    explorer = explore_tube(arm)
+    at = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24, "within": 3}
+    shown = [dict(explorer.set(axes=axes, **at)) for axes in explorer.controls["axes"].options]
+    assert len({numbers["steps to go of this state"] for numbers in shown}) == 1  # the same state on every slice
+    assert len({numbers["share of the slice inside"] for numbers in shown}) == len(shown)
+
+
 def test_pursuer_at_the_corners(arm: LookupTable) -> None:
     explorer = explore_pursuer(arm)
     shown = visit_corners(explorer)
@@ -192,6 +222,59 @@ def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
     for shown in visit_corners(explorer):
         assert shown["slice inside, projected"] <= shown["slice inside, hji"] + shown["in projected and not in hji"]
     assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
+
+
+def test_surface_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
+    explorer = explore_surface({"full": arm, "projected": projected})
+    for shown in visit_corners(explorer):
+        assert shown["share of the box inside, projected"] <= shown["share of the box inside, full"] + 1e-3
+    before = explorer.png
+    explorer.set(azimuth=explorer.values["azimuth"] + 60)
+    assert explorer.png != before
+
+
+def test_turning_keeps_lengths(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(20, 3))
+    seen = turned(points, 37.0, -12.0)
+    np.testing.assert_allclose(np.linalg.norm(seen, axis=1), np.linalg.norm(points, axis=1), rtol=1e-12)
+    towards = turned(np.array([[1.0, 0.0, 0.0]]), 0.0, 0.0)
+    np.testing.assert_allclose(towards, [[0.0, 0.0, 1.0]], atol=1e-12)  # seen from the x axis, it points at us
+
+
+def test_interpolation_at_the_corners() -> None:
+    explorer = explore_interpolation()
+    visit_corners(explorer)
+    errors = [explorer.set(kind="one target", cells=cells, shift=0.0)["largest error"] for cells in (10, 20, 40)]
+    assert errors == pytest.approx([2 / 8 / 25, 2 / 8 / 100, 2 / 8 / 400], rel=1e-3)  # h^2 s'' / 8
+    assert explorer.set(kind="a thin post", cells=4, shift=0.25)["falsely inside"] > 0
+
+
+def test_line_at_the_corners() -> None:
+    def certify(cells: int, wind: Fraction) -> dict[tuple[int, int], tuple[int, int | None]]:
+        return {(0, cell): (0, None) for cell in range(0, cells, 1 + int(10 * wind))}
+
+    explorer = explore_line(certify, lambda t: (1.0 - t, 1.2 - t))
+    for shown in visit_corners(explorer):
+        assert 0 < shown["certified from step 0"] <= 1
+
+
+def test_lookup_at_the_corners(arm: LookupTable) -> None:
+    explorer = explore_lookup(arm)
+    visit_corners(explorer)
+    state = {"q1": 0.6, "q2": 1.2, "px": 0.15, "py": 0.24}
+    shown = explorer.set(**state)
+    held = sdhj.Controller(arm).steps_to_go(np.array(list(state.values())), 0)
+    assert shown["steps to go from step 0"] == ("none" if held is None else held)
+    assert explorer.set(px=0.0, py=0.0)["steps to go from step 0"] == "none"  # on the arm's base
+
+
+def test_pursuit_at_the_corners(arm: LookupTable) -> None:
+    starts = [list(map(float, q)) for q in starts_of_runs(arm, 2, within=2)]
+    explorer = explore_pursuit(arm, starts)
+    for shown in visit_corners(explorer):
+        assert shown["clearance now (m)"] > 0 or shown["outcome"] == "collided"
+    first = explorer.set(x=-0.3, y=-0.3, moment=100, disturbance="none")["clearance now (m)"]
+    assert explorer.set(x=0.1, y=0.2)["clearance now (m)"] != first
 
 
 def test_certified_at_the_corners(arm: LookupTable) -> None:
@@ -269,16 +352,47 @@ def test_a_first_setting_that_is_refused_raises() -> None:
         widgets.Explorer(draw_share, {"share": slider(0.9)})
 
 
-def test_slow_pictures_are_given_progress() -> None:
-    asked = []
+@pytest.mark.parametrize("slow", [False, True])
+def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
+    """A callback that raises is silent in a notebook, and an Output widget swallows what is raised within it."""
 
-    def draw(figure: Any, share: float, progress: bool) -> dict[str, float]:
-        asked.append(progress)
+    def draw(figure: Any, share: float) -> dict[str, float]:
+        if share > 0.8:
+            raise KeyError("<nothing> there")
         return draw_share(figure, share)
 
-    explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=True)
-    explorer.set(share=0.3)
-    assert asked == [False, True]  # a page that is only read shows no bar
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)}, slow=slow)
+    explorer.set(share=0.9)
+    assert explorer.error == "KeyError: '<nothing> there'" and "&lt;nothing&gt; there" in explorer._status.value
+    explorer.set(share=0.5)  # the setting that the picture still shows
+    assert explorer.error == "" and "share: 0.5" in explorer._status.value
+
+
+def test_a_value_that_comes_back_rounded_draws_nothing() -> None:
+    drawn = []
+
+    def draw(figure: Any, share: float, angle: float) -> dict[str, float]:
+        drawn.append((share, angle))
+        return draw_share(figure, share)
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.1), "angle": widgets.angle("angle", 0.3)})
+    explorer.set(share=0.09999999999999998)
+    explorer.controls["angle"].slider.value = 0.2999999999999998
+    assert drawn == [(0.1, 0.3)]
+    explorer.controls["angle"].slider.value = 1.2400000000000002
+    explorer.set(angle=-0.777)
+    assert drawn[1:] == [(0.1, 1.24), (0.1, -0.777)]
+
+
+def test_what_plays_begins_where_the_slider_is() -> None:
+    """Linked in the browser, a player at 0 would put the slider to 0 when both are shown."""
+    control = widgets.played(widgets.slider("moment", 0, 100, 4, 60))
+    assert control.player.value == control.value == 60
+
+
+def test_a_picture_holds_what_it_says() -> None:
+    png, _ = widgets.render(draw_share, (4.0, 3.0), share=0.5)
+    assert Image.open(io.BytesIO(png)).info["Description"] == "share: 0.5"
 
 
 def test_axes_stay_where_the_first_picture_had_them() -> None:

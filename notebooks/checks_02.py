@@ -1,0 +1,87 @@
+"""Checks of the exercises of chapter 2."""
+
+import numpy as np
+from exercises import exercise, expect, expect_close
+
+
+@exercise("2.1")
+def check_steps(steps):
+    """ceil(0.5 (1.3 + 0.8) / (3 / 40) / 0.75)."""
+    expect(steps != 18, "the count is the next whole number above: a step must not be longer than allowed.")
+    expect(
+        steps != 14,
+        "does the adversary add to the speed (1.3 and 0.8 m/s)? Does a step take 0.75 of what (2.6) allows?",
+    )
+    expect(steps not in (12, 20), "rates add over the axes, and 41 nodes have 40 gaps between them.")
+    expect_close(steps, 19, "0.5 s times the sum of speed over spacing, divided by the CFL number.")
+
+
+@exercise("2.2")
+def check_amplification(amplification):
+    """|1 + z + z^2 / 2|."""
+    theta = np.linspace(-np.pi, np.pi, 101)
+    for courant in (0.25, 0.75, 1.0):
+        z = courant * (np.exp(1j * theta) - 1)
+        got = np.asarray(amplification(courant, theta))
+        expect(np.isrealobj(got), "return the absolute value of G, a real number for each theta.")
+        euler = np.allclose(got, np.abs(1 + z))
+        expect(not euler, "that is a single Euler step. Multiply twice by 1 + z, and take the mean with 1.")
+        expect_close(got, np.abs(1 + z + z**2 / 2), "half of 1 and half of (1 + z) squared.")
+    return "At most 1 up to a CFL number of 1, and closer to it for long waves than Euler's: less is smeared out."
+
+
+@exercise("2.3")
+def check_help(helper):
+    """min over w of max(w, 0) p+ + min(w, 0) p-."""
+    minus, plus = np.random.default_rng(0).normal(size=(2, 400))
+    for low, high in ((0.2, 1.0), (-1.0, -0.1), (-0.6, 1.3), (-0.5, 0.5), (0.4, 0.4)):
+        w = np.unique([*np.linspace(low, high, 41), *([0.0] if low < 0 < high else [])])[:, None]
+        best = np.min(np.maximum(w, 0) * plus + np.minimum(w, 0) * minus, axis=0)
+        got = np.asarray(helper(minus, plus, low, high))
+        where = f"velocities in [{low}, {high}]"
+        expect(
+            got <= best + 1e-9, f"{where}: the robot can do better, and may choose any w between, standing still too."
+        )
+        expect_close(got, best, f"{where}: which side does each velocity look to? Right where w > 0.")
+
+
+@exercise("2.4")
+def check_wall(at_the_wall):
+    """min(x + tau, 1)."""
+    x = np.linspace(-1, 1, 41)
+    for tau in (0.0, 0.3, 1.0, 2.5):
+        got = np.asarray(at_the_wall(x, tau))
+        expect(got.shape == x.shape, "x is an array: one cost for each start.")
+        expect(np.isfinite(got), "the end is a wall here and not a cliff: the state stays, nothing is lost.")
+        expect(got <= 1 + 1e-9, "no state passes the wall at x = 1, so no state pays more than 1.")
+        expect_close(got, np.minimum(x + tau, 1.0), "a state that has not yet met the wall pays x + tau.")
+    return "A grid whose end is not a wall in the world needs an unsafe margin instead, or pretends that there is one."
+
+
+@exercise("2.5")
+def check_third(eno3):
+    """Exact for cubics, third order for a sine, one-sided at a kink."""
+    n, h = 60, 0.1
+    x = h * np.arange(n)
+    away = slice(4, -4)
+    for power in range(1, 4):
+        minus, plus = eno3((x - 2.0) ** power, h)
+        expect(np.shape(minus) == (n,) and np.shape(plus) == (n,), "p- and p+ at each of the nodes.")
+        exact = power * (x - 2.0) ** (power - 1)
+        for name, got in (("p-", minus), ("p+", plus)):
+            expect_close(got[away], exact[away], f"{name} is not exact for x^{power}.", within=1e-8)
+    errors = []
+    for n in (40, 80, 160):
+        x = 2 * np.pi / n * np.arange(n)
+        minus, plus = eno3(np.sin(x), 2 * np.pi / n)
+        errors.append(np.mean(np.abs(minus - np.cos(x)) + np.abs(plus - np.cos(x))))
+    order = np.log2(errors[-2] / errors[-1])
+    expect(order > 2.7, f"for a sine the error falls with order {order:.1f}. Is the line closed at its ends?")
+    x = 0.1 * (np.arange(60) - 30)
+    minus, plus = eno3(np.abs(x), 0.1)
+    left, right = slice(6, 30), slice(31, 54)
+    expect_close(np.r_[minus[left], plus[right]], np.r_[-np.ones(24), np.ones(23)], "it looks across a kink of |x|.")
+    expect_close(
+        [minus[30], plus[30]], [-1.0, 1.0], "at the kink p- is the slope on the left, p+ the one on the right."
+    )
+    return f"Fitted order on a sine: {order:.1f}."

@@ -1,0 +1,97 @@
+"""Checks of the exercises of chapter 11."""
+
+from functools import cache
+
+import numpy as np
+from exercises import exercise, expect, expect_close
+
+import sdhj
+from sdhj.simulation.runs import Z95
+
+
+@cache
+def _table():
+    return sdhj.solve(sdhj.arm_case_study(nodes=15), progress=False)
+
+
+@cache
+def _states():
+    table = _table()
+    states = np.random.default_rng(3).uniform(table.grid.lower, table.grid.upper, (4000, 4))
+    return states[table.contains(states, start=0, within=8)][:300]
+
+
+@exercise("11.1")
+def check_fewest(fewest):
+    """Leftmost column with a value <= 0."""
+    values = np.array([[0.2, -0.1, 0.3, 0.0], [0.1, -0.2, 0.2, -0.1], [-0.1, -0.3, 0.1, -0.2], [0.1, -0.3, 0.4, -1.0]])
+    got = np.asarray(fewest(values))
+    expect(got.shape == (4,), "one whole number for each state, that is for each column of `values`.")
+    expect(got[1] == 0, "a value below zero in the first row means no steps to go.")
+    expect(got[3] == 0, "zero counts as inside (Definition 5).")
+    expect(got[2] == -1, "where no row is <= 0 the answer is -1; what does argmax give for a column without True?")
+    expect(got[0] == 2, "the leftmost, even where a later set does not hold the state any more.")
+
+
+@exercise("11.2")
+def check_rule(calm_shoulder):
+    """Least |u_1|, then least margin."""
+    table = _table()
+    controller = sdhj.Controller(table, rule=calm_shoulder)
+    batch = controller.batch(_states(), 0)
+    known = batch.safe.any(axis=1)
+    chosen = controller.choose(batch)[known]
+    turn = np.abs(table.problem.inputs[:, 0])
+    least = np.min(np.where(batch.safe[known], turn, np.inf), axis=1)
+    expect_close(turn[chosen], least, "the first joint turns more than it has to: inputs[:, 0], its absolute value.")
+    equal = batch.safe[known] & (turn == least[:, None])
+    deepest = np.min(np.where(equal, batch.margins[known], np.inf), axis=1)
+    margins = np.take_along_axis(batch.margins[known], chosen[:, None], axis=1)[:, 0]
+    expect_close(margins, deepest, "among equals the deeper one: the least margin.", within=1e-6)
+
+
+@exercise("11.3")
+def check_wilson(wilson, runs_needed):
+    """Eq. (11.4), and z^2 / (M + z^2) < 1 / 1000."""
+    for successes, runs in ((50, 100), (997, 1000), (0, 30), (30, 30)):
+        n, p = runs, successes / runs
+        centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
+        half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
+        hint = f"{successes} of {runs}: the whole of (11.4), z = 1.96."
+        expect_close(wilson(successes, runs), (max(centre - half, 0), min(centre + half, 1)), hint, within=2e-4)
+    least = Z95**2 * 999
+    expect(runs_needed != 4000, "4/M is a rule of thumb; solve z^2 / (M + z^2) < 1/1000.")
+    expect(runs_needed > least, "so few runs leave a rate of one in a thousand possible.")
+    expect(runs_needed <= least + 2, "fewer runs would do.")
+
+
+@exercise("11.4")
+def check_filter(nearest_safe):
+    """Among the safe inputs, the nearest in the plane of joint velocities."""
+    controller, inputs = sdhj.Controller(_table()), _table().problem.inputs
+    rng = np.random.default_rng(0)
+    for q in _states()[:60]:
+        if controller.steps_to_go(q, 0) == 0:
+            continue
+        wanted, safe = rng.uniform(-3, 3, 2), controller.safe_inputs(q, 0)
+        got = int(nearest_safe(controller, q, 0, wanted))
+        expect(got in safe, "an input that is not safe: choose among controller.safe_inputs(q, step).")
+        distance = np.linalg.norm(inputs[safe] - wanted, axis=1).min()
+        expect_close(np.linalg.norm(inputs[got] - wanted), distance, "another safe input is nearer to what is wanted.")
+    try:
+        nearest_safe(controller, np.array([0.0, 0.0, 0.1, 0.0]), 0, np.zeros(2))
+    except sdhj.NotAdmissible:
+        return "The human drives, and cannot leave the tube."
+    expect(False, "where no tube holds the state there is nothing to filter: let NotAdmissible through.")
+    return None
+
+
+@exercise("11.5", slow=True)
+def check_adversary(villain):
+    """More failures than "aggressive" among 6,000 runs on 15 nodes."""
+    controller = sdhj.Controller(_table())
+    known = sdhj.monte_carlo(controller, runs=6000, adversary="aggressive", seed=7)
+    yours = sdhj.monte_carlo(controller, runs=6000, adversary=villain, seed=7)
+    told = f"yours beats {1 - yours.rate('reached'):.2%} of the runs, aggressive {1 - known.rate('reached'):.2%}"
+    expect(yours.interval("reached")[1] < known.interval("reached")[0], f"{told}: that is not more, beyond chance.")
+    return told + "."

@@ -1,0 +1,72 @@
+"""What the functions in the cells of chapters say, and the widgets around them."""
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import numpy as np
+import pytest
+from chapter_03 import explore_value
+from chapter_04 import draw_safe_twice
+from chapter_05 import HELD, explore_games
+from matplotlib.figure import Figure
+from paper import boat
+
+NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
+
+
+def functions(name: str, *wanted: str) -> dict[str, Any]:
+    """What the cells of a chapter define that hold one of the wanted functions, and the imports before them."""
+    cells = [cell.source for cell in nbformat.read(NOTEBOOKS / name, as_version=4).cells if cell.cell_type == "code"]
+    found: dict[str, Any] = {}
+    imports = [node for node in ast.parse(cells[0]).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    exec("\n".join(map(ast.unparse, imports)), found)
+    for source in cells:
+        if any(f"def {function}(" in source for function in wanted):
+            exec(source.split("\npicture(")[0].split("\npaper_figure(")[0], found)
+    return found
+
+
+def test_the_value_of_the_equation_is_that_of_the_worst_signal() -> None:
+    """At every corner of the sliders, in all three games."""
+    own = functions("03_the_value_function.ipynb", "ride", "solve")
+    explorer = explore_value(own["games"])
+    for game in ("reach", "avoid", "reach-avoid"):
+        for v_max in (0.0, 0.25, 0.8):
+            shown = explorer.set(game=game, v_max=v_max, start=-0.1)
+            assert explorer.error == ""
+            assert shown["value from the equation"] == pytest.approx(shown["dearest run tried"], abs=0.03)
+    calm = explorer.set(game="reach", v_max=0.0)["value from the equation"]
+    assert explorer.set(v_max=0.4)["value from the equation"] > calm
+
+
+def test_three_games_at_the_corners() -> None:
+    own = functions("05_three_games.ipynb", "g1", "game_1")
+    explorer = explore_games(own["rail"], own["games"])
+    first = dict(explorer.numbers)
+    assert first["all three"] <= min(first[f"game {number}"] for number in (1, 2, 3))
+    fast = explorer.set(v_p=1.0)
+    assert fast["game 2"] < first["game 2"] and fast["game 1"] == first["game 1"]
+    for held in HELD:
+        shown = explorer.set(held=held, v_p=0.0, v_d=0.4, delta=0.6)
+        assert explorer.error == "" and 0.0 <= shown["all three"] <= 1.0
+
+
+def test_states_that_are_hit_between_two_looks_are_drawn() -> None:
+    problem = boat.boat_problem(nodes=21)
+    values = problem.grid.points()[:, 0].reshape(problem.grid.shape)
+    ax = Figure().subplots()
+    draw_safe_twice(ax, problem, values, -values)
+    assert len(ax.collections) >= 2
+
+
+def test_the_scheme_of_chapter_2_is_monotone() -> None:
+    """Godunov's flux grows with p+ and falls with p-, and equals H where they agree."""
+    own = functions("02_upwinding.ipynb", "godunov")
+    p, q = np.random.default_rng(0).normal(size=(2, 200))
+    for low, high in ((0.1, 1.0), (-1.0, -0.2), (-0.5, 0.8)):
+        flux = own["godunov"]
+        assert np.allclose(flux(p, p, low, high), np.maximum(low * p, high * p))
+        assert (flux(p, q + 0.1, low, high) >= flux(p, q, low, high)).all()
+        assert (flux(p + 0.1, q, low, high) <= flux(p, q, low, high)).all()
