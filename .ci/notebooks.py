@@ -4,11 +4,11 @@ Usage: python .ci/notebooks.py execute [NOTEBOOK...]     (default: all of notebo
        python .ci/notebooks.py check [NOTEBOOK...]
        python .ci/notebooks.py gallery
 
-`execute` runs every cell in a fresh kernel, and then the solutions of the exercises, which must run too but leave no
-output. What it writes has no times, no widget state and no versions, and records a hash of the code it ran. `check`,
-the pre-commit hook, runs nothing: it says which notebooks hold other code than they were executed with, an error, or
-more than a reader should have to load. `gallery` writes the picture of each notebook's cell tagged "gallery" to
-notebooks/gallery/, for the README; `execute` does so too.
+`execute` runs every cell in a fresh kernel. What it writes has no times of cells, no widget state and no versions, and
+records a hash of the code it ran. `check`, the pre-commit hook, runs nothing: it says which notebooks hold other code
+than they were executed with, an error, an exercise that is already answered, or more than a reader should have to load.
+`gallery` writes the picture of each notebook's cell tagged "gallery" to notebooks/gallery/, for the README; `execute`
+does so too.
 
 That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 """
@@ -27,7 +27,7 @@ from PIL import Image
 
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 LARGEST = 600_000  # bytes
-SOLUTION = re.compile(r"<details>.*?```python\n(.*?)```.*?</details>", re.DOTALL)
+ANSWERED = re.compile(r"^Exercise [0-9.]+: (?!not answered yet)", re.MULTILINE)
 VIEW = "application/vnd.jupyter.widget-view+json"
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
@@ -35,15 +35,9 @@ METADATA = {
 }
 
 
-def solutions(notebook: nbformat.NotebookNode) -> list[str]:
-    """The code of the hidden solutions, in order."""
-    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
-    return [code for text in texts for code in SOLUTION.findall(text)]
-
-
 def code_hash(notebook: nbformat.NotebookNode) -> str:
-    """SHA-256 of the code cells and the solutions."""
-    parts = [cell.source for cell in notebook.cells if cell.cell_type == "code"] + solutions(notebook)
+    """SHA-256 of the code cells."""
+    parts = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
@@ -84,13 +78,10 @@ def clean(notebook: nbformat.NotebookNode) -> None:
 
 
 def execute(path: Path) -> None:
-    """Run a notebook and its solutions, and write it back."""
+    """Run a notebook and write it back."""
     notebook = nbformat.read(path, as_version=4)
-    cells = len(notebook.cells)
-    notebook.cells += [nbformat.v4.new_code_cell(code) for code in solutions(notebook)]
     options = {"timeout": 900, "store_widget_state": False, "record_timing": False, "kernel_name": "python3"}
     NotebookClient(notebook, resources={"metadata": {"path": str(path.parent)}}, **options).execute()
-    del notebook.cells[cells:]
     clean(notebook)
     nbformat.write(notebook, path)
 
@@ -129,6 +120,8 @@ def faults(path: Path) -> list[str]:
                 found.append(f"cell {number} has an error or a warning in its output")
             if VIEW in output.get("data", {}):
                 found.append(f"cell {number} holds a widget without its kernel")
+            if ANSWERED.search(output.get("text", "")):
+                found.append(f"cell {number} holds an answer to an exercise, where its stub should be")
     shown = gallery_file(path).read_bytes() if gallery_file(path).is_file() else None
     if shown != picture(notebook):
         found.append("has another picture than its gallery file; run python .ci/notebooks.py gallery")

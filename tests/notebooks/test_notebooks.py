@@ -101,24 +101,15 @@ def notebook(source: str = "print(1)", prose_text: str = "# 1. Title") -> Any:
 @pytest.mark.slow
 def test_executed_notebooks_are_fresh_until_their_code_changes(tmp_path: Path) -> None:
     path = tmp_path / "01_new.ipynb"
-    nbformat.write(notebook(prose_text="<details>\n```python\nassert x == 1\n```\n</details>", source="x = 1"), path)
+    nbformat.write(notebook(source="x = 1"), path)
     assert "stale" in TOOL["faults"](path)[0]
     TOOL["execute"](path)
     assert TOOL["faults"](path) == []
-    assert len(read(path).cells) == 2  # the solution ran and left nothing
     before = path.read_bytes()
     TOOL["execute"](path)
     assert path.read_bytes() == before
     path.write_text(path.read_text().replace("x = 1", "x = 2"))
     assert "stale" in TOOL["faults"](path)[0]
-
-
-@pytest.mark.slow
-def test_a_wrong_solution_is_not_accepted(tmp_path: Path) -> None:
-    path = tmp_path / "01_new.ipynb"
-    nbformat.write(notebook(prose_text="<details>\n```python\nassert x == 2\n```\n</details>", source="x = 1"), path)
-    with pytest.raises(Exception, match="AssertionError"):
-        TOOL["execute"](path)
 
 
 def test_faults_are_found(tmp_path: Path) -> None:
@@ -128,12 +119,13 @@ def test_faults_are_found(tmp_path: Path) -> None:
         nbformat.v4.new_output("error", ename="E", evalue="e", traceback=[]),
         nbformat.v4.new_output("stream", name="stderr", text="warning"),
         nbformat.v4.new_output("display_data", data=view),
+        nbformat.v4.new_output("stream", name="stdout", text="Exercise 1.1: right.\n"),
         nbformat.v4.new_output("stream", name="stdout", text="x" * TOOL["LARGEST"]),
     ]
     path = tmp_path / "bad.ipynb"
     nbformat.write(bad, path)
     found = "\n".join(TOOL["faults"](path))
-    for said in ("stale", "top to bottom", "error or a warning", "widget without", "kB, more than"):
+    for said in ("stale", "top to bottom", "error or a warning", "widget without", "holds an answer", "kB, more than"):
         assert said in found
     assert "function" not in found  # they are wanted where they teach
     assert TOOL["main"](["check", str(path)]) == 1
