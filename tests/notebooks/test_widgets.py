@@ -33,6 +33,7 @@ from sdhj.plotting import plane
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
 
+pytestmark = pytest.mark.slow  # most of them solve the four-dimensional case study
 PNG = b"\x89PNG"
 SMALL = 9  # nodes: the smallest grid on which the case study's target is held
 
