@@ -88,22 +88,22 @@ def avoid_tubes(problem: ReachAvoidProblem, games: Games) -> AvoidTubes:
     """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
     count, felt = len(problem.inputs), set()
 
-    def merged(parts: list[UnsafeSet], step: int, axes: tuple[int, ...]) -> FloatArray:
-        grid = problem.grid.subgrid(axes) if axes else None
-        total = np.full((count, *(grid.shape if grid else ())), -np.inf, games.dtype)
+    def merge(parts: list[UnsafeSet], step: int, axes: tuple[int, ...], total: FloatArray) -> None:
         for part in parts:
-            tubes, own = games.avoid(part, step), problem.avoid_axes(part)
-            if (tubes > 0).any():
+            tubes, own = games.avoid(part, step), [axes.index(axis) for axis in problem.avoid_axes(part)]
+            if tubes.max() > 0:
                 felt.add(id(part))
-            for j in range(count):
-                assert grid is not None
-                np.maximum(total[j], grid.lift(tubes[j], [axes.index(axis) for axis in own]), out=total[j])
-        return total
+            for j, tube in enumerate(tubes):
+                np.maximum(total[j], problem.grid.subgrid(axes).lift(tube, own), out=total[j])
 
-    parts = [[part for part in problem.unsafe if problem.moves(part) == moving] for moving in (False, True)]
-    axes = [tuple(sorted({axis for part in own for axis in problem.avoid_axes(part)})) for own in parts]
-    static = merged(parts[0], 0, axes[0])
-    moving = np.stack([merged(parts[1], step, axes[1]) for step in range(problem.steps)])
+    kinds = [[part for part in problem.unsafe if problem.moves(part) == moves] for moves in (False, True)]
+    axes = [tuple(sorted({axis for part in parts for axis in problem.avoid_axes(part)})) for parts in kinds]
+    shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
+    static = np.full((count, *shapes[0]), -np.inf, games.dtype)
+    moving = np.full((problem.steps, count, *shapes[1]), -np.inf, games.dtype)
+    merge(kinds[0], 0, axes[0], static)
+    for step in range(problem.steps) if kinds[1] else ():
+        merge(kinds[1], step, axes[1], moving[step])
     for part in problem.unsafe:
         if id(part) not in felt:
             warnings.warn(

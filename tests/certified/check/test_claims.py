@@ -18,6 +18,8 @@ from sdhj.certified.check import verify
 from sdhj.certified.check.claims import PI, cells_cover, counted
 from sdhj.certified.check.reading import Scene
 
+pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
+
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
