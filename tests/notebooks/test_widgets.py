@@ -414,7 +414,7 @@ def test_a_page_without_a_kernel_has_text_and_picture(monkeypatch: pytest.Monkey
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)}, alt="a line")
     panel, image = shown_by(explorer._ipython_display_, monkeypatch)
     assert widgets.VIEW in panel and "share (0.5)" in panel["text/plain"] and "Shown: share: 0.5" in panel["text/plain"]
-    assert image.data.startswith(PNG) and image.alt == "a line"
+    assert image.data.startswith(PNG) and image.alt == "a line. share: 0.5"
 
 
 def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, point: LookupTable) -> None:
