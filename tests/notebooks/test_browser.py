@@ -508,8 +508,12 @@ def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
 
 
 @pytest.mark.bench
-def test_how_soon_a_widget_answers(chapter: tuple[Any, list[str]], capsys: pytest.CaptureFixture[str]) -> None:
+def test_how_soon_a_widget_answers(
+    request: pytest.FixtureRequest, chapter: tuple[Any, list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Prints the milliseconds from a key to the new picture, as the browser sees them: median of up to 12."""
+    if request.config.getoption("markexpr") != "bench":
+        pytest.skip("measures time: pytest -n 0 -m bench tests/notebooks/test_browser.py")
     page, calls = chapter
     for place, call in enumerate(calls):
         seen, lines = Seen(page, place), []
