@@ -87,5 +87,5 @@ def check_round(round_maximum):
         got = np.asarray(round_maximum(grid, values, r))
         expect(got.shape == grid.shape, "one value for each node, in the grid's shape.")
         expect(got >= wanted - 0.01 * 0.3, f"{name}: too small somewhere by more than 1% of 0.3 m. Enough points? r?")
-        expect(got <= wanted + 0.004, f"{name}: too large somewhere: are all points within r, and clipped at walls?")
+        expect(got <= wanted + 0.01, f"{name}: too large somewhere: are all points within r, and clipped at walls?")
     return "The disk lies in the box, so the adversary has less, and the robot's set is larger."

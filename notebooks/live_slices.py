@@ -149,8 +149,11 @@ def draw_sets_quickly(
 
 def draw_full(ax: Axes, name: str) -> None:
     """Say of a slice that all of it is in one unsafe set: it has no outline then, and would look free."""
-    looks = {"facecolor": UNSAFE_LOOKS["facecolor"], "edgecolor": UNSAFE_LOOKS["edgecolor"], "hatch": "//"}
+    colours = {key: UNSAFE_LOOKS[key] for key in ("facecolor", "edgecolor")}
+    looks = colours | {"hatch": "//", "linewidth": 0.0}
     ax.add_patch(Rectangle((0, 0), 1, 1, transform=ax.transAxes, zorder=4.5, gid=f"{name}-full", **looks))
+    for spine in ax.spines.values():  # the frame stays in sight
+        spine.set_zorder(6.0)
     said = {"ha": "center", "va": "center", "zorder": 9.0, "bbox": {"facecolor": "white", "edgecolor": "none"}}
     ax.text(0.5, 0.5, f"all of this slice collides: {name}", transform=ax.transAxes, **said)
 
