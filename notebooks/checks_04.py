@@ -92,7 +92,7 @@ def check_passing(start):
     )
 
 
-@exercise("4.5", slow=True)
+@exercise("4.5")
 def check_boat(boat_tube):
     """Against the library's recursion."""
     problem = boat.boat_problem(nodes=61, hold=0.2)

@@ -63,7 +63,7 @@ def check_target(hopeless_projection):
     expect(gained <= 1e-12, "the projection onto x wins something: some x is in the target for every omega.")
 
 
-@exercise("9.5", slow=True)
+@exercise("9.5")
 def check_three(share):
     """The paper's two and up to one more, on 15 nodes."""
     paper = ((0, 1, 2), (0, 1, 3))

@@ -86,7 +86,7 @@ def check_filter(nearest_safe):
     return None
 
 
-@exercise("11.5", slow=True)
+@exercise("11.5")
 def check_adversary(villain):
     """More failures than "aggressive" among 6,000 runs on 15 nodes."""
     controller = sdhj.Controller(_table())

@@ -67,7 +67,7 @@ def _board():
     return controller, states[outcomes == 0][:40]
 
 
-@exercise("12.5", slow=True)
+@exercise("12.5")
 def check_search(search):
     """Corners, one for each interval, that beat a run; replayed here."""
     controller, starts = _board()

@@ -60,9 +60,9 @@ class Verdict:
 class Check:
     """A check as the reader calls it: with an answer, or several, and a `Verdict` comes back."""
 
-    def __init__(self, number: str, judge: Callable[..., str | None], slow: bool) -> None:
+    def __init__(self, number: str, judge: Callable[..., str | None]) -> None:
         update_wrapper(self, judge)
-        self.number, self.judge, self.slow = number, judge, slow
+        self.number, self.judge = number, judge
 
     def __call__(self, *answers: Any) -> Verdict:
         try:
@@ -78,9 +78,9 @@ class Check:
         return f"<check of exercise {self.number}>"
 
 
-def exercise(number: str, *, slow: bool = False) -> Callable[[Callable[..., str | None]], Check]:
+def exercise(number: str) -> Callable[[Callable[..., str | None]], Check]:
     """Make a function of the reader's answers a check; what it returns is said after "right"."""
-    return lambda judge: Check(number, judge, slow)
+    return lambda judge: Check(number, judge)
 
 
 def _asked(answer: Any) -> Any:

@@ -13,6 +13,7 @@ from chapter_05 import HELD, explore_games
 from matplotlib.figure import Figure
 from paper import boat
 
+pytestmark = pytest.mark.slow
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from exercises import Check, exercise, expect, expect_close
 
+pytestmark = pytest.mark.slow  # what a reader is asked to compute takes a while
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
 CHAPTERS = [
     path for path in sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb")) if (NOTEBOOKS / f"checks_{path.name[:2]}.py").exists()
@@ -36,8 +37,7 @@ def given(answer: Any) -> tuple[Any, ...]:
 def every_check() -> Iterator[Any]:
     for path in CHAPTERS:
         for check in checks(path.name[:2]):
-            marks = [pytest.mark.slow] if check.slow else []
-            yield pytest.param(path.name[:2], check, marks=marks, id=check.number)
+            yield pytest.param(path.name[:2], check, id=check.number)
 
 
 @pytest.mark.parametrize(("chapter", "check"), list(every_check()))
