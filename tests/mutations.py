@@ -42,7 +42,7 @@ def _run(file, old, new, test, tests, folder, *, compiled):
         "PYTHONPATH": str(folder),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
+    command = [sys.executable, "-m", "pytest", "-n0", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
     command += [f"-c{TESTS.parent / 'pyproject.toml'}", str(TESTS / tests), "-k", test]
     return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
 
