@@ -57,8 +57,8 @@ def check_depth(failures_below):
 
 @cache
 def _board():
-    """A controller on 15 nodes and 40 starts near the boundary that "worst" does not beat."""
-    controller = sdhj.Controller(sdhj.solve(sdhj.arm_case_study(nodes=15), progress=False))
+    """The controller of the case study and 40 starts near the boundary that "worst" does not beat."""
+    controller = sdhj.Controller(sdhj.solve(sdhj.arm_case_study(nodes=25), progress=False))
     table, grid = controller.table, controller.problem.grid
     states = np.random.default_rng(11).uniform(grid.lower, grid.upper, (40_000, 4))
     values = grid.interpolate(table.values(start=0, within=8), states)

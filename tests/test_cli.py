@@ -154,6 +154,7 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
     assert result.exit_code == 2 and "damaged" in result.output
 
 
+@pytest.mark.slow
 def test_warmup_covers_every_method(monkeypatch):
     """The tubes of its certified table grow, so that their kernels run too; it is played and verified."""
     verified, verify = [], check.verify

@@ -210,6 +210,7 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
     np.testing.assert_array_equal(found.astype(bool), member)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subspaces", [None, [(0, 1)], [(0, 1), (0, 2), (1, 2)]])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
@@ -328,6 +329,7 @@ def test_the_wrong_projections_would_not_be_inside():
     assert ((swapped <= 0) & (exact > 0.1)).mean() > 0.01
 
 
+@pytest.mark.slow
 def test_finite_differences_are_inside_but_for_scheme_error():
     """The full and the projected PDE take different time steps; what that leaves is a small part of a cell.
 
@@ -346,6 +348,7 @@ def test_finite_differences_are_inside_but_for_scheme_error():
             assert inner.fraction(start=k, within=n) <= full.fraction(start=k, within=n)
 
 
+@pytest.mark.slow
 def test_first_order_with_equal_steps_is_inside_to_rounding(rng):
     """That it is the time steps alone: a monotone scheme with the same steps on grid and subgrid keeps the order."""
     from sdhj.schemes import Velocities, evolve
@@ -479,6 +482,7 @@ def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step)
         assert error.mean() < 0.1 * problem.grid.spacing[0]
 
 
+@pytest.mark.slow
 def test_coupled_modes_have_their_closed_form():
     """A current of any heading spreads a disk of radius 0.8 evenly: Phi = |(x + 0.2 u, y)| + 0.2 * 0.5 - 0.8.
 
@@ -500,6 +504,7 @@ def test_coupled_modes_have_their_closed_form():
     assert errors[0] < 0.1 * 0.2 and errors[1] < 0.6 * errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view_time", ["swept", "instantaneous"])
 def test_where_a_dropped_coordinate_enters_the_sets_are_inside_the_full_ones(view_time):
     """With Lax-Friedrichs on the subspace and Godunov on the whole grid, the order holds up to a fifth of a cell."""
@@ -515,6 +520,7 @@ def test_where_a_dropped_coordinate_enters_the_sets_are_inside_the_full_ones(vie
     assert inner.details["projection"]["warnings"] == []
 
 
+@pytest.mark.slow
 def test_autonomous_dynamics_that_depend_on_kept_coordinates():
     """dx = u - x / 2, dy = v: nothing dropped enters, so the velocity set along x is what it is on the whole grid."""
 

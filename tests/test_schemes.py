@@ -16,9 +16,20 @@ DOUBLE = Scheme(dtype="float64", frame="fixed")
 ROUNDING = 1e-12
 
 
-def slow(shape, periodic):
-    """A grid of 3 to 6 axes: each order and flux is compiled for it, which takes 5 to 10 s."""
-    return pytest.param(shape, periodic, marks=pytest.mark.slow)
+ALL = [(flux, order) for flux in FLUXES for order in (1, 2, 3)]
+FEW = [("godunov", 2), ("lax-friedrichs", 3)]
+
+
+def cases(*grids):
+    """Every flux and order on 1, 2 and 4 axes, two of them on the others; but for two on 2 axes they are slow.
+
+    Each is compiled for each number of axes, which takes 3 to 15 s.
+    """
+    return [
+        pytest.param(*kind, *grid, marks=() if len(grid[0]) == 2 and kind in FEW else pytest.mark.slow)
+        for grid in grids
+        for kind in (ALL if len(grid[0]) in (1, 2, 4) else FEW)
+    ]
 
 
 def box(lower, upper):
@@ -32,19 +43,17 @@ def random_problem(rng, shape, periodic):
     return grid, values, lower, lower + rng.uniform(0, 2, size=lower.shape)
 
 
-@pytest.mark.parametrize("flux", FLUXES)
-@pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("shape", "periodic"),
-    [
+    ("flux", "order", "shape", "periodic"),
+    cases(
         ((9,), (True,)),
         ((9,), (False,)),
         ((6, 7), (True, False)),
-        slow((5, 6, 17), (False, True, True)),
-        slow((5, 5, 6, 7), (True, True, False, False)),
-        slow((5, 5, 6, 5, 7), (True, False, False, True, False)),
-        slow((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
-    ],
+        ((5, 6, 17), (False, True, True)),
+        ((5, 5, 6, 7), (True, True, False, False)),
+        ((5, 5, 6, 5, 7), (True, False, False, True, False)),
+        ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
+    ),
 )
 def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape, periodic):
     grid, values, lower, upper = random_problem(rng, shape, periodic)
@@ -57,18 +66,16 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
     np.testing.assert_allclose(got, naive.evolve(values, rhs, 0.05, 2, "rk2"), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("flux", FLUXES)
-@pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("shape", "periodic"),
-    [
+    ("flux", "order", "shape", "periodic"),
+    cases(
         ((9,), (True,)),
         ((6, 7), (False, True)),
-        slow((5, 5, 6, 7), (True, True, False, False)),
-        slow((5, 6, 5, 9), (False, True, False, True)),
-        slow((5, 5, 6, 5, 7), (True, False, False, True, False)),
-        slow((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
-    ],
+        ((5, 5, 6, 7), (True, True, False, False)),
+        ((5, 6, 5, 9), (False, True, False, True)),
+        ((5, 5, 6, 5, 7), (True, False, False, True, False)),
+        ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
+    ),
 )
 def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, periodic):
     grid = Grid([0.0] * len(shape), [2.0] * len(shape), shape, periodic)
@@ -87,7 +94,7 @@ def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, period
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("flux", FLUXES)
+@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("one_sided", [(), (2,), (0, 3), (0, 1, 2), (0, 1, 2, 3)])
 def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, flux, one_sided):
     """Axes with velocities of one sign or known ones, where only one of the two differences counts."""
@@ -128,7 +135,7 @@ def test_integrators_and_a_moving_obstacle_equal_the_slow_twin(rng, integrator):
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
-@pytest.mark.parametrize("flux", FLUXES)
+@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
 def test_velocities_that_change_in_time_equal_the_slow_twin(rng, flux, integrator):
     """Each stage takes the velocities of its own time, tau counted back from the interval's end."""
     grid, values, lower, upper = random_problem(rng, (6, 7), (True, False))
@@ -153,14 +160,14 @@ def test_velocities_that_change_in_time_need_steps():
         evolve(grid, np.zeros(9), lambda tau: box([-1.0], [1.0]), 0.1, Scheme())
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("shape", "periodic"),
     [
         ((9, 6), (False, True)),
-        ((6, 7, 5), (True, False, False)),
-        slow((5, 6, 5, 7), (True, False, False, True)),
-        slow((5, 5, 6, 5, 7), (True, False, False, True, False)),
+        pytest.param((6, 7, 5), (True, False, False), marks=pytest.mark.slow),
+        pytest.param((5, 6, 5, 7), (True, False, False, True), marks=pytest.mark.slow),
+        pytest.param((5, 5, 6, 5, 7), (True, False, False, True, False), marks=pytest.mark.slow),
     ],
 )
 def test_coupled_velocities_with_modes_equal_the_slow_twin(rng, order, shape, periodic):
@@ -178,6 +185,7 @@ def test_coupled_velocities_with_modes_equal_the_slow_twin(rng, order, shape, pe
     np.testing.assert_allclose(got, naive.evolve(values, rhs, 0.02, 2, "rk2"), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_coupled_kernel_without_coupling_equals_lax_friedrichs(rng):
     grid = Grid([0.0, 0.0], [1.0, 1.0], (8, 9), (True, False))
     values = rng.normal(size=(8, 9))
@@ -213,7 +221,7 @@ def smooth_errors(order, integrator, flux, nodes):
 
 
 @pytest.mark.parametrize(("order", "integrator", "expected"), [(1, "euler", 1), (2, "rk2", 2), (3, "rk3", 3)])
-@pytest.mark.parametrize("flux", FLUXES)
+@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
 def test_order_of_convergence_on_a_smooth_problem(order, integrator, expected, flux, record_property):
     nodes = np.array([40, 80, 160, 320])
     errors = smooth_errors(order, integrator, flux, nodes)
@@ -252,7 +260,7 @@ def test_first_order_godunov_is_monotone(rng):
     assert (above >= below - ROUNDING).all()
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
 def test_axis_permutation_permutes_the_solution(rng, order):
     grid = Grid([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], (6, 7, 8), (True, False, True))
     values = rng.normal(size=grid.shape)
@@ -271,8 +279,9 @@ def test_axis_permutation_permutes_the_solution(rng, order):
         np.testing.assert_allclose(turned, straight.transpose(axes), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("flux", FLUXES)
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("flux", "order"), [pytest.param(*kind, marks=() if kind in FEW else pytest.mark.slow) for kind in ALL]
+)
 def test_mirror_image_and_translation(rng, flux, order):
     grid = Grid([0.0, 0.0], [1.0, 1.0], (12, 9), (True, False))
     values = rng.normal(size=grid.shape)

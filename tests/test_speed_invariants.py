@@ -26,7 +26,7 @@ def arm():
     ("problem", "options"),
     [
         (arm, {}),
-        (arm, {"method": sdhj.HJI(Scheme(frame="fixed", order=3))}),
+        pytest.param(arm, {"method": sdhj.HJI(Scheme(frame="fixed", order=3))}, marks=pytest.mark.slow),
         (arm, {"method": "lax"}),
         (arm, {"method": "projected"}),
         (arm, {"method": sdhj.HJI(games="joint")}),
@@ -83,14 +83,8 @@ def test_the_number_of_pdes_is_told():
     assert solved == {"moving": 3, "fixed": asked, "lax": 0, "projected": 2 * 3}
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [
-        (9,),
-        (8, 11),
-        *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((6, 7, 9), (6, 5, 7, 8), (5, 5, 6, 5, 7))),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(9,), (8, 11), (6, 5, 7, 8)])
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("flux", schemes.HAMILTONIANS)
 def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flux):
@@ -155,9 +149,17 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")
-@pytest.mark.parametrize("gain", [np.eye(4), np.ones((4, 4))], ids=["boxes", "coupled"])
 @pytest.mark.parametrize(
-    "method", [sdhj.HJI(), sdhj.HJI(games="joint"), sdhj.Projected(subspaces=[(0, 2, 3)])], ids=["hji", "joint", "proj"]
+    "gain",
+    [pytest.param(np.eye(4), id="boxes"), pytest.param(np.ones((4, 4)), id="coupled", marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(sdhj.HJI(), id="hji"),
+        pytest.param(sdhj.HJI(games="joint"), id="joint"),
+        pytest.param(sdhj.Projected(subspaces=[(0, 2, 3)]), id="proj", marks=pytest.mark.slow),
+    ],
 )
 def test_sampled_velocities_stay_within_what_is_stated(gain, method):
     """State-dependent dynamics on 9^4 nodes, 25 inputs: the peak stays below what is stated in advance."""
@@ -208,7 +210,7 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
-@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("order", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_memory_held_before_does_not_matter(rng, monkeypatch, order, integrator):
     grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 7, 8), (True, False, False, True))
     values, speed = rng.normal(size=grid.shape), np.array([-1.0, 0.2, -0.5, -2.0])

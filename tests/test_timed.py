@@ -418,6 +418,7 @@ def turning_table(nodes):
     return sdhj.solve(Turning.problem(nodes), METHODS["hji"], progress=False)
 
 
+@pytest.mark.slow
 def test_a_turning_game_is_the_one_along_a_turning_axis():
     tubes, _ = Turning.game.exact()
     wrong = []

@@ -80,6 +80,7 @@ def test_no_goal_cell_is_left_out_by_much(small):
         assert goal[cell] or not (deep and free)
 
 
+@pytest.mark.slow
 def test_recursion_agrees_with_the_twin(small, clear):
     problem, motion = small.problem, small.proof.motion
     moved = [images(small, axis) for axis in range(4)]

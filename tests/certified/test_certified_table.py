@@ -132,6 +132,7 @@ def test_sets_may_have_any_name(tmp_path, name):
     assert {key: value.tolist() for key, value in proof.sets.items()} == {"target": [1.0], name: [1.5]}
 
 
+@pytest.mark.slow
 def test_solve_makes_certified_tables(monkeypatch):
     monkeypatch.setattr("sdhj.certified.sets.ARM_CELLS", (105, 105, 36, 36))
     problem = sdhj.arm_case_study(nodes=9, steps=1)
@@ -185,6 +186,7 @@ def test_labels_refuse_other_problems_of_ones_own():
         shares(claimed, other, within=2)
 
 
+@pytest.mark.slow
 def test_what_is_checked_is_what_is_loaded(table, tmp_path):
     """There is one recipe in a file: it is checked, and neither it nor the digest can be another one's."""
     path, other = tmp_path / "forged.h5", sdhj.arm_case_study(nodes=9, steps=3, v_p_max=0.6)

@@ -103,6 +103,7 @@ def test_the_numerical_hamiltonian_lies_between_the_two_that_are_there(tmp_path:
     assert 0.0 < most < local <= least
 
 
+@pytest.mark.slow
 def test_the_figure_is_drawn(tmp_path: Path) -> None:
     folder = shutil.copytree(
         ROOT / "figures", tmp_path / "figures", ignore=shutil.ignore_patterns("__pycache__", "gallery")
@@ -113,6 +114,7 @@ def test_the_figure_is_drawn(tmp_path: Path) -> None:
     assert "beside the target" in run(["figures/extra_widest.py", "--help"], tmp_path)
 
 
+@pytest.mark.slow
 def test_the_chapter_is_executed(tmp_path: Path) -> None:
     (tmp_path / ".ci").mkdir()
     (tmp_path / "notebooks").mkdir()

@@ -47,6 +47,7 @@ def test_error_shrinks_with_the_grid_and_no_wall_is_in_it():
     assert bench.case(15).free.any()
 
 
+@pytest.mark.slow
 def test_report_names_machine_versions_ratios_and_exponents(tmp_path):
     report = bench.measure((9, 11), repeats=1, with_peer=False)
     text = bench.table(report)

@@ -103,6 +103,7 @@ def test_words_stay_in_their_boxes(context, name):
                     )
 
 
+@pytest.mark.slow
 def test_tables_are_solved_once(monkeypatch):
     solved = []
     solve = sdhj.solve

@@ -63,6 +63,7 @@ def test_a_needle_that_random_play_misses_is_found() -> None:
     assert run.outcome == "collided" and len(run.times) == 2 * SUBSTEPS + 1
 
 
+@pytest.mark.slow
 def test_where_a_proof_says_so_nobody_wins() -> None:
     report = search_losing(Controller(certified_table()), 100, population=16, generations=4, progress=False)
     assert not report.lost.any() and (report.outcomes == OUTCOMES.index("reached")).all()
