@@ -94,11 +94,13 @@ def _number(value: float | str) -> str:
 @contextmanager
 def garbage_waits() -> Iterator[None]:
     """Until the picture is there: a figure is 10^5 new objects, and looking for garbage among them takes a quarter."""
+    collecting = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if collecting:
+            gc.enable()
 
 
 class Explorer:

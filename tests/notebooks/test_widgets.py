@@ -1,5 +1,6 @@
 """The widgets' callbacks at the corners of their sliders; what they show is asserted as numbers, not as pixels."""
 
+import gc
 import io
 import subprocess
 import sys
@@ -366,6 +367,27 @@ def test_what_goes_wrong_is_said_whatever_it_is(slow: bool) -> None:
     assert explorer.error == "KeyError: '<nothing> there'" and "&lt;nothing&gt; there" in explorer._status.value
     explorer.set(share=0.5)  # the setting that the picture still shows
     assert explorer.error == "" and "share: 0.5" in explorer._status.value
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_garbage_waits_for_the_picture_and_no_longer(collecting: bool) -> None:
+    """Whether the picture is drawn or refused; a reader who has switched the collector off keeps it off."""
+    seen = []
+
+    def draw(figure: Any, share: float) -> dict[str, float]:
+        seen.append(gc.isenabled())
+        return draw_share(figure, share)
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
+    before = gc.isenabled()
+    (gc.enable if collecting else gc.disable)()
+    try:
+        for share in (0.4, 0.9):  # the second is refused
+            explorer.set(share=share)
+            assert seen[-1] is False and gc.isenabled() is collecting
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert len(seen) == 3
 
 
 def test_a_value_that_comes_back_rounded_draws_nothing() -> None:
