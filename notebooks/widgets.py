@@ -37,7 +37,8 @@ def render(
     """Draw on a new figure and return its PNG file and the numbers that `draw` returned.
 
     `draw` takes a figure, or the only axes of one where its first argument is named "ax". `places` remembers where the
-    axes came to lie, so that the next picture need not lay them out again, which takes longer than to draw them.
+    axes came to lie, so that the next picture need not lay them out again, which takes longer than to draw them. Where
+    it follows a slider write "n = 3", not "$n = 3$": each new figure parses formulas again (`live_slices.frame_live`).
     """
     with style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
         figure = new_figure(*size, layout="none" if places else "constrained")
