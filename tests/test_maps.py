@@ -102,7 +102,7 @@ def test_a_map_is_seen_whole_and_not_much_larger(seed: int, yaw: float) -> None:
 
 
 def test_what_is_claimed_of_the_slope_holds_and_is_not_idle(rng: np.random.Generator) -> None:
-    """sqrt(2) in any direction and 1 along an axis, also across pixels and the map's edge; at a corner it is reached."""
+    """sqrt(2) in any direction and 1 along an axis, also across the map's edge; at a corner it is reached."""
     blocked = rng.random((12, 12)) < 0.25
     part = UnsafeSet.from_map(blocked, resolution=0.1)
     steepest, along = 0.0, 0.0
