@@ -150,10 +150,7 @@ class Controller:
         return chosen
 
     def fallback(self, q: FloatArray, step: int) -> "Fallback":
-        """The input that stays clear of the unsafe sets longest from q (ndim,), whether or not a tube holds it.
-
-        What it promises, one step or nothing, `sdhj.shield.Fallback` says. ValueError at the last step.
-        """
+        """The input that stays clear of the unsafe sets longest from any q (ndim,): see `sdhj.shield.Fallback`."""
         from sdhj.shield import fallback
 
         return fallback(self.table, q, step)

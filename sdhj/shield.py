@@ -15,7 +15,7 @@ from sdhj.checks import finite_array, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.table import Table
 
-ROUNDING = 1e-6  # cells past an end of the grid that still count as on it
+PAST_END = 1e-6  # cells past an end of the grid that still count as on it
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 def on_axes(grid: Grid, states: FloatArray) -> FloatArray:
     """Whether states (M, ndim) are between the ends of every bounded axis, up to rounding: bool (M,)."""
-    slack = ROUNDING * np.array(grid.spacing)
+    slack = PAST_END * np.array(grid.spacing)
     between = (states >= np.array(grid.lower) - slack) & (states <= np.array(grid.upper) + slack)
     return (between | np.array(grid.periodic)).all(axis=1)
 
 
 def fallback(table: Table, q: FloatArray, step: int) -> Fallback:
-    """As `Controller.fallback`."""
+    """As `Controller.fallback`; ValueError at the last step, or for what is no state."""
     state = finite_array("a state", q, (table.grid.ndim,))
     chosen, promised, hazards = fallbacks(table, state[None], step)
     return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))

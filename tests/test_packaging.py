@@ -186,7 +186,7 @@ def test_no_dependency_is_for_nothing() -> None:
     everywhere = imported("sdhj/**/*.py", "figures/*.py", "notebooks/*.py", "tests/**/*.py")
     for text in PROJECT["dependencies"]:
         assert Requirement(text).name in imported("sdhj/**/*.py")
-    tools = {"jupyterlab", "nbval", "pytest-benchmark"}  # used without an import
+    tools = {"jupyterlab", "nbval", "pytest-benchmark", "pytest-xdist"}  # used without an import
     for requirement in requirements(*PROJECT["optional-dependencies"]):
         assert requirement.name.replace("-", "_") in everywhere or requirement.name in tools, requirement.name
 
@@ -201,10 +201,9 @@ def test_the_front_door_opens_the_core_only() -> None:
     run = fresh("import sys, sdhj; print(*sys.modules)")
     modules = set(run.stdout.split())
     assert "sdhj.recursion" in modules, run.stderr
-    later = {
-        f"sdhj.{name}" for name in ("arm", "certified", "plotting", "cli", "files", "maps", "shield", "simulation")
-    }
-    assert not modules & (later | {"IPython", "PIL", "click", "gymnasium", "h5py", "ipywidgets", "matplotlib"})
+    later = {"arm", "certified", "cli", "files", "maps", "plotting", "shield", "simulation"}
+    assert not modules & {f"sdhj.{name}" for name in later}
+    assert not modules & {"IPython", "PIL", "click", "gymnasium", "h5py", "ipywidgets", "matplotlib"}
     assert not modules & {"scipy.ndimage", "scipy.optimize", "shapely"}
 
 
