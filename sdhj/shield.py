@@ -76,16 +76,23 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     """
     step = whole("step", step, least=0, most=table.steps - 1)
     hazards = table.hazards(states, step)
+    margins = np.zeros(hazards.shape)
+    tied = (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1
+    if tied.any():
+        margins[tied] = _margins(table, states[tied], step)
+    chosen = np.full(len(states), NOT_ADMISSIBLE)
+    take_best(np.ones(hazards.shape, np.bool_), hazards.ravel(), margins, chosen)
+    deepest = hazards[np.arange(len(states)), chosen]
+    return chosen, ((deepest <= 0.0) & on_axes(table.grid, states)).astype(np.int64), deepest
+
+
+def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     low, high = table.problem.interval(step).reachable(states)
     corners = np.array(list(product((False, True), repeat=table.grid.ndim)))
     ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
     ahead = table.values_at(ends.reshape(len(states), -1, table.grid.ndim), step + 1, left)
-    margins = ahead.reshape(*hazards.shape, len(corners)).max(axis=2)
-    chosen = np.full(len(states), NOT_ADMISSIBLE)
-    take_best(np.ones(hazards.shape, np.bool_), hazards.ravel(), margins, chosen)
-    deepest = hazards[np.arange(len(states)), chosen]
-    return chosen, ((deepest <= 0.0) & on_axes(table.grid, states)).astype(np.int64), deepest
+    return ahead.reshape(len(states), -1, len(corners)).max(axis=2)
 
 
 def on_axes(grid: Grid, states: FloatArray) -> FloatArray:
