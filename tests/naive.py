@@ -93,12 +93,12 @@ def coupled_right_hand_side(values, spacing, periodic, drift, gain, order):
     return out
 
 
-def evolve(values, rhs, duration, steps, integrator, obstacle=None):
-    """Runge-Kutta in time with rhs(values) given; obstacle(tau) or None keeps the values above it."""
+def evolve(values, rhs, duration, steps, integrator, obstacle=None, timed=False):
+    """Runge-Kutta in time with rhs(values), or rhs(values, tau) where timed; obstacle(tau): values stay above it."""
     dt = duration / steps
 
-    def euler(phi):
-        return phi + dt * rhs(phi)
+    def euler(phi, tau):
+        return phi + dt * (rhs(phi, tau) if timed else rhs(phi))
 
     def clamp(phi, tau):
         return phi if obstacle is None else np.maximum(phi, obstacle(tau))
@@ -107,14 +107,14 @@ def evolve(values, rhs, duration, steps, integrator, obstacle=None):
     for step in range(steps):
         t = step * dt
         if integrator == "euler":
-            phi = clamp(euler(phi), t + dt)
+            phi = clamp(euler(phi, t), t + dt)
         elif integrator == "rk2":
-            one = clamp(euler(phi), t + dt)
-            phi = clamp(phi / 2 + euler(one) / 2, t + dt)
+            one = clamp(euler(phi, t), t + dt)
+            phi = clamp(phi / 2 + euler(one, t + dt) / 2, t + dt)
         else:
-            one = clamp(euler(phi), t + dt)
-            two = clamp(3 / 4 * phi + euler(one) / 4, t + dt / 2)
-            phi = clamp(phi / 3 + 2 / 3 * euler(two), t + dt)
+            one = clamp(euler(phi, t), t + dt)
+            two = clamp(3 / 4 * phi + euler(one, t + dt) / 4, t + dt / 2)
+            phi = clamp(phi / 3 + 2 / 3 * euler(two, t + dt / 2), t + dt)
     return phi
 
 

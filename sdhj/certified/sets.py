@@ -20,7 +20,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`, `covered`.
     [test_recursion_agrees_with_the_twin]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
-    its reach at the part's end (`touch_swept`), a disk by its speed (`disks_clear`). [test_no_time_is_left_out]
+    its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -29,7 +29,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     cell, and the tube as near to a clear one: `MARGIN` covers both. So a run that starts in a certified cell may drift
     by 1e-10 in all, through the plant's rounding or because a velocity is not the decimal that `measured` takes it for;
     both are below 1e-12 in a step. [test_state_on_an_edge]
-9.  *The target is reached by every state of the cell, outside G.* `tip_inside` and the tests of an instant.
+9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target]
 10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
