@@ -188,13 +188,15 @@ class GeneralProof:
 
         By the tube of the state itself, as `prepare` asks of its cell.
         """
-        start, out = self.problem.time(step), np.full((len(self.problem.inputs), len(states)), -np.inf)
-        for j, worst in enumerate(out):
+        start, shape = self.problem.time(step), (len(self.problem.inputs), len(states))
+        clear, out = np.ones(shape, np.bool_), np.full(shape, -np.inf)
+        for j in range(len(clear)):
             for boxes in self.reached(states - STATE_SLACK, states + STATE_SLACK, j, start)[0]:
+                clear[j] &= self._clear(boxes, start)
                 for part in self.problem.unsafe:
-                    least = boxes.values(self.problem, part, self.sets[part.name], start)[0]
-                    np.maximum(worst, np.where(least > 0.0, -least, np.maximum(-least, TOUCHING)), out=worst)
-        return out.T
+                    least, _ = boxes.values(self.problem, part, self.sets[part.name], start)
+                    np.maximum(out[j], -least, out=out[j])
+        return np.where(clear, np.minimum(out, -TOUCHING), np.maximum(out, TOUCHING)).T
 
     def save(self, group: h5py.Group) -> None:
         """Write the inputs and the bounds that they rest on."""
