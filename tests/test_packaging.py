@@ -215,16 +215,17 @@ def test_the_command_line_needs_no_pictures() -> None:
 
 
 @pytest.mark.parametrize(
-    ("missing", "line"),
+    ("missing", "extra", "line"),
     [
-        ("matplotlib", "import sdhj.plotting"),
-        ("shapely", "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])"),
+        ("matplotlib", "plot", "import sdhj.plotting"),
+        ("shapely", "plot", "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])"),
+        ("gymnasium", "gym", "import sdhj.simulation.environment"),
     ],
 )
-def test_a_missing_extra_is_named(missing: str, line: str) -> None:
+def test_a_missing_extra_is_named(missing: str, extra: str, line: str) -> None:
     run = fresh(f"import sys; sys.modules[{missing!r}] = None\n{line}")
     assert run.returncode == 1
-    assert run.stderr.splitlines()[-1].startswith("ImportError: ") and "sdhj[plot]" in run.stderr.splitlines()[-1]
+    assert run.stderr.splitlines()[-1].startswith("ImportError: ") and f"sdhj[{extra}]" in run.stderr.splitlines()[-1]
 
 
 def test_citation_and_changelog_have_the_version() -> None:
