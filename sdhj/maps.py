@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdhj.checks import finite_array, number, option, whole
+from sdhj.checks import ascending, finite_array, number, option, whole
 from sdhj.grid import FloatArray
 from sdhj.problem import UnsafeSet
 
@@ -95,7 +95,13 @@ def from_map(
         held = np.clip(places, 0.0, most)
         return bilinear(nodes, held) - side / 2 * np.hypot(*(places - held).T) - side / math.sqrt(8.0) - radius
 
-    return UnsafeSet(tuple(axes), level_set, name=name, slope=math.sqrt(2.0))
+    return UnsafeSet(_plane(axes, name), level_set, name=name, slope=math.sqrt(2.0))
+
+
+def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
+    if len(own := ascending(axes, name)) != 2:
+        raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
+    return own
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
@@ -222,4 +228,4 @@ def polygon(
         inside = np.where(shapely.contains(shape, places), shapely.distance(shape.exterior, places), 0.0)
         return shapely.distance(shape, places) - inside - radius
 
-    return UnsafeSet(tuple(axes), level_set, name=name, slope=1.0)
+    return UnsafeSet(_plane(axes, name), level_set, name=name, slope=1.0)

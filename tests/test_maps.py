@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,9 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
         UnsafeSet.from_map(free, resolution=0.1, origin=(0.0,))
     with pytest.raises(ValueError, match="radius must be at least 0"):
         UnsafeSet.from_map(free, resolution=0.1, radius=-1)
+    for make in (partial(UnsafeSet.from_map, free, resolution=1.0), partial(UnsafeSet.polygon, SHAPE)):
+        with pytest.raises(ValueError, match="must be two axes of the grid, for x and y"):
+            make(axes=(0,))
     with pytest.raises(ValueError, match="slope of 'post' must be at least 0"):
         UnsafeSet((0,), lambda p, t: p[:, 0], name="post", slope=-1.0)
 

@@ -51,7 +51,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         For what is no table or no adversary.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
         self.controller, self.play, self.shield = Controller(table), _adversary(adversary), shield
