@@ -6,15 +6,13 @@
 the boxes that the controller looks ahead with, the plant that the simulation integrates. Everything else asks it.
 """
 
-import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array
+from sdhj.checks import ARGUMENTS, arguments, finite_array
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.schemes import Velocities
@@ -23,37 +21,6 @@ MOST_INPUTS = 256
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # means over time, where velocities depend on nothing else
 # of an interval, at which velocities that depend on time are compared: evenly spaced ones would miss what vibrates
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
-ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
-USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
-
-
-def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `ARGUMENTS[name]` a function takes, in its own order.
-
-    Parameters called points, u or t are those; others take the first place that is left. What else has a default is the
-    function's own.
-
-    Raises
-    ------
-    ValueError
-        Where it takes others, or is no function.
-    """
-    possible = ARGUMENTS[name]
-    expected = f"{name} must be an array or a function of ({', '.join(possible)}), those it does not need left out"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        given = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return USUAL[name]
-    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    taken = [p.name for p in places if p.default is p.empty or p.name in possible]
-    free = [one for one in possible if one not in taken]
-    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
-    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
-    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
-        raise ValueError(f"{expected}, got one of {inspect.signature(function)}")
-    return named
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from tqdm import tqdm
 
 from sdhj.checks import option
 from sdhj.compiling import announced, hidden
-from sdhj.files import imported
 from sdhj.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.problem import ReachAvoidProblem
@@ -113,6 +112,8 @@ def method_of(method: str | Method) -> Method:
     ValueError
         Where it is neither.
     """
+    from sdhj.files import imported
+
     if isinstance(method, str) and method in METHODS:
         made = METHODS[method]
         return (imported(made) if isinstance(made, str) else made)()

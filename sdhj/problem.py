@@ -5,7 +5,7 @@ that a `ReachAvoidProblem` samples on its grid.
 """
 
 import hashlib
-import inspect
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array, number, whole
+from sdhj.checks import ascending, check_function, finite_array, number, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 
@@ -26,31 +26,6 @@ CHECKED = 5000  # nodes at which the rate of a moving set is checked
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
-
-
-def _ascending(axes: Any, name: str) -> tuple[int, ...]:
-    try:
-        given = tuple(axes)
-    except TypeError:
-        given = (axes,) if isinstance(axes, float) else axes
-    if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
-        raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
-    return tuple(int(axis) for axis in given)
-
-
-def _check_function(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError for what is not a function of those arguments, as far as it tells."""
-    expected = f"{name} must be a function of ({', '.join(takes)})"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions do not tell
-        return
-    try:
-        signature.bind(*takes)
-    except TypeError:
-        raise ValueError(f"{expected}, got one of {signature}") from None
 
 
 @dataclass(frozen=True)
@@ -69,6 +44,8 @@ class UnsafeSet:
         A bound on how fast the level-set function changes in time; a moving set needs one. Zero (default): the set
         is static. For a moving set without `swept`, samples lowered by rate * gap / 2 take its place.
     name : str
+    slope : float, optional
+        A bound on how fast the level-set function changes with the state, per unit of distance.
 
     The functions are called with the coordinates of periodic axes between the ends of the grid.
     """
@@ -78,14 +55,27 @@ class UnsafeSet:
     swept: SweptLevelSet | None = None
     rate: float = 0.0
     name: str = "unsafe"
+    slope: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
-        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
         if self.swept is not None:
-            _check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+        if self.slope is not None:
+            object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
         rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
         object.__setattr__(self, "rate", rate)
+
+    @classmethod
+    def from_map(cls, source: Any, axes: Sequence[int] = (0, 1), **options: Any) -> "UnsafeSet":
+        """What a robot's map does not show as free, from a map server's file or an array: see `sdhj.maps.from_map`."""
+        return importlib.import_module("sdhj.maps").from_map(source, axes, **options)
+
+    @classmethod
+    def polygon(cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), **options: Any) -> "UnsafeSet":
+        """A polygon with vertices (K, 2): see `sdhj.maps.polygon`."""
+        return importlib.import_module("sdhj.maps").polygon(vertices, axes, **options)
 
     @property
     def moving(self) -> bool:
@@ -117,8 +107,8 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
-        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
 
 
 @dataclass(frozen=True)

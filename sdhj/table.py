@@ -19,18 +19,19 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Protocol
 
-import h5py
 import numpy as np
 
 from sdhj.batches import Batch, batched
 from sdhj.checks import whole
-from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
-from sdhj.lookup import Reach, Shelf, decide, tube_values
+from sdhj.lookup import Reach, Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
+
+if TYPE_CHECKING:
+    import h5py
 
 
 class Table(Protocol):
@@ -55,7 +56,8 @@ class Table(Protocol):
     def inputs(self, *, start: int, within: int) -> FloatArray: ...
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray: ...
     def fraction(self, *, start: int, within: int) -> float: ...
-    def batch(self, states: FloatArray, step: int) -> Batch: ...
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch: ...
+    def hazards(self, states: FloatArray, step: int) -> FloatArray: ...
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray: ...
     def save(self, path: str | os.PathLike[str]) -> None: ...
 
@@ -216,15 +218,28 @@ class LookupTable:
 
     # ---- what it says of states between the nodes
 
-    def batch(self, states: FloatArray, step: int) -> Batch:
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """Steps to go, safe inputs and margins of states (M, ndim) at one step, on all cores.
+
+        Inputs are judged by the tube of the fewest steps to go, or of `within` where that is more: those that are safe
+        with N - step are all from which the target can still be reached.
 
         Raises
         ------
         ValueError
             Where a state is NaN or infinite, or shape or step do not fit.
         """
-        return batched(self.problem, states, step, self._answer)
+        return batched(self.problem, states, step, partial(self._answer, within=within))
+
+    def hazards(self, states: FloatArray, step: int) -> FloatArray:
+        """Interpolated avoid tube of every input at states (M, ndim) over the interval from `step`: (M, L).
+
+        <= 0 where the input stays clear of the unsafe sets, -inf where there are none. Beyond a wall, that at the wall.
+        """
+        states = np.ascontiguousarray(states, dtype=np.float64)
+        out = np.empty((len(states), len(self.problem.inputs)))
+        avoid_values(states, step, tuple(self._shelf), tuple(self.grid.arrays), out)
+        return out
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """Interpolated level-set values at points (M, V, ndim) of the tubes (step, within[m]): (M, V).
@@ -239,13 +254,14 @@ class LookupTable:
         tube_values(points, self.index[first + within], self._shelf.tubes, self.grid.arrays, out)
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
         if self._shared:
             reach = self._shared[min(batch.step, len(self._shared) - 1)]
         else:
             reach = self._boxes(batch.states[rows], batch.step)
-        decide(batch.states, rows, batch.step, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
+        when = batch.step, min(within, self.steps - batch.step)
+        decide(batch.states, rows, when, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
 
     @cached_property
     def _shelf(self) -> Shelf:
@@ -277,6 +293,8 @@ class LookupTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
+        from sdhj.files import PACKING, written_table
+
         with written_table(path, self) as file:
             file["entries"] = entries(self.steps)
             file["entries"].attrs["columns"] = ["start", "within"]
@@ -290,7 +308,7 @@ class LookupTable:
                 data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
     @classmethod
-    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
+    def read(cls, file: "h5py.File", problem: ReachAvoidProblem) -> "LookupTable":
         """The table in an open file of this problem; ValueError where it is damaged."""
         axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
         avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
@@ -303,6 +321,8 @@ class LookupTable:
 
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
+        from sdhj.files import checksum
+
         problem, avoid = self.problem, self.avoid
         told = self.method, problem.digest, dict(problem.recipe), dict(self.details)
         axes = avoid.static_axes, avoid.moving_axes

@@ -25,7 +25,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.cells import CellAxis, measured, velocity_bounds
-from sdhj.certified.packed import STATE_SLACK, cell_masks, covered, to_bits, to_words
+from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
 from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.memory import require
@@ -182,6 +182,21 @@ class GeneralProof:
         out = np.empty((len(states), self.masks.shape[1]), np.uint8)
         cell_masks(states, table.cells, self.masks[places[0]], out)
         return np.unpackbits(out, axis=1, count=len(self.problem.inputs), bitorder="little").view(np.bool_)
+
+    def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
+        """Minus what is proved of the clearance on the way of every input from states (M, ndim): (M, L), < 0 if clear.
+
+        By the tube of the state itself, as `prepare` asks of its cell.
+        """
+        start, shape = self.problem.time(step), (len(self.problem.inputs), len(states))
+        clear, out = np.ones(shape, np.bool_), np.full(shape, -np.inf)
+        for j in range(len(clear)):
+            for boxes in self.reached(states - STATE_SLACK, states + STATE_SLACK, j, start)[0]:
+                clear[j] &= self._clear(boxes, start)
+                for part in self.problem.unsafe:
+                    least, _ = boxes.values(self.problem, part, self.sets[part.name], start)
+                    np.maximum(out[j], -least, out=out[j])
+        return np.where(clear, np.minimum(out, -TOUCHING), np.maximum(out, TOUCHING)).T
 
     def save(self, group: h5py.Group) -> None:
         """Write the inputs and the bounds that they rest on."""
