@@ -24,9 +24,9 @@ from sdhj.schemes import Scheme
 from sdhj.table import LookupTable, TableFileError
 
 if TYPE_CHECKING:
-    from sdhj.simulation import monte_carlo, simulate
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.certified.search import search_losing
+    from sdhj.simulation import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",

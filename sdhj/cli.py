@@ -237,8 +237,9 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
     for name, share in shares(table, proof, within=table.steps, seed=seed).items():
         click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
     if output is not None:
-        from sdhj import plotting
         from label_pictures import draw_labels, label_legend
+
+        from sdhj import plotting
 
         with plotting.style():
             figure = plotting.new_figure(5.0, 4.6)

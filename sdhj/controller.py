@@ -28,8 +28,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdhj.checks import whole
-from sdhj.lookup import decide, take_best, tube_values
 from sdhj.grid import FloatArray, Grid
+from sdhj.lookup import decide, take_best, tube_values
+
 
 def clip_to_walls(grid, x): return grid.held(x)
 def displacements(problem, states): return problem.interval(0).displacements(states)

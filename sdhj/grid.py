@@ -19,9 +19,11 @@ from sdhj.memory import require
 
 FloatArray = NDArray[Any]
 
+ENDS = ("unsafe", "wall", "safe")
 MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
+SLACK = 1e-6  # cells past an end that still count as on the grid: the rounding of coordinates
 SMALL = 2**20  # nodes for which there is always room
 
 
@@ -37,8 +39,11 @@ class Grid:
         Nodes on each axis, at least 5.
     periodic : sequence of bool, optional
         A periodic axis leaves its upper end out (it is the lower end again). A bounded axis holds both ends as
-        nodes, and its ends are walls: a velocity that would leave through one is clipped, which on the grid is
-        constant extrapolation. Where your robot can really leave the grid, make the margin unsafe. Default: none.
+        nodes. Default: none.
+    ends : str, or sequence of str or of pairs of str, optional
+        What the ends of each bounded axis are, or its lower and its upper end apart: "unsafe" (default), leaving there
+        is losing, as nothing is known of what lies beyond; "wall", the state cannot pass and slides along it; "safe",
+        what leaves there is out of danger for good (for problems without a target). One word stands for all axes.
     names : sequence of str, optional
         Axis labels, for plots and files.
 
@@ -53,6 +58,7 @@ class Grid:
     shape: tuple[int, ...]
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
+    ends: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self,
@@ -61,6 +67,7 @@ class Grid:
         shape: Sequence[int],
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
+        ends: str | Sequence[Any] = ENDS[0],
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
@@ -80,6 +87,11 @@ class Grid:
         object.__setattr__(self, "shape", nodes)
         object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
         object.__setattr__(self, "names", tuple(str(name) for name in names))
+        given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
+        pairs = tuple((end, end) if isinstance(end, str) else tuple(end) for end in given)
+        if len(pairs) != ndim or any(len(pair) != 2 or not set(pair) <= set(ENDS) for pair in pairs):
+            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {ends!r}")
+        object.__setattr__(self, "ends", pairs)
 
     @property
     def ndim(self) -> int:
@@ -131,7 +143,7 @@ class Grid:
         def pick(field: tuple[Any, ...]) -> list[Any]:
             return [field[axis] for axis in axes]
 
-        return Grid(pick(self.lower), pick(self.upper), pick(self.shape), pick(self.periodic), pick(self.names))
+        return Grid(*(pick(getattr(self, one)) for one in ("lower", "upper", "shape", "periodic", "names", "ends")))
 
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
@@ -178,16 +190,26 @@ class Grid:
             np.array(self.periodic, dtype=np.bool_),
         )
 
+    def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
+        is_kind = np.array([[end in kinds for end in pair] for pair in self.ends]) & ~np.array(self.periodic)[:, None]
+        return np.where(is_kind[:, 0], self.lower, -np.inf), np.where(is_kind[:, 1], self.upper, np.inf)
+
     @cached_property
     def walls(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of each axis, both (ndim,); infinite where it is periodic."""
-        free = np.array(self.periodic)
-        return np.where(free, -np.inf, self.lower), np.where(free, np.inf, self.upper)
+        """Lowest and highest coordinate of each axis that a wall ends, both (ndim,); else infinite."""
+        return self.faces("wall")
 
     def held(self, states: FloatArray) -> FloatArray:
-        """States (M, ndim) with the coordinates of bounded axes clipped to the walls."""
+        """States (M, ndim) clipped to the walls."""
         low, high = self.walls
         return np.minimum(np.maximum(states, low), high)
+
+    def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """Whether states (M, ndim) are past an end of these kinds, by more than rounding; (M,) bool."""
+        low, high = self.faces(*kinds)
+        slack = SLACK * np.array(self.spacing)
+        return ((states < low - slack) | (states > high + slack)).any(axis=1)
 
     @cached_property
     def weights(self) -> FloatArray:

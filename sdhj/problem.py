@@ -351,7 +351,7 @@ class ReachAvoidProblem:
 
         grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
         add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
-        h.update(self.view_time.encode())
+        h.update(f"{self.view_time} {grid.ends}".encode())
         if dynamics.constant:
             add(dynamics.bounds, dynamics.drift, dynamics.gain)
         else:

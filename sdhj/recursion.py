@@ -8,16 +8,18 @@ every kind of set: level-set functions on the grid (`GridSets`, whatever the met
 
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import prange
 
 from sdhj.compiling import kernel
+from sdhj.edges import edges
 from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -66,9 +68,11 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
     table = LookupTable.rooms(problem) * grid.size * (item + -(-count // 8))
 
+    found = [(problem.avoid_axes(part), problem.moves(part)) for part in problem.unsafe]
+    found += [(edge.axes, problem.dynamics.timed) for edge in edges(problem)]
+
     def avoid(moving: bool) -> int:
-        parts = [part for part in problem.unsafe if problem.moves(part) == moving]
-        axes = {axis for part in parts for axis in problem.avoid_axes(part)}
+        axes = {axis for own, moves in found if moves == moving for axis in own}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
@@ -80,28 +84,47 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-def avoid_tubes(problem: ReachAvoidProblem, games: Games) -> AvoidTubes:
-    """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
-    count, felt = len(problem.inputs), set()
+class _Danger(NamedTuple):
+    """Something to be avoided: its name, the axes of its avoid tubes, whether they differ by step, and the tubes."""
 
-    def merged(parts: list[UnsafeSet], step: int, axes: tuple[int, ...]) -> FloatArray:
+    name: str
+    axes: tuple[int, ...]
+    moves: bool
+    tubes: Callable[[int], FloatArray]  # step -> (L, *subgrid of axes)
+
+
+def dangers(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> list[_Danger]:
+    """The unsafe sets and the unsafe ends of the grid."""
+    found = [
+        _Danger(part.name, problem.avoid_axes(part), problem.moves(part), partial(games.avoid, part))
+        for part in problem.unsafe
+    ]
+    timed = problem.dynamics.timed
+    return found + [_Danger("", edge.axes, timed, partial(edge.tubes, make)) for edge in edges(problem)]
+
+
+def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
+    """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
+    count, felt, everything = len(problem.inputs), set(), dangers(problem, make, games)
+
+    def merged(parts: list[_Danger], step: int, axes: tuple[int, ...]) -> FloatArray:
         grid = problem.grid.subgrid(axes) if axes else None
         total = np.full((count, *(grid.shape if grid else ())), -np.inf, games.dtype)
         for part in parts:
-            tubes, own = games.avoid(part, step), problem.avoid_axes(part)
+            tubes = part.tubes(step)
             if (tubes > 0).any():
-                felt.add(id(part))
+                felt.add(part.name)
             for j in range(count):
                 assert grid is not None
-                np.maximum(total[j], grid.lift(tubes[j], [axes.index(axis) for axis in own]), out=total[j])
+                np.maximum(total[j], grid.lift(tubes[j], [axes.index(axis) for axis in part.axes]), out=total[j])
         return total
 
-    parts = [[part for part in problem.unsafe if problem.moves(part) == moving] for moving in (False, True)]
-    axes = [tuple(sorted({axis for part in own for axis in problem.avoid_axes(part)})) for own in parts]
+    parts = [[part for part in everything if part.moves == moving] for moving in (False, True)]
+    axes = [tuple(sorted({axis for part in own for axis in part.axes})) for own in parts]
     static = merged(parts[0], 0, axes[0])
     moving = np.stack([merged(parts[1], step, axes[1]) for step in range(problem.steps)])
     for part in problem.unsafe:
-        if id(part) not in felt:
+        if part.name not in felt:
             warnings.warn(
                 f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
                 "between the nodes (use more, or enlarge it), or is out of reach",
@@ -201,7 +224,7 @@ class GridSets:
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
-        tubes = avoid_tubes(problem, self.games)
+        tubes = avoid_tubes(problem, games, self.games)
         self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
         self.rows = _Rows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
