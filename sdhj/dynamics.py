@@ -250,10 +250,12 @@ class Interval:
             velocity[inputs == j] = self.drift(states[inputs == j], int(j), t)
         return velocity
 
-    def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """States `duration` s after t under held inputs (M,) and v (M, D), the velocity clipped at walls.
+    def advance(
+        self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
+    ) -> FloatArray:
+        """States `duration` s after t under held inputs (M,) and v (M, D), clipped at the walls of the grid.
 
-        Exact for constant velocities, else one Runge-Kutta step of order 4.
+        Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
         """
 
         def velocity(q: FloatArray, now: float) -> FloatArray:
@@ -262,7 +264,8 @@ class Interval:
             return self.undisturbed(q, inputs, now) + np.einsum("mad,md->ma", self.gain(q, inputs, now), v)
 
         def moved(span: float, slope: FloatArray) -> FloatArray:
-            return self.grid.held(states + span * slope)
+            moved = states + span * slope
+            return self.grid.held(moved) if walls else moved
 
         k1 = velocity(states, t)
         if self.dynamics.constant:

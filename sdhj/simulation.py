@@ -7,7 +7,8 @@ interval. The outcome of a run is one of
 * reached: at a sampling time the state was truly in the target, and no collision was seen before;
 * collided: the state was in an unsafe set at one of the instants, the start included;
 * left: at a sampling time before the last no tube held the state, so the controller had no answer;
-* late: the last sampling time came without any of those.
+* late: the last sampling time came without any of those;
+* off the grid: the state left through an end of the grid that is unsafe (or, played with walls=False, a wall).
 
 Where the interpolated table calls a state reached that is truly just outside, the run goes on with the inputs that
 bring it back into the target: known geometry is measured, not interpolated.
@@ -28,7 +29,8 @@ from sdhj.compiling import announced, hidden
 from sdhj.controller import CHUNK, Controller, threads
 from sdhj.grid import FloatArray
 
-OUTCOMES = ("reached", "collided", "left", "late")
+OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
+REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
@@ -51,9 +53,9 @@ class Trajectory:
         What the controller promised at the start of each interval.
     disturbances : (T - 1, D) array
         What the adversary played between one instant and the next.
-    outcome : {"reached", "collided", "left", "late"}
+    outcome : {"reached", "collided", "left", "late", "off the grid"}
         In the target at a sampling time; in an unsafe set before; at a sampling time in a state that no tube holds,
-        where the controller has no answer; or none of these by the last step.
+        where the controller has no answer; none of these by the last step; or past an end of the grid.
     """
 
     times: FloatArray
@@ -118,7 +120,7 @@ class Report:
     counts : mapping of outcome to int
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late; see `Trajectory`.
+        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late, 4 off the grid; see `Trajectory`.
     steps : (runs,) int array
         Intervals that each run took.
     seconds : float
@@ -149,10 +151,10 @@ class Report:
 
     def __str__(self) -> str:
         head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
-        lines = [head, f"{'outcome':<10}{'runs':>10}{'rate':>10}   95% interval"]
+        lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            lines.append(f"{outcome:<10}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
+            lines.append(f"{outcome:<13}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
             lines.append(f"reached after {reached.mean():.2f} steps on average, {reached.max()} at most")
@@ -160,7 +162,14 @@ class Report:
         return "\n".join(lines)
 
 
-def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0) -> Trajectory:
+def simulate(
+    controller: Controller,
+    q0: FloatArray,
+    adversary: str | Adversary = "worst",
+    seed: int = 0,
+    *,
+    walls: bool = True,
+) -> Trajectory:
     """Run the closed loop once from state q0 (ndim,) at step 0.
 
     Parameters
@@ -170,6 +179,8 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
         See `sdhj.adversaries`; yours is called at every substep.
     seed : int
+    walls : bool
+        Whether the plant is held by the walls of the grid; False plays beyond walls that are only assumed.
 
     Raises
     ------
@@ -183,7 +194,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     record = _Record()
-    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), record)
+    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), record, walls=walls)
     return Trajectory(
         times=np.array(record.times),
         states=np.array(record.states),
@@ -200,6 +211,7 @@ def monte_carlo(
     adversary: str | Adversary = "worst",
     seed: int = 0,
     *,
+    walls: bool = True,
     progress: bool | None = None,
 ) -> Report:
     """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
@@ -212,6 +224,8 @@ def monte_carlo(
         As for `simulate`. A function of yours is called from one thread, the named ones from several.
     seed : int
         The same seed gives the same report, whatever the number of threads.
+    walls : bool
+        As for `simulate`.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -231,7 +245,7 @@ def monte_carlo(
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])
         starts = admissible_states(controller, sizes[number], rng)
-        return (starts, *rollouts(controller, starts, play, rng))
+        return (starts, *rollouts(controller, starts, play, rng, walls=walls))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
@@ -306,23 +320,24 @@ def rollouts(
     rng: np.random.Generator,
     record: _Record | None = None,
     margins: Margins | None = None,
+    *,
+    walls: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
     """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,)."""
     problem = controller.problem
-    reached, collided, left, late = range(len(OUTCOMES))
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
     if record is not None:
         record.times.append(0.0)
         record.states.append(starts[0])
     clearance = problem.unsafe_value(states, 0.0)
-    outcomes[clearance <= 0] = collided
+    outcomes[clearance <= 0] = COLLIDED
     if margins is not None:
         margins.note("clearance", alive, clearance)
     for step in range(problem.steps + 1):
         alive = alive[outcomes[alive] == UNDECIDED]
         inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
-        outcomes[alive[inside]] = reached
+        outcomes[alive[inside]] = REACHED
         alive = alive[~inside]
         if margins is not None and alive.size:
             largest = np.full(alive.size, problem.steps - step)
@@ -331,7 +346,7 @@ def rollouts(
             break
         batch = controller.batch(states[alive], step)
         inputs = controller.choose(batch)
-        outcomes[alive[inputs < 0]] = left
+        outcomes[alive[inputs < 0]] = LEFT
         known = inputs >= 0
         alive, inputs, to_go = alive[known], inputs[known], batch.steps_to_go[known]
         if not alive.size:
@@ -339,11 +354,10 @@ def rollouts(
         if record is not None:
             record.inputs.append(int(inputs[0]))
             record.steps_to_go.append(int(to_go[0]))
-        held = _Held(alive, step, inputs, np.maximum(to_go, 1) - 1)
-        states[alive], hit = _interval(controller, states[alive], held, play, rng, record, margins)
-        outcomes[alive[hit]] = collided
+        held = _Held(alive, step, inputs, np.maximum(to_go, 1) - 1, walls)
+        states[alive], outcomes[alive] = _play(controller, states[alive], held, play, rng, record, margins)
         taken[alive] += 1
-    outcomes[outcomes == UNDECIDED] = late
+    outcomes[outcomes == UNDECIDED] = LATE
     return outcomes, taken
 
 
@@ -355,9 +369,10 @@ class _Held:
     step: int
     inputs: FloatArray
     promised: FloatArray
+    walls: bool
 
 
-def _interval(
+def _play(
     controller: Controller,
     states: FloatArray,
     held: _Held,
@@ -366,10 +381,10 @@ def _interval(
     record: _Record | None,
     margins: Margins | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
+    """Hold the inputs over one interval: the states at its end (M, ndim), and how runs ended on the way (M,)."""
     problem, interval = controller.problem, controller.problem.interval(held.step)
     duration, v = problem.delta / SUBSTEPS, np.zeros((len(states), problem.dynamics.adversaries))
-    hit = np.zeros(len(states), dtype=bool)
+    ended, ends = np.full(len(states), UNDECIDED), ("unsafe",) if held.walls else ("unsafe", "wall")
     for substep in range(SUBSTEPS):
         now = problem.time(held.step) + substep * duration
         moment = Moment(
@@ -387,18 +402,19 @@ def _interval(
             rng=rng,
         )
         v = _checked(play(moment), moment.bounds)
-        states = interval.advance(states, held.inputs, v, now, duration)
+        states = interval.advance(states, held.inputs, v, now, duration, walls=held.walls)
         clearance = problem.unsafe_value(states, now + duration)
-        hit |= clearance <= 0
+        ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
+        ended[(ended == UNDECIDED) & problem.grid.beyond(states, *ends)] = OFF
         if margins is not None:
             margins.note("clearance", held.runs, clearance)
         if record is not None:
             record.times.append(now + duration)
             record.states.append(states[0])
             record.disturbances.append(v[0])
-        if hit.all():
+        if (ended != UNDECIDED).all():
             break
-    return states, hit
+    return states, ended
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
