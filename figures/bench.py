@@ -1,4 +1,4 @@
-"""Benchmarks that anyone can repeat: time and error of one reach problem, beside the fastest peer (`sdhj bench`).
+"""Benchmarks that anyone can repeat: time and error of one reach problem, beside the fastest peer.
 
 The problem is game 3 of the arm's case study for one sampling interval and one input, on the whole 4-D grid. The set to
 be reached is a ball with a hole, in scaled coordinates: the Hopf-Lax formula then has a closed form (the farthest and
@@ -21,17 +21,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numba
 import numpy as np
 
+import sdhj
+from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
+from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
 from sdhj.controller import RULES, Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
-from sdhj.recursion import memory_needed, solve
+from sdhj.recursion import memory_needed
 from sdhj.schemes import Scheme, Velocities, evolve
-from sdhj.simulation import admissible_states
-from sdhj.warmup import METHODS, compile_kernels
+from sdhj.simulation.runs import admissible_states
 
 NODES = (15, 20, 25, 30, 35, 40)
 LEAST_NODES = 9  # with fewer the walls reach every node
@@ -273,15 +276,15 @@ def _measure_one(problem: Case, nodes: int, solvers: dict[tuple[str, int], Run],
 
 def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], tuple[float, int]]:
     """Median seconds of solving the whole case study, kernels compiled, and bytes it needs: by method and nodes."""
-    compile_kernels(METHODS)
+    compile_kernels(INTERPOLATED)
     found = {}
     for n in nodes:
         problem = arm_case_study(nodes=n)
-        seconds: dict[str, list[float]] = {method: [] for method in METHODS}
+        seconds: dict[str, list[float]] = {method: [] for method in INTERPOLATED}
         for _ in range(repeats):
-            for method in METHODS:
-                seconds[method].append(_timed(solve, problem, method=method, progress=False))
-        for method in METHODS:
+            for method in INTERPOLATED:
+                seconds[method].append(_timed(sdhj.solve, problem, method=method, progress=False))
+        for method in INTERPOLATED:
             found[method, n] = float(np.median(seconds[method])), memory_needed(problem)
     return found
 
@@ -291,7 +294,7 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
 
     Queries are single calls of `Controller.select` for admissible states; batches have BATCH states.
     """
-    table = solve(arm_case_study(nodes=nodes), progress=False)
+    table = sdhj.solve(arm_case_study(nodes=nodes), progress=False)
     rng = np.random.default_rng(seed)
     states = admissible_states(Controller(table), BATCH, rng)
     anywhere = rng.uniform(table.grid.lower, table.grid.upper, states.shape)
@@ -368,8 +371,6 @@ LOOKS = (
 
 def plot(report: Report, path: str | os.PathLike[str]) -> Path:
     """Draw time against nodes and error against time, both logarithmic, to a file; returns its path."""
-    from sdhj import plotting
-
     with plotting.style():
         figure = plotting.new_figure(7.0, 3.8)
         left, right = figure.subplots(1, 2)
@@ -402,3 +403,27 @@ def _machine() -> str:
 def _versions(with_peer: bool) -> str:
     names = ["numpy", "numba", *(["jax", "hj-reachability"] if with_peer else [])]
     return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
+
+
+@click.command(context_settings={"show_default": True})
+@click.option("--nodes", default="15,20,25,30,35,40", help="Nodes on each axis, separated by commas.")
+@click.option(
+    "--repeats", default=5, type=click.IntRange(1), help="Rounds in which all solvers take turns; medians are printed."
+)
+@click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
+@plainly
+def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
+    """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
+    counts = whole_numbers("nodes", nodes)
+    writable_picture(output)
+    report = measure(counts, repeats=repeats, with_peer=peer)
+    click.echo(table(report) + "\n")
+    case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
+    click.echo(whole_table(case_study, measure_controller()))
+    if output is not None:
+        click.echo(plot(report, output))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,7 @@
 """Many runs of several tables against several adversaries, one row for each pair.
 
-`sdhj campaign TABLE...` plays them; runs go in batches, so that tens of millions need no more memory than one batch.
+`python figures/campaign.py TABLE...` plays them; runs go in batches, so that tens of millions need no more memory than
+one batch.
 """
 
 import csv
@@ -10,17 +11,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import click
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES
+import sdhj
+from sdhj.certified.search import search_losing
 from sdhj.checks import whole
+from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole, writable_folder
-from sdhj.certified.search import search_losing
 from sdhj.simulation import OUTCOMES, monte_carlo
-from sdhj.table import LookupTable
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.table import Table
 
 SEARCH = "search"
 PLAYERS = (*ADVERSARIES, SEARCH)
@@ -56,7 +60,7 @@ class Row:
 
 
 def campaign(
-    tables: Mapping[str, LookupTable],
+    tables: Mapping[str, Table],
     adversaries: Sequence[str] = ("random", "aggressive", "worst", SEARCH),
     *,
     runs: int = 100_000,
@@ -145,3 +149,26 @@ def _line(row: Row) -> str:
 def upper_bound(starts: int) -> float:
     """The rate that no failure in so many independent starts excludes with 95% confidence (exact, binomial)."""
     return float(-np.expm1(np.log(0.05) / starts))
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--runs", default=100_000, type=click.IntRange(1), help="Closed-loop runs for each table and adversary.")
+@click.option("--adversaries", default="random,aggressive,worst,search", help="Who plays: a list with commas.")
+@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversaries and the starts.")
+@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for campaign.csv and .md.")
+@plainly
+def main(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
+    """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
+    writable_folder(out)  # before long work
+    read = {path.stem: loaded(path) for path in tables}
+    if len(read) < len(tables):
+        raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
+    rows = campaign(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)
+    for path in write_rows(rows, out, f"Rule {rule}, seed {seed}, sdhj {sdhj.__version__}."):
+        click.echo(path)
+
+
+if __name__ == "__main__":
+    main()

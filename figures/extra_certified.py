@@ -1,6 +1,78 @@
-"""What is certified: the share of C against the number of cells, and a slice of it in an interpolated tube."""
+"""What is certified: against the number of cells, and in a slice."""
 
-from sdhj.cli import figure_command
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from charts import METHOD_LOOKS, METHOD_NAMES, SHARE
+from common import PURSUER_AT, Context, command_of
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import sdhj
+from sdhj import plotting
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import Table
+
+STUDY = True
+CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))
+
+
+@dataclass(frozen=True)
+class CellSweep:
+    """What is certified with more and more cells.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Cells of the whole state space.
+    fractions : tuple of float
+        Certified share of the grid, from step 0 within all steps.
+    finest : Table
+    """
+
+    numbers: tuple[int, ...]
+    fractions: tuple[float, ...]
+    finest: Table
+
+
+def sweep_cells(problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say: Callable[[str], Any]) -> CellSweep:
+    """Certify a problem with each of `cells`, as the certified method takes them; `say` receives progress lines."""
+    numbers, fractions = [], []
+    for each in cells:
+        say(f"certifying with {' x '.join(map(str, each))} cells")
+        finest = sdhj.solve(problem, sdhj.Certified(cells=each))
+        numbers.append(int(np.prod(finest.details["cells"], dtype=np.int64)))
+        fractions.append(finest.fraction(start=0, within=problem.steps))
+    return CellSweep(tuple(numbers), tuple(fractions), finest)
+
+
+def draw(context: Context) -> Figure:
+    sweep = sweep_cells(context.problem, CELLS[:2] if context.coarse else CELLS, context.say)
+    peers = {method: context.shares(method)[-1] for method in ("hji", "lax", "projected")}
+    figure = plotting.new_figure(7.0, 3.7)
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    draw_cells(left, sweep, peers)
+    plotting.draw_labels(right, context.table("hji"), sweep.finest, through=PURSUER_AT)
+    right.set_title(f"pursuer at ({PURSUER_AT[2]:.2f}, {PURSUER_AT[3]:.2f}) m; line: interpolated tube", fontsize=8)
+    figure.legend(handles=plotting.label_legend(), loc="outside upper right", ncols=3)
+    return figure
+
+
+def draw_cells(ax: Axes, sweep: CellSweep, claimed: Mapping[str, float]) -> None:
+    """Certified share of C against the number of cells, beside what interpolated tables of methods claim."""
+    for method, fraction in claimed.items():
+        looks = {key: METHOD_LOOKS[method][key] for key in ("color", "linestyle")}
+        ax.axhline(fraction, gid=f"claimed-{method}", label=f"{METHOD_NAMES[method]}, claimed: {fraction:.3f}", **looks)
+    ax.semilogx(sweep.numbers, sweep.fractions, gid="certified", label="certified", **METHOD_LOOKS["certified"])
+    for number, fraction in zip(sweep.numbers, sweep.fractions, strict=True):
+        ax.annotate(f"{fraction:.3f}", (number, fraction), (0, -11), textcoords="offset points", fontsize=6.5)
+    ax.set(xlabel="cells", ylabel=SHARE, ylim=(0, None))
+    ax.margins(x=0.12)
+    ax.grid(axis="y")
+    ax.legend(loc="lower right")
+
 
 if __name__ == "__main__":
-    figure_command("extra_certified")()
+    command_of(__file__)()

@@ -1,6 +1,23 @@
 """Fig. 9: workspace and configuration space."""
 
-from sdhj.cli import figure_command
+import numpy as np
+from common import SHOWN_STATE, Context, command_of, set_legend
+from matplotlib.figure import Figure
+
+from sdhj import plotting
+
+
+def draw(context: Context) -> Figure:
+    figure = plotting.new_figure(7.0, 3.75)
+    left, right = figure.subplots(1, 2)
+    times = context.problem.delta * np.arange(0, context.problem.steps + 1, 2)
+    plotting.draw_workspace(left, context.scene, state=SHOWN_STATE, trail=times)
+    plotting.draw_constraints(right, context.problem, through=SHOWN_STATE)
+    left.set_title(r"(a) workspace $\mathcal{W}$ at $t = 0$")
+    right.set_title(r"(b) configuration space $\mathcal{C}^r$ at $t = 0$")
+    set_legend(figure)
+    return figure
+
 
 if __name__ == "__main__":
-    figure_command(9)()
+    command_of(__file__)()

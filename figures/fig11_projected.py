@@ -1,6 +1,13 @@
-"""Fig. 11: the same tubes by projections."""
+"""Fig. 11: reach-avoid tubes by projections."""
 
-from sdhj.cli import figure_command
+from common import Context, command_of
+from fig10_tubes import draw_two_slices
+from matplotlib.figure import Figure
+
+
+def draw(context: Context) -> Figure:
+    return draw_two_slices(context.table("projected"))
+
 
 if __name__ == "__main__":
-    figure_command(11)()
+    command_of(__file__)()

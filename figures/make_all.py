@@ -1,6 +1,6 @@
 """Every figure, one after the other; what they share is solved once."""
 
-from sdhj.cli import figure_command
+from common import command, write_all
 
 if __name__ == "__main__":
-    figure_command()()
+    command("Every figure", lambda context, out: write_all(context, out, studies=True))()

@@ -12,27 +12,33 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import click
 import numpy as np
 from tqdm import tqdm
 
+import sdhj
+from sdhj import plotting
 from sdhj.checks import whole
+from sdhj.cli import RUNS, SEED, loaded, plainly, writable_picture
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import SUBSTEPS, Trajectory, admissible_states, named, simulate
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, named, simulate
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # draws without a screen; read when mujoco is imported
 
 try:
     import mujoco
-except ModuleNotFoundError as error:
-    raise ImportError("runs in MuJoCo need the extra that brings it: pip install 'sdhj[physics]'") from error
+except ModuleNotFoundError:  # `main` says what to do about it
+    mujoco = None
 
 UPRIGHT = 0.015  # half-length of the segment of an upright capsule, m
 FAR = 10.0  # distances beyond it, m, are not told apart
@@ -386,8 +392,6 @@ def frames(world: World, run: Trajectory, count: int = 6, size: int = 480) -> li
 
 def write_strip(report: PhysicsReport, path: str | os.PathLike[str], count: int = 6) -> None:
     """Draw the longest run of a report, of several the one whose joints turn most, into a png file."""
-    from sdhj import plotting
-    from physics_pictures import draw_strip
 
     def way(run: Trajectory) -> tuple[int, float]:
         return len(run.inputs), float(np.abs(np.diff(run.states[:, :2], axis=0)).sum())
@@ -395,5 +399,37 @@ def write_strip(report: PhysicsReport, path: str | os.PathLike[str], count: int 
     pictures = frames(World(report.problem), max(report.trajectories, key=way), count)
     with plotting.style(), replaced_whole(path) as temporary:
         figure = plotting.new_figure(1.6 * count, 1.85)
-        draw_strip(figure, pictures)
+        panels = figure.subplots(1, count, squeeze=False)[0]
+        for panel, (t, image) in zip(panels, pictures, strict=True):
+            panel.imshow(image, interpolation="lanczos")
+            panel.set_title(f"$t = {t:.2f}$ s", fontsize=8)
+            panel.set_axis_off()
         figure.savefig(temporary, dpi=150, format="png", metadata={"Software": "sdhj"})
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--runs", default=1000, type=RUNS, help="Runs from uniformly drawn admissible states.")
+@click.option("--adversary", default="aggressive", type=click.Choice(list(ADVERSARIES)), help="Who plays.")
+@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Pictures of the longest run: a png file.")
+@click.pass_context
+@plainly
+def main(
+    context: click.Context, table: Path, runs: int, adversary: str, rule: str, seed: int, output: Path | None
+) -> None:
+    """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
+    if mujoco is None:
+        raise ImportError("runs in MuJoCo need the extra that brings it: pip install 'sdhj[physics]'")
+    writable_picture(output, [".png"])
+    report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
+    click.echo(str(report))
+    if output is not None:
+        write_strip(report, output)
+        click.echo(output)
+    context.exit(1 if report.touched else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,58 +4,51 @@ import csv
 import platform
 import resource
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+import click
 import numba
 import numpy as np
+from common import Context, write_all
 
 import sdhj
-from sdhj.checks import whole
-from sdhj.files import replaced_whole
-from sdhj.table import LookupTable
-from sdhj.warmup import METHODS, compile_kernels
+from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
+from sdhj.files import replaced_whole, writable_folder
+from sdhj.table import Table
 
 ADVERSARIES = ("random", "aggressive", "worst")
 
 
-def reproduce(
-    *, nodes: int, out: Path, runs: int, seed: int, certified: bool = False, say: Callable[[str], Any]
-) -> None:
-    """Write figures, results.csv and results.md into the folder `out`; `say` receives progress lines.
-
-    With certified=True the table of results gets a row for method "certified" too, which takes minutes.
-
-    Raises
-    ------
-    ValueError
-        For numbers that no case study can be made of.
-    OSError
-        Where `out` cannot be written.
-    """
-    from catalogue import draw_all
-
-    runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
+@click.command(context_settings={"show_default": True})
+@click.option("--nodes", default=25, help="Nodes on each axis.")
+@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for figures and tables.")
+@click.option("--runs", default=10_000, type=RUNS, help="Closed-loop runs for each method and adversary.")
+@click.option("--seed", default=0, type=SEED, help="Seed of everything random.")
+@click.option("--certified", is_flag=True, help="A certified table too: minutes more, and 6 GB of memory.")
+@plainly
+def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
+    """Solve the case study, exercise its controller, write every figure and a table of results."""
+    writable_folder(out)
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
-    tables: dict[str, LookupTable] = {}
-    compile_kernels(METHODS, say)
-    for method in (*METHODS, *(["certified"] if certified else [])):
-        say(f"solving the case study: {method}, {nodes}^4 nodes")
+    tables: dict[str, Table] = {}
+    compile_kernels(INTERPOLATED, click.echo)
+    for method in (*INTERPOLATED, *(["certified"] if certified else [])):
+        click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
         tables[method] = sdhj.solve(problem, method=method)
     rows = []
     for method, table in tables.items():
-        say(f"playing {runs} runs against each adversary: {method}")
+        click.echo(f"playing {runs} runs against each adversary: {method}")
         rows.append(summary(table, runs, seed))
     write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
-    say("drawing the figures")
+    click.echo("drawing the figures")
     tables.pop("certified", None)  # the figures show interpolated tubes
-    draw_all(tables, out, seed=seed, say=say)
-    say(f"{out}: done in {time.perf_counter() - began:.0f} s")
+    write_all(Context(tables=tables, seed=seed, say=click.echo), out, studies=False)
+    click.echo(f"{out}: done in {time.perf_counter() - began:.0f} s")
 
 
-def summary(table: LookupTable, runs: int, seed: int) -> dict[str, str]:
+def summary(table: Table, runs: int, seed: int) -> dict[str, str]:
     """One row of the results table: volume, cost, and failures in the closed loop by adversary."""
     row = {
         "method": table.method,
@@ -91,3 +84,7 @@ def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
     ]
     with replaced_whole(out / "results.md") as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

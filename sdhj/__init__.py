@@ -2,6 +2,25 @@
 
 Conventions, everywhere: a set is where its level-set function is <= 0 (inside is negative), union is min, intersection
 is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
+
+A robot on a line, pushed about at up to 0.2 m/s, is to come within 1 m of the origin and never beyond 3 m:
+
+>>> import sdhj
+>>> speeds = [[-1.0], [0.0], [1.0]]
+>>> problem = sdhj.ReachAvoidProblem(
+...     grid=sdhj.Grid([-4.0], [4.0], [81]),
+...     dynamics=sdhj.Dynamics(inputs=speeds, drift=speeds, gain=[[1.0]], bounds=[0.2]),
+...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
+...     unsafe=[sdhj.UnsafeSet((0,), lambda points, t: 3.0 - points[:, 0])],
+...     delta=0.5,
+...     steps=5,
+... )
+>>> table = sdhj.solve(problem)
+>>> table.contains([[-2.1], [2.95]], start=0, within=3)
+array([ True, False])
+>>> controller = sdhj.Controller(table)
+>>> controller.steps_to_go([-2.1], 0), problem.inputs[controller.select([-2.1], 0)]
+(3, array([1.]))
 """
 
 import importlib
@@ -17,25 +36,27 @@ __version__ = "0.2.0"
 
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
+from sdhj.files import TableFileError, load
 from sdhj.grid import Grid
-from sdhj.methods import HJI, HopfLax, Projected, solve
+from sdhj.methods import HJI, HopfLax, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
-from sdhj.table import LookupTable, TableFileError
+from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.certified.search import search_losing
+    from sdhj.projections import Projected
     from sdhj.simulation import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",
+    "Projected": "sdhj.projections",
     "monte_carlo": "sdhj.simulation",
     "simulate": "sdhj.simulation",
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
     "search_losing": "sdhj.certified.search",
-    "load": "sdhj.loading",
 }
 
 __all__ = [

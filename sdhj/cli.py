@@ -1,28 +1,31 @@
 """The command line: `sdhj --help`."""
 
 import functools
+import importlib
 import json
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
 import numpy as np
 
 import sdhj
-from sdhj.adversaries import ADVERSARIES
 from sdhj.compiling import announced
-from sdhj.files import writable_file, writable_folder
-from sdhj.loading import header
+from sdhj.files import header, replaced_whole, writable_file
+from sdhj.problem import VIEW_TIMES
+from sdhj.simulation.adversaries import ADVERSARIES
 
-METHOD = click.Choice(["hji", "projected", "lax", "certified"])
-VIEW_TIME = click.Choice(["swept", "sampled", "instantaneous"])
-KINEMATICS = click.Choice(["relative", "printed"])
+INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
+METHOD = click.Choice([*INTERPOLATED, "certified"])
 PICTURES = (".png", ".pdf", ".svg")
 RUNS = click.IntRange(1, 10**8)  # whose starts and ends are held in memory
 SEED = click.IntRange(0)
+VIEWS = click.Choice(VIEW_TIMES)
+READINGS = click.Choice(["relative", "printed"])
+WARM_CELLS = (63, 63, 18, 18)  # of the certified table that is made to compile its kernels: enough that its tubes grow
 
 
 class Refusal(click.ClickException):
@@ -50,12 +53,19 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> None:
-    """Check before long work that a picture can be written there, if one is asked for, and of that kind."""
+    """Check before long work that a picture of that kind can be drawn and written there, if one is asked for.
+
+    Raises
+    ------
+    ValueError, OSError, ImportError
+        For another kind, a place where nothing can be written, without Matplotlib.
+    """
     if path is None:
         return
     writable_file(path)
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which says what kind of picture to write")
+    importlib.import_module("sdhj.plotting")
 
 
 def loaded(path: Path) -> Any:
@@ -85,43 +95,35 @@ def main() -> None:
     """Sampled-data Hamilton-Jacobi reachability for robust motion planning."""
 
 
-@main.command()
-@click.option("--nodes", default=25, help="Nodes on each axis.")
-@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for figures and tables.")
-@click.option("--runs", default=10_000, type=RUNS, help="Closed-loop runs for each method and adversary.")
-@click.option("--seed", default=0, type=SEED, help="Seed of everything random.")
-@click.option("--certified", is_flag=True, help="A certified table too: minutes more, and 6 GB of memory.")
-@plainly
-def reproduce(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
-    """Solve the case study, exercise its controller, write every figure and a table of results."""
-    from reproduce import reproduce as run
-
-    run(nodes=nodes, out=writable_folder(out), runs=runs, seed=seed, certified=certified, say=click.echo)
-
-
-@main.command()
+@main.command("solve")
 @click.option("--nodes", default=25, help="Nodes on each axis.")
 @click.option("--steps", default=8, help="N, the number of sampling intervals.")
 @click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
-@click.option("--view-time", default="swept", type=VIEW_TIME, help="How moving obstacles enter an interval.")
-@click.option("--kinematics", default="relative", type=KINEMATICS, help="Textbook arm, or Eq. (8) as printed.")
+@click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles enter an interval.")
+@click.option(
+    "--kinematics",
+    default="relative",
+    type=READINGS,
+    help="Textbook arm, or Eq. (8) as printed.",
+)
 @click.option("--cells", help="With --method certified: cells of each axis, separated by commas.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
 @plainly
-def solve(
+def solve_command(
     nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
 ) -> None:
     """Solve the arm case study and write its look-up table."""
     counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
-    table = sdhj.solve(problem, method=method, cells=counts)
+    chosen = sdhj.Certified(cells=counts) if method == "certified" else method
+    table = sdhj.solve(problem, chosen)
     table.save(output)
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
     click.echo(f"{output}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
 
 
-@main.command()
+@main.command("simulate")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
 @click.option("--runs", default=10_000, type=RUNS, help="Without --start: runs from uniformly drawn admissible states.")
@@ -131,7 +133,9 @@ def solve(
 @click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
 @click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
 @plainly
-def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int) -> None:
+def simulate_command(
+    table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int
+) -> None:
     """Run the controller of a table against an adversary, in the true geometry."""
     controller = sdhj.Controller(loaded(table), rule=rule)
     if start is None:
@@ -141,28 +145,6 @@ def simulate(table: Path, start: tuple[float, ...] | None, runs: int, adversary:
     for t, state in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in state))
     click.echo(f"outcome: {trajectory.outcome}")
-
-
-@main.command()
-@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--runs", default=100_000, type=click.IntRange(1), help="Closed-loop runs for each table and adversary.")
-@click.option("--adversaries", default="random,aggressive,worst,search", help="Who plays: a list with commas.")
-@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, type=SEED, help="Seed of the adversaries and the starts.")
-@click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for campaign.csv and .md.")
-@plainly
-def campaign(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
-    """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
-    from campaign import campaign as play
-    from campaign import write_rows
-
-    writable_folder(out)  # before long work
-    read = {path.stem: loaded(path) for path in tables}
-    if len(read) < len(tables):
-        raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
-    rows = play(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)
-    for path in write_rows(rows, out, f"Rule {rule}, seed {seed}, sdhj {sdhj.__version__}."):
-        click.echo(path)
 
 
 @main.command()
@@ -191,7 +173,7 @@ def info(table: Path) -> None:
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
 
 
-@main.command()
+@main.command("verify")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
     "--samples",
@@ -206,7 +188,7 @@ def info(table: Path) -> None:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
 @click.pass_context
 @plainly
-def verify(
+def verify_command(
     context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
 ) -> None:
     """Re-derive the claims of a certified table, or say what of another one is certified."""
@@ -232,99 +214,49 @@ def verify(
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
-    from labels import shares
+    from sdhj.certified.labels import shares
 
     for name, share in shares(table, proof, within=table.steps, seed=seed).items():
         click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
     if output is not None:
-        from label_pictures import draw_labels, label_legend
-
         from sdhj import plotting
 
-        with plotting.style():
+        with plotting.style(), replaced_whole(output) as temporary:
             figure = plotting.new_figure(5.0, 4.6)
-            draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
-            figure.legend(handles=label_legend(), loc="outside upper center", ncols=3)
-            figure.savefig(output)
+            plotting.draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
+            figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
+            figure.savefig(temporary)
         click.echo(output)
-
-
-@main.command()
-@click.option("--nodes", default="15,20,25,30,35,40", help="Nodes on each axis, separated by commas.")
-@click.option(
-    "--repeats", default=5, type=click.IntRange(1), help="Rounds in which all solvers take turns; medians are printed."
-)
-@click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
-@plainly
-def bench(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
-    """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
-    from sdhj import bench
-
-    counts = whole_numbers("nodes", nodes)
-    writable_picture(output)
-    report = bench.measure(counts, repeats=repeats, with_peer=peer)
-    click.echo(bench.table(report) + "\n")
-    case_study = bench.measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
-    click.echo(bench.whole_table(case_study, bench.measure_controller()))
-    if output is not None:
-        click.echo(bench.plot(report, output))
-
-
-@main.command()
-@click.argument("table", type=click.Path(path_type=Path))
-@click.option("--runs", default=1000, type=RUNS, help="Runs from uniformly drawn admissible states.")
-@click.option("--adversary", default="aggressive", type=click.Choice(list(ADVERSARIES)), help="Who plays.")
-@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Pictures of the longest run: a png file.")
-@click.pass_context
-@plainly
-def physics(
-    context: click.Context, table: Path, runs: int, adversary: str, rule: str, seed: int, output: Path | None
-) -> None:
-    """Play a table's runs in MuJoCo and let its collision detection judge; status 1 where it finds a contact."""
-    from physics import check_runs, write_strip
-
-    writable_picture(output, [".png"])
-    report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
-    click.echo(str(report))
-    if output is not None:
-        write_strip(report, output)
-        click.echo(output)
-    context.exit(1 if report.touched else 0)
 
 
 @main.command()
 @plainly
 def warmup() -> None:
     """Compile every kernel once; later runs read them from the disk cache."""
-    from sdhj.warmup import METHODS, compile_kernels
-
-    compile_kernels((*METHODS, "certified"), click.echo)
+    compile_kernels((*INTERPOLATED, "certified"), click.echo)
 
 
-def figure_command(which: int | str | None = None) -> click.Command:
-    """The command line of a script in figures/: it writes the pictures with that number or name, or all there are."""
-    from catalogue import FIGURES, Context, write
+def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], Any] = lambda line: None) -> None:
+    """Call every kernel that the methods and the controller need once, on a small problem."""
+    for method in methods:
+        began = time.perf_counter()
+        say(f"warming up {method}")
+        chosen = sdhj.Certified(cells=WARM_CELLS) if method == "certified" else method
+        table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), chosen, progress=False)
+        sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0, progress=False)
+        if method == "certified":
+            _compile_checker(table)
+        say(f"  {time.perf_counter() - began:.1f} s")
 
-    names = [name for name, spec in FIGURES.items() if which in (None, name, spec.number)]
-    text = "Every figure" if which is None else "; ".join(FIGURES[name].title for name in names)
 
-    @click.command(help=f"{text}.", context_settings={"show_default": True})
-    @click.option("--nodes", default=25, help="Nodes on each axis of the case study.")
-    @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for the files.")
-    @click.option("--seed", default=0, type=SEED, help="Of the run that is shown.")
-    @plainly
-    def command(nodes: int, out: Path, seed: int) -> None:
-        writable_folder(out)  # before long work
-        context = Context(nodes=nodes, seed=seed, say=click.echo)
-        for name in names:
-            for path in write(name, context, out):
-                click.echo(path)
+def _compile_checker(table: Any) -> None:
+    from sdhj.certified.check.verify import verify as check
 
-    return command
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "certified.h5"
+        table.save(path)
+        check(path, samples=10, progress=False)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,7 +1,7 @@
 """Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from hashlib import blake2b
@@ -10,6 +10,7 @@ from typing import Any
 
 from numba import njit
 from numba.core.event import Listener, install_listener
+from numba.extending import overload
 from tqdm import tqdm
 
 LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
@@ -33,6 +34,47 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return compiled
+
+
+def _forced(options: Mapping[str, Any]) -> Any:
+    return {"forceinline": True, **options}
+
+
+def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as for `kernel`.
+
+    It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
+    compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        overload(function, strict=False, jit_options=_forced(options))(lambda *types: function)
+        return function
+
+    return compiled
+
+
+def chosen(table: Mapping[Any, Callable[..., Any]], **options: Any) -> Callable[..., Any]:
+    """A function that is one of a table of `inlined` ones: its first argument is `choice(table, name)`, others follow.
+
+    Which one it is, is known when compiling: the length of a tuple is part of its type.
+    """
+    functions = tuple(table.values())
+
+    def call(place: tuple[int, ...], *arguments: Any) -> Any:
+        return functions[len(place)](*arguments)
+
+    def compiled(place: Any, *types: Any) -> Callable[..., Any]:
+        function = functions[len(place)]
+        return lambda place, *arguments: function(*arguments)
+
+    overload(call, strict=False, jit_options=_forced(options))(compiled)
+    return call
+
+
+def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
+    """What stands for an entry of a table where `chosen` picks a function: as many zeros as entries precede it."""
+    return (0,) * list(table).index(name)
 
 
 @cache

@@ -29,7 +29,8 @@ USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
     """Which of `ARGUMENTS[name]` a function takes, in its own order.
 
-    Parameters called points, u or t are those; others take the first place that is left. What has a default is its own.
+    Parameters called points, u or t are those; others take the first place that is left. What else has a default is the
+    function's own.
 
     Raises
     ------
@@ -44,11 +45,12 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         given = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
         return USUAL[name]
-    own = [p.name for p in given if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    own += [p.name for p in given if p.default is not p.empty and p.name in possible]
-    free = [one for one in possible if one not in own]
-    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in own)
-    if not named or "" in named or any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given):
+    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    taken = [p.name for p in places if p.default is p.empty or p.name in possible]
+    free = [one for one in possible if one not in taken]
+    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
+    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
+    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
         raise ValueError(f"{expected}, got one of {inspect.signature(function)}")
     return named
 
@@ -134,7 +136,7 @@ class Dynamics:
     @cached_property
     def adversaries(self) -> int:
         """D, how many components the adversary has."""
-        return len(self.bounds_at(0, 0.0))
+        return len(self._bounds(0, 0.0))
 
     @cached_property
     def alike(self) -> bool:
@@ -186,6 +188,9 @@ class Dynamics:
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
         """Half-widths of the adversary's box under input j, (D,)."""
+        return finite_array("bounds", self._bounds(j, t), (self.adversaries,))
+
+    def _bounds(self, j: int, t: float) -> FloatArray:
         if not callable(self.bounds):
             return self.bounds
         values = {"u": self.inputs[j], "t": t}

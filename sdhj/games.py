@@ -231,12 +231,11 @@ class HopfLaxGames(_OnAxes):
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
-        unit = problem.delta if problem.dynamics.timed else 1.0
-        self.cells: FloatArray = np.zeros(problem.grid.ndim)  # that each axis crosses in an interval, at most
-        for step in range(problem.steps if problem.dynamics.timed else 1):
-            low, high = problem.interval(step).reached(0.0, unit)
-            speed = np.maximum(np.abs(low), np.abs(high)).max(axis=0) / unit
-            self.cells = np.maximum(self.cells, checked_travel(problem.grid, speed, problem.delta))
+        timed, speed = problem.dynamics.timed, np.zeros(problem.grid.ndim)
+        for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
+            for t in interval.begin + problem.delta * (INSTANTS if timed else INSTANTS[:1]):
+                speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
+        self.cells = checked_travel(problem.grid, speed, problem.delta)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `HJIGames.reach`."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.checks import number, sequence, whole
-from sdhj.interpolation import interpolate, wrap
+from sdhj.interpolation import Lattice, interpolate, wrap
 from sdhj.memory import require
 
 FloatArray = NDArray[Any]
@@ -177,13 +177,12 @@ class Grid:
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != self.ndim:
             raise ValueError(f"points must have shape (M, {self.ndim}), got {points.shape}")
-        flat = np.ascontiguousarray(values).reshape(self.size)
-        return interpolate(flat, points, *self.arrays)
+        return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
 
     @cached_property
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def arrays(self) -> Lattice:
         """(lower, spacing, shape, periodic) as the arrays that compiled code reads."""
-        return (
+        return Lattice(
             np.array(self.lower),
             np.array(self.spacing),
             np.array(self.shape, dtype=np.int64),

@@ -1,4 +1,6 @@
-"""Multilinear interpolation on a grid, in any number of dimensions."""
+"""Multilinear interpolation on a grid, in any number of dimensions, and what compiled look-ups share with it."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import prange
@@ -6,70 +8,102 @@ from numba import prange
 from sdhj.compiling import kernel
 
 OUTSIDE = np.inf  # what a level-set function is worth where nothing is known: outside every set
+SLACK = 1e-6  # cells beyond a wall that still count as on it: the rounding of lower + i * spacing
+FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it in one
 
 
-@kernel(inline="always")
-def locate(coordinate, lower, spacing, nodes, periodic):
-    """Return (left node, right node, weight of the right node) of a coordinate on one axis.
+class Lattice(NamedTuple):
+    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, as `Grid` names them."""
 
-    The left node is -1 where a bounded axis does not hold the coordinate (or it is NaN). A millionth
-    of a cell of slack absorbs the rounding of coordinates computed as lower + i * spacing.
-    """
-    position = (coordinate - lower) / spacing
-    if periodic:
-        base = np.floor(position)
-        weight = position - base
-        left = int(base - nodes * np.floor(base / nodes))
-        right = left + 1 if left + 1 < nodes else 0
-        if not (0.0 <= weight <= 1.0):  # NaN or infinity
-            return -1, -1, 0.0
-        return left, right, weight
-    if not (-1e-6 <= position <= nodes - 1 + 1e-6):
-        return -1, -1, 0.0
-    left = min(max(int(position), 0), nodes - 2)
-    return left, left + 1, min(max(position - left, 0.0), 1.0)
+    lower: Any
+    spacing: Any
+    shape: Any
+    periodic: Any
 
 
 @kernel()
-def corners(point, lower, spacing, shape, periodic, index, weight):
-    """Fill the 2^ndim flat node indices and weights around a point; return False where it is off the grid.
+def locate(coordinate, axis, lattice):
+    """(node at or left of a coordinate, weight of the node to its right); beyond a wall, those of the wall.
 
-    `index` (2^ndim,) int64 and `weight` (2^ndim,) float64 are modified in place.
+    Nodes of a periodic axis are to be taken modulo its shape.
+    """
+    position = (coordinate - lattice.lower[axis]) / lattice.spacing[axis]
+    if lattice.periodic[axis]:
+        left = int(np.floor(position))
+    else:
+        position = min(max(position, 0.0), lattice.shape[axis] - 1.0)
+        left = min(int(position), lattice.shape[axis] - 2)
+    return left, position - left
+
+
+@kernel()
+def on_grid(point, lattice):
+    """Whether a point (ndim,) is finite and within the walls."""
+    for axis in range(point.size):
+        position = (point[axis] - lattice.lower[axis]) / lattice.spacing[axis]
+        if not (abs(position) < FAR):
+            return False
+        if not lattice.periodic[axis] and not (-SLACK <= position <= lattice.shape[axis] - 1 + SLACK):
+            return False
+    return True
+
+
+@kernel()
+def corners(point, axes, lattice, tiny, index, weight):
+    """Flat indices and weights of the nodes around a point on the subgrid of `axes`; returns how many.
+
+    Nodes of no weight are left out; a weight below `tiny` is taken for rounding, the point for one on the other node.
+    `index` and `weight`, both (2^len(axes),), are modified in place.
     """
     index[0] = 0
     weight[0] = 1.0
     count = 1
-    for axis in range(point.size):
-        left, right, fraction = locate(point[axis], lower[axis], spacing[axis], shape[axis], periodic[axis])
-        if left < 0:
-            return False
+    for axis in axes:
+        nodes = lattice.shape[axis]
+        left, right = locate(point[axis], axis, lattice)
+        if right >= 1.0 - tiny:
+            left += 1
+            right = 0.0
+        elif right < tiny:
+            right = 0.0
+        here = left % nodes
+        there = (left + 1) % nodes
+        more = count
         for c in range(count):
-            index[count + c] = index[c] * shape[axis] + right
-            weight[count + c] = weight[c] * fraction
-            index[c] = index[c] * shape[axis] + left
-            weight[c] *= 1.0 - fraction
-        count *= 2
-    return True
+            start = index[c] * nodes
+            if right > 0.0:
+                index[more] = start + there
+                weight[more] = weight[c] * right
+                more += 1
+            index[c] = start + here
+            weight[c] *= 1.0 - right
+        count = more
+    return count
+
+
+@kernel()
+def weighted(values, row, index, weight, count):
+    """The interpolated `values[row]`, of values (rows, size), between the nodes that `corners` found."""
+    total = 0.0
+    for c in range(count):
+        total += weight[c] * values[row, index[c]]
+    return total
 
 
 @kernel(parallel=True)
-def interpolate(values, points, lower, spacing, shape, periodic):
-    """Interpolate flat grid `values` (size,) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
-    count = points.shape[0]
-    ndim = points.shape[1]
+def interpolate(values, points, lattice):
+    """Interpolate grid `values` (1, size) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
+    count, ndim = points.shape
     out = np.empty(count)
     chunk = 1024  # one pair of scratch rows for each chunk of points
     for block in prange((count + chunk - 1) // chunk):
         index = np.empty(1 << ndim, np.int64)
         weight = np.empty(1 << ndim)
+        axes = np.arange(ndim)
         start = np.int64(block) * chunk
         for m in range(start, min(start + chunk, count)):
-            if corners(points[m], lower, spacing, shape, periodic, index, weight):
-                total = 0.0
-                for c in range(index.size):
-                    if weight[c] > 0.0:  # an infinite value beside the point must not make a NaN
-                        total += weight[c] * values[index[c]]
-                out[m] = total
+            if on_grid(points[m], lattice):
+                out[m] = weighted(values, 0, index, weight, corners(points[m], axes, lattice, 0.0, index, weight))
             else:
                 out[m] = OUTSIDE
     return out

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
-import numpy as np
 from tqdm import tqdm
 
 from sdhj.checks import option
@@ -18,7 +17,6 @@ from sdhj.compiling import announced, hidden
 from sdhj.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.problem import ReachAvoidProblem
-from sdhj.projections import ProjectedGames, ProjectedSets, checked_subspaces
 from sdhj.recursion import GridSets, Sets, recursion
 from sdhj.schemes import DTYPES, Scheme
 from sdhj.table import Table
@@ -99,52 +97,12 @@ class HopfLax:
         return GridSets(problem, self.name, self.on, self.dtype, self.told)
 
 
-@dataclass(frozen=True)
-class Projected:
-    """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
-
-    Parameters
-    ----------
-    subspaces : sequence of sequence of int, optional
-        The axes that each subspace keeps; see `default_subspaces`. For the case studies by default the paper's
-        (0, 1, 2) and (0, 1, 3).
-    inner : HJI or HopfLax, optional
-        How the games on the subspaces are solved.
-    """
-
-    subspaces: Sequence[Sequence[int]] | None = None
-    inner: HJI | HopfLax = field(default_factory=HJI)
-    name: ClassVar[str] = "projected"
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {self.inner!r}")
-        if self.subspaces is None:
-            return
-        collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]
-        whole = all(
-            isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
-            for axes in collection
-        )
-        if not whole or any(isinstance(axis, bool | np.bool_) for axes in self.subspaces for axis in axes):
-            raise ValueError(
-                "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
-                f"[(0, 1, 2), (0, 1, 3)], got {self.subspaces!r}"
-            )
-        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in self.subspaces))
-
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        subspaces = checked_subspaces(problem, self.subspaces)
-        told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
-        dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
-
-        def games(problem: ReachAvoidProblem) -> ProjectedGames:
-            return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), subspaces)
-
-        return ProjectedSets(problem, self.name, games, dtype, told)
-
-
-METHODS: dict[str, Any] = {"hji": HJI, "projected": Projected, "lax": HopfLax, "certified": "sdhj.certified"}
+METHODS: dict[str, Any] = {  # by their short forms; named are those that are imported when they are asked for
+    "hji": HJI,
+    "lax": HopfLax,
+    "projected": ("sdhj.projections", "Projected"),
+    "certified": ("sdhj.certified", "Certified"),
+}
 
 
 def method_of(method: str | Method) -> Method:
@@ -156,9 +114,11 @@ def method_of(method: str | Method) -> Method:
         Where it is neither.
     """
     if isinstance(method, str) and method in METHODS:
-        made = METHODS[method]  # the proof is imported when it is asked for
-        return importlib.import_module(made).Certified() if isinstance(made, str) else made()
-    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)):
+        made = METHODS[method]
+        if isinstance(made, tuple):  # imported when it is asked for
+            made = getattr(importlib.import_module(made[0]), made[1])
+        return made()
+    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
         raise ValueError(
             f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
         )
@@ -192,9 +152,9 @@ def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress:
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     method, started = method_of(method), time.perf_counter()
     steps = problem.steps
-    total = steps if problem.timeless else steps * (steps + 1) // 2
     with announced(progress):
         sets = method.sets(problem, progress)
+        total = steps if sets.timeless else steps * (steps + 1) // 2
         with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-            recursion(sets, steps, timeless=problem.timeless, done=bar.update)
+            recursion(sets, steps, bar.update)
     return sets.finish({"seconds": time.perf_counter() - started})

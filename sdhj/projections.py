@@ -25,13 +25,15 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import get_num_threads, set_num_threads
 
 from sdhj.games import HJIGames, HopfLaxGames, Wall
 from sdhj.grid import FloatArray, Grid
+from sdhj.methods import HJI, HopfLax
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
 from sdhj.recursion import GridSets
 from sdhj.table import LookupTable
@@ -62,8 +64,11 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
     """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
     dynamics, count = problem.dynamics, len(problem.inputs)
     points = np.zeros((1, problem.grid.ndim)) if dynamics.stateless else problem.grid.points()
-    first = dynamics.drift_at(points, 0)
-    return np.any([(dynamics.drift_at(points, j) != first).any(axis=0) for j in range(count)], axis=0)
+    driven = np.zeros(problem.grid.ndim, np.bool_)
+    for t in problem.delta * (np.arange(problem.steps if dynamics.timed else 1) + 0.5):
+        first = dynamics.drift_at(points, 0, t)
+        driven |= np.any([(dynamics.drift_at(points, j, t) != first).any(axis=0) for j in range(count)], axis=0)
+    return driven
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
@@ -272,3 +277,48 @@ def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
     for piece, keep in zip(pieces[1:], axes[1:], strict=True):
         total = np.minimum(total, grid.lift(piece, keep))
     return np.ascontiguousarray(np.broadcast_to(total, grid.shape))
+
+
+@dataclass(frozen=True)
+class Projected:
+    """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
+
+    Parameters
+    ----------
+    subspaces : sequence of sequence of int, optional
+        The axes that each subspace keeps; see `default_subspaces`. For the case studies by default the paper's
+        (0, 1, 2) and (0, 1, 3).
+    inner : HJI or HopfLax, optional
+        How the games on the subspaces are solved.
+    """
+
+    subspaces: Sequence[Sequence[int]] | None = None
+    inner: HJI | HopfLax = field(default_factory=HJI)
+    name: ClassVar[str] = "projected"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
+            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {self.inner!r}")
+        if self.subspaces is None:
+            return
+        collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]
+        whole = all(
+            isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
+            for axes in collection
+        )
+        if not whole or any(isinstance(axis, bool | np.bool_) for axes in self.subspaces for axis in axes):
+            raise ValueError(
+                "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
+                f"[(0, 1, 2), (0, 1, 3)], got {self.subspaces!r}"
+            )
+        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in self.subspaces))
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
+        subspaces = checked_subspaces(problem, self.subspaces)
+        told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
+        dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
+
+        def games(problem: ReachAvoidProblem) -> ProjectedGames:
+            return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), subspaces)
+
+        return ProjectedSets(problem, self.name, games, dtype, told)

@@ -26,7 +26,12 @@ PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take 
 
 
 class Sets(Protocol):
-    """Every S_k with n steps to go, in some representation: what Theorem 2 asks of it."""
+    """Every S_k with n steps to go, in some representation: what Theorem 2 asks of it.
+
+    timeless : whether all rows are one, as nothing depends on time; the entry (k, n) then is the entry (0, n).
+    """
+
+    timeless: bool
 
     def goal(self, step: int) -> None:
         """Write the entry (step, 0): the target minus the unsafe sets."""
@@ -44,13 +49,12 @@ class Sets(Protocol):
         """The table of all entries; `details` tell how it came about."""
 
 
-def recursion(sets: Sets, steps: int, *, timeless: bool, done: Callable[[], Any]) -> None:
+def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
     """Fill all entries (Theorem 2): rows k from the last to the first, within a row one more step to go at a time.
 
-    Where nothing depends on time all rows are one, and the entry (k + 1, n - 1) is the entry (k, n - 1). A tube that
-    has stopped growing in row k + 1 has stopped in row k.
+    Where all rows are one, one is filled. A tube that has stopped growing in row k + 1 has stopped in row k.
     """
-    for step in (0,) if timeless else range(steps, -1, -1):
+    for step in (0,) if sets.timeless else range(steps, -1, -1):
         sets.goal(step)
         for within in range(1, steps - step + 1):
             if within >= 2 and sets.stopped(step + 1, within - 1):
@@ -223,6 +227,7 @@ class GridSets:
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
+        self.timeless = problem.timeless
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
         tubes = avoid_tubes(problem, games, self.games)
         self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already

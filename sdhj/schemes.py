@@ -8,36 +8,28 @@ optionally followed by Phi <- max(Phi, -g). Space is discretised by upwind diffe
 (first order; essentially non-oscillatory, Osher & Shu 1991), which one of two numerical Hamiltonians combines:
 
 * Where the adversary moves every axis on its own, the velocity set is a box, H(x, p) = sum_i max(a_i p_i, b_i p_i)
-  with a_i <= b_i the extreme velocities on axis i, and Godunov's flux is exact and cheap (`flux_coefficients`).
+  with a_i <= b_i the extreme velocities on axis i, and Godunov's flux is exact and cheap: each extreme velocity takes
+  its upwind difference, and standing still is allowed where a_i < 0 < b_i (a local maximum then stays).
 * Lax-Friedrichs: H((p- + p+) / 2) + sum_i alpha_i (p+_i - p-_i) / 2, with alpha_i(x) = max(|a_i|, |b_i|) the local
   bound on |dH / dp_i|: just enough dissipation to be monotone, and it works for coupled velocity sets too.
 
 Time is discretised by the total-variation-diminishing Runge-Kutta schemes of order 1, 2, 3 (Shu & Osher 1988).
 
-`sdhj.stages` does the work, on planes of the last two axes.
+`sdhj.stages` does the work, on planes of the last two axes; the differences and the numerical Hamiltonians are there.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from sdhj.compiling import choice
 from sdhj.grid import FloatArray, Grid
-from sdhj.stages import (
-    BLOCKS,
-    Layout,
-    from_planes,
-    stage_box_4d,
-    stage_constant,
-    stage_constant_4d,
-    stage_general,
-    to_planes,
-)
+from sdhj.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 
-FLUXES = ("godunov", "lax-friedrichs")
-ORDERS = (1, 2, 3)
+FLUXES, ORDERS = tuple(HAMILTONIANS), tuple(DIFFERENCES)
 INTEGRATORS = ("euler", "rk2", "rk3")
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
@@ -143,62 +135,26 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
     )
 
 
-def flux_coefficients(lower: FloatArray, upper: FloatArray, flux: str) -> FloatArray:
-    """The numerical Hamiltonian of one axis as data: max(c0 p- + c1 p+, c2 p- + c3 p+, c4), returned as (5, ...).
-
-    Both fluxes have this form for H(p) = max(a p, b p), a = lower <= b = upper (arrays of any shape).
-    Godunov, the exact solution of the Riemann problem: each extreme velocity takes its upwind difference, and standing
-    still is allowed where the velocity set holds zero (a local maximum then stays). Lax-Friedrichs: H of the mean
-    difference plus alpha (p+ - p-) / 2, alpha = max(|a|, |b|).
-    """
-    never = np.full_like(lower, -np.inf)
-    if flux == "godunov":
-        still = np.where((lower < 0) & (upper > 0), 0.0, never)
-        return np.stack([np.minimum(lower, 0), np.maximum(lower, 0), np.minimum(upper, 0), np.maximum(upper, 0), still])
-    alpha = np.maximum(np.abs(lower), np.abs(upper))
-    return np.stack([lower - alpha, lower + alpha, upper - alpha, upper + alpha, 2 * never]) / 2
-
-
-def reduced_flux(grid: Grid, velocities: Velocities, scheme: Scheme) -> tuple[Any, ...]:
-    """`flux_coefficients` of constant velocities in four dimensions, as `stage_constant_4d` needs them: fewer.
-
-    With axes mirrored so that velocities lean to the right, a + b >= 0, both fluxes are max(c0 p- + c1 p+, c3 p+, c4);
-    where c0 = 0 they need p+ alone.
-
-    Returns
-    -------
-    (4, 4) c0, c1, c3, c4 divided by dx, (4,) -1 where an axis is mirrored, else 1, both with the one-sided axes first;
-    and two tuples, the one-sided axes and the others.
-    """
-    mirrored = velocities.lower + velocities.upper < 0
-    lower = np.where(mirrored, -velocities.upper, velocities.lower)
-    upper = np.where(mirrored, -velocities.lower, velocities.upper)
-    flux = (flux_coefficients(lower, upper, scheme.flux) / np.array(grid.spacing)).T
-    one_sided, two_sided = np.flatnonzero(flux[:, 0] == 0), np.flatnonzero(flux[:, 0])
-    order = np.concatenate([one_sided, two_sided])
-    flux, sides = flux[order][:, [0, 1, 3, 4]].astype(scheme.dtype), np.where(mirrored, -1, 1)[order]
-    return flux, sides, tuple(one_sided.tolist()), tuple(two_sided.tolist())
-
-
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
     """The layout of a grid's functions for differences of some order."""
-    leading, ghosts = max(grid.ndim - 2, 0), order
+    leading, ghosts = max(grid.ndim - 2, 0), min(order, REACH)
     rows, nodes = (1, *grid.shape)[-2:]
     top = ghosts if grid.ndim > 1 else 0
     width = nodes + 2 * ghosts
-    strides = (width, 1) if grid.ndim > 1 else (1,)
-    coordinates = np.indices(grid.shape[:leading]).reshape(leading, int(np.prod(grid.shape[:leading])))
-    near = np.empty((coordinates.shape[1], leading, 2 * ghosts + 1), np.int64)
-    for axis in range(leading):
-        for o in range(2 * ghosts + 1):
-            there = coordinates.copy()
-            there[axis] = _neighbour(there[axis] + o - ghosts, grid, axis)
-            near[:, axis, o] = np.ravel_multi_index(tuple(there), grid.shape[:leading])
+    places = np.indices(grid.shape[:leading]).reshape(leading, int(np.prod(grid.shape[:leading])))
+    near = np.empty((places.shape[1], grid.ndim, 2, REACH), np.int64)
+    for axis, side, o in np.ndindex(near.shape[1:]):
+        shift, there = (2 * side - 1) * min(o + 1, ghosts), places.copy()  # a low order reads less than it is handed
+        if axis < leading:
+            there[axis] = _neighbour(there[axis] + shift, grid, axis)
+        plane = np.ravel_multi_index(tuple(there), grid.shape[:leading]) if leading else np.zeros(1, np.int64)
+        within = 0 if axis < leading else shift if axis == grid.ndim - 1 else shift * width
+        near[:, axis, side, o] = plane * (rows + 2 * top) * width + within
     source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
-    chunks = max(1, round(rows * width / RUN))
+    chunks = min(max(1, round(rows * width / RUN)), rows)
     return Layout(
-        near, source, np.array(strides), rows, top, nodes, width, ghosts, min(chunks, rows), grid.periodic[-1]
+        near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
     )
 
 
@@ -208,118 +164,113 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
     return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
 
 
-def _planes(layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """Arrange values (*grid.shape) as (planes, plane)."""
-    out = np.empty((layout.near.shape[0], (layout.rows + 2 * layout.top) * layout.width), dtype)
-    to_planes(np.ascontiguousarray(values).reshape(-1, layout.rows, layout.nodes), out, layout)
-    return out
+def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
+    """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
+    rows, planes = layout.rows + 2 * layout.top, layout.near.shape[0]
+    out = np.empty((planes, rows, layout.width), dtype)
+    to_planes(np.ascontiguousarray(values).reshape(planes, layout.rows, layout.nodes), out, layout)
+    return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
-def _field(layout: Layout, values: FloatArray, leading: int, dtype: str) -> FloatArray:
-    """Arrange a velocity field (leading..., *grid.shape) as (leading..., planes, plane); a constant one as one."""
+def _field(grid: Grid, layout: Layout, values: FloatArray, leading: int, dtype: str) -> FloatArray:
+    """Arrange a field (leading..., *grid.shape) as (leading..., planes, plane); a constant one as one plane."""
     plane = (layout.rows + 2 * layout.top) * layout.width
     if values.ndim == leading:
         return np.ascontiguousarray(np.broadcast_to(values[..., None, None], (*values.shape, 1, plane)), dtype)
     out = np.empty((*values.shape[:leading], layout.near.shape[0], plane), dtype)
     for place in np.ndindex(*values.shape[:leading]):  # none where the adversary has no components
-        out[place] = _planes(layout, values[place], dtype)
+        out[place] = _padded(grid, layout, values[place], dtype).reshape(out.shape[leading:])
     return out
 
 
-def _stage(grid: Grid, layout: Layout, velocities: Velocities, scheme: Scheme) -> Callable[..., None]:
-    """The kernel that fits the velocities, with all it reads of them: stage(phi, out, wall, dt, keep)."""
-    kind, fused = np.dtype(scheme.dtype).type, (grid.ndim, scheme.order) == (4, 2)
-    inverse = 1.0 / np.array(grid.spacing)
-    kernel: Any
-    reads: tuple[Any, ...]
-    if velocities.lower.ndim == 1 and not velocities.coupled:
-        if fused:
-            kernel, reads = stage_constant_4d, reduced_flux(grid, velocities, scheme)
-        else:
-            flux = flux_coefficients(velocities.lower, velocities.upper, scheme.flux) * inverse
-            flux = flux.T.astype(scheme.dtype, order="C")
-            kernel, reads = stage_constant, (flux, _scratch(layout, 1, scheme.dtype))
-    else:
-        none = np.empty((0, grid.ndim))
-        drift = none if velocities.drift is None else velocities.drift
-        gain = none[..., None] if velocities.gain is None else velocities.gain
-        parts = ((velocities.lower, 1), (velocities.upper, 1), (drift, 2), (gain, 3))
-        fields = [_field(layout, part, leading, scheme.dtype) for part, leading in parts]
-        inverse, godunov = inverse.astype(scheme.dtype), scheme.flux == "godunov"
-        if fused and not velocities.coupled:
-            kernel, reads = stage_box_4d, (*fields[:2], inverse, godunov)
-        else:
-            scratch = _scratch(layout, grid.ndim + 5, scheme.dtype)
-            kernel, reads = stage_general, (*fields, inverse, godunov, scratch)
-
-    def stage(phi: FloatArray, out: FloatArray, wall: FloatArray, dt: float, keep: float) -> None:
-        kernel(phi, out, wall, *reads, layout, kind(dt), kind(keep))
-
-    return stage
+def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
+    """Arrange velocities as `stage` reads them."""
+    spacing, box = np.array(grid.spacing), np.stack([velocities.lower, velocities.upper])
+    if velocities.drift is None and box.ndim == 2:
+        return ((box / spacing).ravel().astype(dtype),)
+    terms = [(box, 2)]
+    if velocities.drift is not None and velocities.gain is not None:
+        terms += [(velocities.drift, 2), (velocities.gain, 3)]
+    fields = [_field(grid, layout, values, leading, dtype) for values, leading in terms]
+    return fields[0].ravel(), (1.0 / spacing).astype(dtype), *fields[1:]
 
 
-def _scratch(layout: Layout, rows: int, dtype: str) -> FloatArray:
-    """Room for every block of a stage to work in: (blocks, rows, longest run)."""
-    blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
-    return np.empty((blocks, rows, -(-layout.rows // layout.chunks) * layout.width), dtype)
+Given = TypeVar("Given")
+Arranged = TypeVar("Arranged")
+
+
+def _over_time(
+    given: Given | Callable[[float], Given], arrange: Callable[[Given], Arranged]
+) -> Callable[[float], Arranged]:
+    """What is given, or given as a function of tau, arranged: a function of tau that remembers the last."""
+    if callable(given):
+        return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
+    arranged = arrange(given)
+    return lambda tau: arranged
 
 
 def evolve(
     grid: Grid,
     values: FloatArray,
-    velocities: Velocities,
+    velocities: Velocities | Callable[[float], Velocities],
     duration: float,
     scheme: Scheme,
     *,
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """Solve d Phi / d tau = H(x, D Phi), Phi(tau = 0) = values, with Phi >= obstacle if one is given.
+    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(tau = 0) = values, with Phi >= obstacle if one is given.
 
     Parameters
     ----------
     values : (shape) array
         Level-set function at the end of the sampling interval.
-    velocities : Velocities
+    velocities : Velocities, or callable tau -> Velocities
+        tau counted back from the interval's end.
     duration : float
         Length of the interval, s.
     obstacle : (shape) array, or callable tau -> (shape) array, optional
-        Phi is kept above it at every stage: -g for an avoid game (App. A.3), tau counted back from the interval's end.
+        Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
         Number of time steps; by default what the CFL condition asks for.
 
     Returns
     -------
     (shape) array of the scheme's dtype
+
+    Raises
+    ------
+    ValueError
+        Where velocities depend on time and `steps` is not given, or is more than `MOST_STEPS`.
     """
-    steps = velocities.steps(grid, duration, scheme.cfl) if steps is None else steps
-    dt = duration / max(steps, 1)
-    layout = layout_of(grid, scheme.order)
-
-    def wall(tau: float) -> FloatArray:
-        if obstacle is None:
-            return np.empty((0, 0), scheme.dtype)
-        return _planes(layout, np.asarray(obstacle(tau) if callable(obstacle) else obstacle), scheme.dtype)
-
-    phi, held = _planes(layout, np.asarray(values), scheme.dtype), wall(0.0)
-    if held.size:
-        np.maximum(phi, held, out=phi)
-    stages, seen = STAGES[scheme.integrator], 0.0
+    if steps is None:
+        if callable(velocities):
+            raise ValueError("velocities that depend on time need `steps`: as many as the fastest of them ask for")
+        steps = velocities.steps(grid, duration, scheme.cfl)
+    dtype, dt, layout = np.dtype(scheme.dtype).type, duration / max(steps, 1), layout_of(grid, scheme.order)
+    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
+    wall = _over_time(
+        obstacle,
+        lambda g: np.empty((0,) * grid.ndim, dtype) if g is None else _padded(grid, layout, g, scheme.dtype),
+    )
+    terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
+    phi = _padded(grid, layout, np.asarray(values), scheme.dtype)
+    if obstacle is not None:
+        np.maximum(phi, wall(0.0), out=phi)
+    stages = STAGES[scheme.integrator]
     work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
-    stage = _stage(grid, layout, velocities, scheme)
     for step in range(steps):
-        source = phi
+        source, now = phi, step * dt
         for number, (keep, reached) in enumerate(stages, 1):
-            tau = (step + reached) * dt
-            if callable(obstacle) and tau != seen:
-                held, seen = wall(tau), tau
             out = phi if number == len(stages) > 1 else spare if source is work else work
             if keep and out is not phi:
                 np.copyto(out, phi)
-            stage(source, out, held, dt, keep)
-            source = out
+            then = (step + reached) * dt
+            stage(source, out, wall(then), terms(now), order, flux, layout, (dtype(dt), dtype(keep)))
+            source, now = out, then
         if source is not phi:
             phi, work = work, phi
     inner = work.ravel()[: grid.size]  # no longer needed: fresh memory would cost a tenth of a solve
-    from_planes(phi, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
     return inner.reshape(grid.shape)

@@ -1,31 +1,124 @@
-"""The look-up table of Fig. 8: every S_k^i and which inputs are guaranteed where, in memory and on disk."""
+"""What a solved problem answers, whatever its method, and the look-up table of Fig. 8 that most methods make.
 
-import hashlib
+A state off the grid is in a tube where the interpolated level-set function is <= 0. Looking ahead from it, the *margin*
+of u_j is the largest interpolated value of the tube S_{k+1}, with n - 1 to go, over the box of all states that u_j and
+any adversary can lead to. Inputs are safe by the first of these tests that any input passes:
+
+1. every node of the cell around q marks u_j in the look-up table, and its margin is <= 0;
+2. the interpolated avoid tube of u_j at q and its margin are <= 0;
+3. next to the boundary of a tube no input may pass either. What is then called safe is the best there is, without the
+   promise: of the inputs that every node of the cell marks, or of all where none is, the one whose larger of the two is
+   least. Its margin is > 0, and `Batch.promised` is False.
+
+Where the adversary couples axes the box is larger than what it can bring about, and the promise is given more rarely.
+The look-ahead loses fewer runs than the marks of the nodes alone, and the marks keep inputs that would only graze an
+obstacle from the rules that do not ask for depth. The certified method has a guarantee instead.
+"""
+
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
 
 import h5py
 import numpy as np
 
-import sdhj
+from sdhj.batches import share_out
 from sdhj.checks import whole
-from sdhj.files import replaced_whole
+from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
+from sdhj.lookup import Reach, Shelf, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
 
-FORMAT = "sdhj look-up table"
-FORMAT_VERSION = 1
-BLOCK = 1 << 24  # bytes by which a file grows in memory
-CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
+NOT_ADMISSIBLE = -1
 
 
-class TableFileError(ValueError):
-    """A file that is not a whole look-up table of a known version."""
+@dataclass(frozen=True)
+class Batch:
+    """What a table answers for many states at one step.
+
+    Attributes
+    ----------
+    states : (M, ndim) array
+    step : int
+    steps_to_go : (M,) int array
+        Fewest steps in which the target is reached safely; -1 where a state is not admissible.
+    safe : (M, L) bool array
+        Which inputs are safe; none where a state is not admissible and at the last step.
+    margins : (M, L) array
+        The margin of every input; where nothing is promised also at least its avoid tube. +inf where a state is not
+        admissible and at the last step.
+    """
+
+    states: FloatArray
+    step: int
+    steps_to_go: FloatArray
+    safe: FloatArray
+    margins: FloatArray
+
+    @property
+    def promised(self) -> FloatArray:
+        """Where the inputs called safe keep what the tube promises, up to interpolation: (M,) bool.
+
+        Elsewhere the one input called safe is the best of those that fail the look-ahead, or there is none.
+        """
+        return np.logical_or.reduce(self.safe & (self.margins <= 0.0), axis=1)
+
+
+class Table(Protocol):
+    """What a solved problem answers: `sdhj.solve` and `sdhj.load` return one, `sdhj.Controller` plays any.
+
+    Sets, inputs and states are asked for as of a `LookupTable`, whose docstrings say what each answer is.
+    """
+
+    @property
+    def problem(self) -> ReachAvoidProblem: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def details(self) -> Mapping[str, Any]: ...
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def nbytes(self) -> int: ...
+    def values(self, *, start: int, within: int) -> FloatArray: ...
+    def inputs(self, *, start: int, within: int) -> FloatArray: ...
+    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray: ...
+    def fraction(self, *, start: int, within: int) -> float: ...
+    def batch(self, states: FloatArray, step: int) -> Batch: ...
+    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray: ...
+    def save(self, path: str | os.PathLike[str]) -> None: ...
+
+
+def batched(
+    problem: ReachAvoidProblem, states: FloatArray, step: int, answer: Callable[[Batch, FloatArray], None]
+) -> Batch:
+    """The batch of states (M, ndim) at a step, checked, that `answer(batch, rows)` fills in on all cores."""
+    grid, step = problem.grid, whole("step", step, least=0, most=problem.steps)
+    states = np.array(states, dtype=np.float64, order="C")  # a copy: rules look at it later
+    if states.ndim != 2 or states.shape[1] != grid.ndim:
+        raise ValueError(f"states must have shape (M, {grid.ndim}), got {states.shape}")
+    if not np.isfinite(states).all():
+        bad = states[~np.isfinite(states).all(axis=1)][0]
+        raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
+    count, shape = len(states), (len(states), len(problem.inputs))
+    batch = Batch(states, step, np.empty(count, np.int64), np.empty(shape, np.bool_), np.empty(shape))
+    share_out(grid, states, lambda rows: answer(batch, rows))
+    return batch
+
+
+def in_a_line(table: Table) -> str:
+    """One line on a table of any method: what was solved, how, and the share of the grid that it holds."""
+    problem, nodes = table.problem, " x ".join(map(str, table.grid.shape))
+    return (
+        f"<{type(table).__name__} of {problem.name!r}, method {table.method!r}: {nodes} nodes, "
+        f"{len(problem.inputs)} inputs, {table.steps} steps of {problem.delta:g} s; "
+        f"{table.fraction(start=0, within=table.steps):.1%} of the grid's volume within all of them>"
+    )
 
 
 @dataclass(frozen=True)
@@ -41,61 +134,88 @@ class AvoidTubes:
     moving_axes: tuple[int, ...]
     moving: FloatArray
 
-    def lifted(self, grid: Grid, step: int, j: int) -> FloatArray:
-        """The tube of u_j over the interval from `step`, on the whole grid."""
-        both = np.maximum(
-            grid.lift(self.static[j], self.static_axes), grid.lift(self.moving[step, j], self.moving_axes)
-        )
-        return np.ascontiguousarray(np.broadcast_to(both, grid.shape))
-
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Place of (start, within) in the stacked arrays: rows of Fig. 8 one after the other."""
+    """Place of (start, within) in a stack of them all: rows of Fig. 8 one after the other."""
     return start * (steps + 1) - start * (start - 1) // 2 + within
+
+
+def entries(steps: int) -> FloatArray:
+    """Every (start, within), in the order of `entry`: (entries, 2) int64."""
+    return np.array([(start, within) for start in range(steps + 1) for within in range(steps - start + 1)])
 
 
 @dataclass(frozen=True)
 class LookupTable:
     """Every reach-avoid tube S_k^i, with n = N - i steps to go written `within`, and the inputs that realise it.
 
-    Made by `sdhj.solve` or `sdhj.load`. `details` says how it was computed.
+    Made by `sdhj.solve` or `sdhj.load`. Tubes that are equal are stored once.
+
+    Attributes
+    ----------
+    index : (entries,) int64
+        For each (start, within), in the order of `entry`, which of the T stored tubes it is.
+    tubes : (T, *grid.shape)
+    masks : (T, bytes, size) uint8
+        Bit j % 8 of byte j // 8 stands for u_j.
+    avoid : AvoidTubes
+    details : mapping
+        How it was computed.
     """
 
     problem: ReachAvoidProblem
     method: str
-    tubes: FloatArray  # (entries, *grid.shape)
-    masks: FloatArray  # (entries, bytes, size) uint8, bit j % 8 of byte j // 8 stands for u_j
+    index: FloatArray
+    tubes: FloatArray
+    masks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
 
     def __repr__(self) -> str:
         return in_a_line(self)
 
+    # ---- filling it in
+
     @classmethod
-    def empty(
-        cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes
-    ) -> "LookupTable":
-        """A table with room for everything and nothing filled in."""
-        entries = entry(problem.steps, problem.steps, 0) + 1
-        tubes = np.empty((entries, *problem.grid.shape), dtype)
-        masks = np.zeros((entries, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
-        return cls(problem, method, tubes, masks, avoid, {})
+    def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
+        """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
+
+        There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
+        takes no memory.
+        """
+        start, index = entries(problem.steps).T.copy()
+        if not problem.timeless:  # one behind the other as they are filled in
+            index += (problem.steps - start) * (problem.steps - start + 1) // 2
+        room = cls.rooms(problem)
+        tubes = np.empty((room, *problem.grid.shape), dtype)
+        masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
+        return cls(problem, method, index, tubes, masks, avoid, {})
 
     @staticmethod
-    def rooms(problem): return entry(problem.steps, problem.steps, 0) + 1
-    def share(self, k, n):
-        self.value_array(k, n)[:] = self.value_array(k, n-1)
-        self.mask_array(k, n)[:] = self.mask_array(k, n-1)
-    def finish(self, details):
-        self.details.update(details)
-        if self.problem.timeless:
-            for k in range(1, self.steps+1):
-                for n in range(self.steps-k+1):
-                    self.value_array(k, n)[:] = self.value_array(0, n)
-                    self.mask_array(k, n)[:] = self.mask_array(0, n)
-        return self
-    def values_at(self, points, step, within):
-        return self._c.tube_values(points, step, within)
+    def rooms(problem: ReachAvoidProblem) -> int:
+        """T, how many tubes there are at most."""
+        return problem.steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
+
+    def value_array(self, start: int, within: int) -> FloatArray:
+        """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
+        return self.tubes[self.index[self.entry(start, within)]]
+
+    def mask_array(self, start: int, within: int) -> FloatArray:
+        """Where the marks of its inputs stand, (bytes, size); to be written likewise."""
+        return self.masks[self.index[self.entry(start, within)]]
+
+    def share(self, start: int, within: int) -> None:
+        """Make (start, within) the tube (start, within - 1), marks included; what comes later moves up by one place."""
+        place = self.index[self.entry(start, within)]
+        if place != self.index[self.entry(start, within - 1)]:
+            self.index[self.index >= place] -= 1
+
+    def finish(self, details: Mapping[str, Any]) -> "LookupTable":
+        """The table without the room that was not needed."""
+        stored = int(self.index.max()) + 1
+        return replace(self, tubes=self.tubes[:stored], masks=self.masks[:stored], details=details)
+
+    # ---- what it says of the grid
 
     @property
     def grid(self) -> Grid:
@@ -106,15 +226,9 @@ class LookupTable:
         return self.problem.steps
 
     def entry(self, start: int, within: int) -> int:
-        """Checked place of (start, within); `within` beyond N - start means N - start."""
+        """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""
         start = whole("start", start, least=0, most=self.steps)
         return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
-
-    def value_array(self, start: int, within: int) -> FloatArray:
-        return self.tubes[self.entry(start, within)]
-
-    def mask_array(self, start: int, within: int) -> FloatArray:
-        return self.masks[self.entry(start, within)]
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Level-set function of the states that reach the target within `within` steps from step `start`.
@@ -151,103 +265,96 @@ class LookupTable:
         """Bytes that the tubes and masks take in memory."""
         return int(self.tubes.nbytes + self.masks.nbytes)
 
-    def _checksum(self) -> str:
-        """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
-        axes = [self.avoid.static_axes, self.avoid.moving_axes]
-        told = json.dumps(
-            [self.method, self.problem.digest, dict(self.problem.recipe), dict(self.details), axes], sort_keys=True
-        )
-        h = hashlib.sha256(told.encode())
-        for array in (self.tubes, self.masks, self.avoid.static, self.avoid.moving):
-            h.update(repr((array.dtype.str, array.shape)).encode())
-            h.update(np.ascontiguousarray(array).data)
-        return h.hexdigest()
+    # ---- what it says of states between the nodes
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an HDF5 file that describes itself; an older file of that name is replaced only by a whole new one.
+    def batch(self, states: FloatArray, step: int) -> Batch:
+        """Steps to go, safe inputs and margins of states (M, ndim) at one step, on all cores.
 
         Raises
         ------
-        OSError
-            Where the folder does not exist or cannot be written.
+        ValueError
+            Where a state is NaN or infinite, or shape or step do not fit.
         """
-        with written_whole(path) as file:
-            self._write(file)
+        return batched(self.problem, states, step, self._answer)
 
-    def _write(self, file: h5py.File) -> None:
-        grid = self.grid
-        file_header(file, self.problem, self.method, self.details)
-        packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-        file["entries"] = np.array([(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)])
-        file["entries"].attrs["columns"] = ["start", "within"]
-        file.attrs["checksum"] = self._checksum()
-        file.create_dataset("tubes", data=self.tubes, chunks=(1, *grid.shape), **packing)
-        file.create_dataset("masks", data=self.masks, chunks=(1, 1, grid.size), **packing)
-        for name in ("static", "moving"):
-            array = getattr(self.avoid, name)
-            data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **packing)
-            data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
+    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Interpolated level-set values at points (M, V, ndim) of the tubes (step, within[m]): (M, V).
+
+        Beyond a wall, that at the wall. `within` (M,) is clipped to what there is, 0 to N - step.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        first, within = self.entry(step, 0), np.clip(within, 0, self.steps - step)
+        if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
+            raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")
+        out = np.empty(points.shape[:2])
+        tube_values(points, self.index[first + within], self._shelf.tubes, self.grid.arrays, out)
+        return out
+
+    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+        out = (batch.steps_to_go, batch.safe, batch.margins)
+        if self._shared:
+            reach = self._shared[min(batch.step, len(self._shared) - 1)]
+        else:
+            reach = self._boxes(batch.states[rows], batch.step)
+        decide(batch.states, rows, batch.step, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
+
+    @cached_property
+    def _shelf(self) -> Shelf:
+        avoid, inputs = self.avoid, len(self.problem.inputs)
+        static, moving = avoid.static.reshape(inputs, -1), avoid.moving.reshape(self.steps * inputs, -1)
+        axes = [np.array(axes, dtype=np.int64) for axes in (avoid.static_axes, avoid.moving_axes)]
+        tubes = self.tubes.reshape(len(self.tubes), -1)
+        return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
+
+    @cached_property
+    def _shared(self) -> list[Reach]:
+        """The boxes of each step, of one where all are alike; none where they depend on the state."""
+        dynamics, states = self.problem.dynamics, np.zeros((1, self.grid.ndim))
+        steps = range(self.steps if dynamics.timed else 1)
+        return [self._boxes(states, step) for step in steps] if dynamics.stateless else []
+
+    def _boxes(self, states: FloatArray, step: int) -> Reach:
+        """The axes with the fewest different intervals go first, as in `sdhj.hopf_lax`."""
+        low, high = self.problem.interval(step).reachable(states)
+        lowest, highest = low.min(axis=1), high.max(axis=1)
+        cells = np.ceil((highest - lowest) / self.grid.spacing + 1e-6) + 2  # that it can touch, and one node more
+        order = np.arange(self.grid.ndim)
+        if self.problem.dynamics.stateless:
+            different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
+            order = np.argsort(different, kind="stable")
+        return Reach(low, high, lowest, highest, order, int(cells.prod(axis=1).max()))
+
+    # ---- on disk
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
+        with written_table(path, self) as file:
+            file["entries"] = entries(self.steps)
+            file["entries"].attrs["columns"] = ["start", "within"]
+            file["index"] = self.index
+            file.attrs["checksum"] = self._checksum()
+            file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **PACKING)
+            file.create_dataset("masks", data=self.masks, chunks=(1, 1, self.grid.size), **PACKING)
+            for name in ("static", "moving"):
+                array = getattr(self.avoid, name)
+                data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **PACKING)
+                data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
     @classmethod
-    def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "LookupTable":
-        """The table in an open file of this problem; TableFileError where it is damaged."""
+    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
+        """The table in an open file of this problem; ValueError where it is damaged."""
         axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
         avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
-        tubes, masks = file["tubes"][()], file["masks"][()]
-        entries = entry(problem.steps, problem.steps, 0) + 1
-        if tubes.shape != (entries, *problem.grid.shape) or masks.shape[0::2] != (entries, problem.grid.size):
-            raise TableFileError(f"{path} is damaged: its arrays do not fit its grid and steps; solve it anew")
-        table = cls(problem, str(file.attrs["method"]), tubes, masks, avoid, json.loads(file.attrs["details"]))
+        index, tubes, masks = (file[name][()] for name in ("index", "tubes", "masks"))
+        details = json.loads(file.attrs["details"])
+        table = cls(problem, str(file.attrs["method"]), index, tubes, masks, avoid, details)
         if table._checksum() != file.attrs["checksum"]:
-            raise TableFileError(
-                f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
-            )
+            raise ValueError("its contents do not have the checksum they were written with")
         return table
 
-
-def in_a_line(table: Any) -> str:
-    """One line on a table of any method: what was solved, how, and the share of the grid that it holds."""
-    problem, nodes = table.problem, " x ".join(map(str, table.grid.shape))
-    return (
-        f"<{type(table).__name__} of {problem.name!r}, method {table.method!r}: {nodes} nodes, "
-        f"{len(problem.inputs)} inputs, {table.steps} steps of {problem.delta:g} s; "
-        f"{table.fraction(start=0, within=table.steps):.1%} of the grid's volume within all of them>"
-    )
-
-
-@contextmanager
-def written_whole(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """An HDF5 file that is made in memory and put on disk at the end: the HDF5 library does not survive a full disk."""
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=BLOCK) as file:
-        yield file
-        file.flush()
-        image = file.id.get_file_image()
-    with replaced_whole(path) as temporary:
-        try:
-            temporary.write_bytes(image)
-        except OSError as error:
-            raise OSError(f"cannot write {path}: {error.strerror}; free {len(image) / 1e6:.0f} MB") from error
-
-
-def file_header(file: h5py.File, problem: ReachAvoidProblem, method: str, details: Mapping[str, Any]) -> None:
-    """What every file says of itself: format, versions, conventions, and the problem in full."""
-    file.attrs.update(
-        format=FORMAT,
-        format_version=FORMAT_VERSION,
-        sdhj_version=sdhj.__version__,
-        convention=CONVENTION,
-        problem=problem.name,
-        digest=problem.digest,
-        recipe=json.dumps(dict(problem.recipe), sort_keys=True),
-        method=method,
-        details=json.dumps(dict(details), sort_keys=True),
-        delta=problem.delta,
-        steps=problem.steps,
-        view_time=problem.view_time,
-    )
-    grid = problem.grid
-    layout = file.create_group("grid")
-    layout.attrs.update(lower=grid.lower, upper=grid.upper, shape=grid.shape, periodic=grid.periodic, names=grid.names)
-    file["inputs"] = problem.inputs
-
-Table = LookupTable
+    def _checksum(self) -> str:
+        """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
+        problem, avoid = self.problem, self.avoid
+        told = self.method, problem.digest, dict(problem.recipe), dict(self.details)
+        axes = avoid.static_axes, avoid.moving_axes
+        return checksum([told, axes], self.index, self.tubes, self.masks, avoid.static, avoid.moving)

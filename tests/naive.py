@@ -148,7 +148,7 @@ def maximum_over_interval(line, low, high, periodic):
 
 
 def recursion(goals, reach, avoid):
-    """Algorithm 1, k <= i: goals[k]; reach(values) -> list of L; avoid[k][j]. Returns tubes[k, n], marks[k, n, j]."""
+    """Algorithm 1, k <= i: goals[k]; reach(values, k) -> list of L; avoid[k][j]. Gives tubes[k, n], marks[k, n, j]."""
     steps = len(goals) - 1
     tubes, marks = {}, {}
     for i in range(steps, -1, -1):
@@ -158,9 +158,83 @@ def recursion(goals, reach, avoid):
                 tubes[k, 0] = goals[k]
                 continue
             tube = tubes[k, n - 1]
-            for j, values in enumerate(reach(tubes[k + 1, n - 1])):
+            for j, values in enumerate(reach(tubes[k + 1, n - 1], k)):
                 both = np.maximum(values, avoid[k][j])
                 marks[k, n, j] = both <= 0
                 tube = np.minimum(tube, both)
             tubes[k, n] = tube
     return tubes, marks
+
+
+# ---- games on one axis in closed form: dx = f(t) + b(t) v, |v| <= c(t); sets are lists of disjoint intervals (a, b)
+
+
+def displacements(velocity, begin, end, parts=1000):
+    """Integral of velocity(t) from `begin` to every `parts`-th of the way to `end`, by Simpson's rule: parts + 1."""
+    h, total, found = (end - begin) / parts, 0.0, [0.0]
+    for part in range(parts):
+        t = begin + part * h
+        total += h / 6 * (velocity(t) + 4 * velocity(t + h / 2) + velocity(t + h))
+        found.append(total)
+    return found
+
+
+def united(intervals):
+    """The union of intervals as disjoint ones, ascending."""
+    merged = []
+    for a, b in sorted(intervals):
+        if merged and a <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(b, merged[-1][1]))
+        else:
+            merged.append((a, b))
+    return merged
+
+
+def interval_game(goals, low, high, wall):
+    """Theorem 2 with intervals: goals[k] a list of them; low[k][j], high[k][j] the extreme displacements under u_j at
+    some times from step k to step k + 1, and wall[k] where the wall is: unsafe is x >= wall. Returns tubes[k, n] and
+    marked[k, n, j], both lists of intervals.
+
+    All x from which u_j leads into (a, b) whatever the adversary does: x + low > a and x + high < b at the end; and
+    clear of the wall: x + high < wall at all times.
+    """
+    steps = len(goals) - 1
+    tubes, marked = {}, {}
+    for k in range(steps, -1, -1):
+        now = wall[k][0] if k < steps else wall[k - 1][-1]
+        tubes[k, 0] = united((a, min(b, now)) for a, b in goals[k] if a < now)
+        for n in range(1, steps - k + 1):
+            union = list(tubes[k, n - 1])
+            for j in range(len(low[k])):
+                clear = min(there - move for there, move in zip(wall[k], high[k][j], strict=True))
+                moved = [(a - low[k][j][-1], min(b - high[k][j][-1], clear)) for a, b in tubes[k + 1, n - 1]]
+                marked[k, n, j] = [(a, b) for a, b in moved if a < b]
+                union += marked[k, n, j]
+            tubes[k, n] = united(union)
+    return tubes, marked
+
+
+def depth(intervals, x):
+    """How far inside a union of intervals x is; negative outside."""
+    return max((min(x - a, b - x) for a, b in intervals), default=-math.inf)
+
+
+def lattice_game(goals, low, high):
+    """Theorem 2 on a torus of nodes: values goals[k] (*shape); under u_j the state moves by any whole number of nodes
+    from low[k][j] to high[k][j] on each axis. Returns tubes[k, n]."""
+    steps, shape = len(goals) - 1, goals[0].shape
+    tubes = {}
+    for k in range(steps, -1, -1):
+        tubes[k, 0] = goals[k]
+        for n in range(1, steps - k + 1):
+            tube, later = np.array(tubes[k, n - 1]), tubes[k + 1, n - 1]
+            for index in itertools.product(*(range(size) for size in shape)):
+                for below, above in zip(low[k], high[k], strict=True):
+                    ends = itertools.product(*(range(a, b + 1) for a, b in zip(below, above, strict=True)))
+                    worst = max(
+                        later[tuple((i + move) % size for i, move, size in zip(index, end, shape, strict=True))]
+                        for end in ends
+                    )
+                    tube[index] = min(tube[index], worst)
+            tubes[k, n] = tube
+    return tubes

@@ -87,3 +87,15 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid):
     both = [max(margin, h) for margin, h in zip(margins, hazard, strict=True)]
     least = min((not marked[j], both[j], j) for j in inputs)
     return to_go, [least[2]], both
+
+
+def best(safe, scores, margins):
+    """The input of least score in each row, of equals the one of least margin, then the first; -1 where none is safe.
+
+    safe, margins: (M, L); scores: one for each safe pair, row after row.
+    """
+    scores, chosen = iter(scores), []
+    for row, margin in zip(safe, margins, strict=True):
+        ranked = [(next(scores), margin[j], j) for j in range(len(row)) if row[j]]
+        chosen.append(min(ranked)[2] if ranked else -1)
+    return chosen

@@ -1,4 +1,4 @@
-"""Slow twins of the projected method's kernels and of what it does to velocities. Imports nothing from sdhj."""
+"""Slow twins of what the projected method does to sets and velocities. Imports nothing from sdhj."""
 
 import itertools
 
@@ -10,26 +10,12 @@ def pick(index, axes):
     return tuple(index[axis] for axis in axes)
 
 
-def unite_row(shape, first, reach, subspaces, walls):
-    """Tubes (n + 1, *shape) and membership (n + 1, L, *shape) of one row k of the recursion, node by node.
-
-    first (*shape); reach[n][s][j], the reach set of u_j on subspace s; walls, a list of (axes, values[j]).
-    """
-    steps, count = len(reach), len(reach[0][0])
-    tubes = np.empty((steps + 1, *shape))
-    member = np.zeros((steps + 1, count, *shape), dtype=bool)
-    tubes[0] = first
+def intersection(shape, reach, walls):
+    """max of a function (*shape) and of walls, a list of (axes, values on their subgrid), node by node."""
+    both = np.empty(shape)
     for index in itertools.product(*(range(n) for n in shape)):
-        for n in range(steps):
-            best = tubes[n][index]
-            for j in range(count):
-                value = min(reach[n][s][j][pick(index, axes)] for s, axes in enumerate(subspaces))  # union
-                for axes, wall in walls:
-                    value = max(value, wall[j][pick(index, axes)])  # intersection
-                member[n + 1, j][index] = value <= 0
-                best = min(best, value)
-            tubes[n + 1][index] = best
-    return tubes, member
+        both[index] = max(reach[index], *(wall[pick(index, axes)] for axes, wall in walls))
+    return both
 
 
 def inner_projection(values, axes):

@@ -11,10 +11,10 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.controller import CHUNK, RULES, Controller
-from sdhj.motion import reachable_boxes
+from sdhj.batches import CHUNK, take_best
+from sdhj.controller import RULES, Candidates, Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import AvoidTubes, LookupTable
+from sdhj.table import AvoidTubes, Batch, LookupTable, batched
 
 DOUBLE = sdhj.Scheme(dtype="float64")
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
@@ -22,8 +22,8 @@ FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
 def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
     """With linear interpolation "lax" is the operator the controller looks ahead with, and exact on the interval."""
-    options = {"interpolation": "linear"} if method == "lax" else {}
-    return sdhj.solve(problem, method=method, scheme=DOUBLE, progress=False, **options)
+    chosen = sdhj.HopfLax("linear", "float64") if method == "lax" else sdhj.HJI(DOUBLE)
+    return sdhj.solve(problem, chosen, progress=False)
 
 
 @cache
@@ -123,7 +123,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
     problem = replace(problem, dynamics=replace(problem.dynamics, bounds=np.full(2, bounds)))
-    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng), {})
+    table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng))
     for step in range(3):
         for n in range(3 - step):
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
@@ -235,9 +235,20 @@ def test_closed_form_on_an_interval() -> None:
     assert controller.safe_inputs([0.7], 0).tolist() == [0, 1]
 
 
+def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -> None:
+    """|v| <= 0.4 t: in step k, half a second long, it moves the state by 0.05 (2 k + 1); from q = 0 to |q| <= 1."""
+    problem = toys.interval_problem(steps=4, unsafe=False)
+    timed = replace(problem.dynamics, bounds=lambda t: np.array([0.4 * t]))
+    controller = Controller(solved(replace(problem, dynamics=timed)))
+    for step in (2, 0, 3, 1):
+        margins = controller.batch(np.array([[0.0]]), step).margins[0]
+        spread = 0.05 * (2 * step + 1)
+        np.testing.assert_allclose(margins, [spread - 0.5, spread - 1.0, spread - 0.5], rtol=0, atol=1e-12)
+
+
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:
     problem = toys.interval_problem()
-    low, high = reachable_boxes(problem, np.zeros((7, 1)))
+    low, high = problem.interval(0).reachable(np.zeros((7, 1)))
     np.testing.assert_allclose(low[..., 0], [[-0.6, -0.1, 0.4]], rtol=0, atol=1e-15)
     np.testing.assert_allclose(high[..., 0], [[-0.4, 0.1, 0.6]], rtol=0, atol=1e-15)
 
@@ -287,6 +298,37 @@ def test_a_query_may_run_beside_a_solve(tables: dict[str, LookupTable], rng: np.
     assert beside > 0
 
 
+class Halves:
+    """A table of one's own, not one of the library's: |q| <= 1 is the target, two steps to go are enough elsewhere."""
+
+    method, details, nbytes = "halves", {}, 0
+    problem, grid, steps = FREE, FREE.grid, FREE.steps
+
+    def batch(self, states: np.ndarray, step: int) -> Batch:
+        def answer(batch: Batch, rows: np.ndarray) -> None:
+            q = batch.states[rows, 0]
+            batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
+            batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
+            batch.margins[rows] = -1.0
+
+        return batched(self.problem, states, step, answer)
+
+    def values_at(self, points: np.ndarray, step: int, within: np.ndarray) -> np.ndarray:
+        return points[..., 0] - 3.0 + 0.0 * within[:, None]
+
+
+def test_whatever_answers_is_a_table() -> None:
+    controller = Controller(Halves(), "effort")  # type: ignore[arg-type]
+    assert controller.steps_to_go([2.0], 0) == 2 and controller.steps_to_go([3.5], 0) is None
+    assert controller.safe_inputs([2.0], 0).tolist() == [0] and controller.safe_inputs([-2.0], 0).tolist() == [2]
+    assert controller.select([-0.5], 0) == 1
+    with pytest.raises(sdhj.NotAdmissible, match=r"value there is 0\.5 > 0"):
+        controller.select([3.5], 0)
+    many = controller.batch(np.linspace(-4.0, 4.0, 3 * CHUNK)[:, None], 0)  # in parts, in another order
+    assert many.steps_to_go.tolist() == [-1 if q >= 3 else 0 if abs(q) <= 1 else 2 for q in many.states[:, 0]]
+    assert sdhj.monte_carlo(controller, 100, "none", progress=False).runs == 100
+
+
 # ---- rules
 
 
@@ -312,7 +354,7 @@ def test_rules_take_the_best_of_the_safe_inputs(tables: dict[str, LookupTable], 
             assert j in safe
             assert scores[rule][safe.tolist().index(j)] == scores[rule].min()
             assert Controller(table, rule).select(q, step) == j
-    assert any((chosen["deepest"] != chosen[rule]).any() for rule in RULES[1:])
+    assert any((chosen["deepest"] != chosen[rule]).any() for rule in RULES if rule != "deepest")
 
 
 def test_equals_go_to_the_deeper_one() -> None:
@@ -323,34 +365,80 @@ def test_equals_go_to_the_deeper_one() -> None:
     assert controller.select([0.1], 0) == 0 and controller.select([-0.1], 0) == 1
 
 
-def test_own_rule_sees_the_choice_and_decides() -> None:
+@pytest.mark.parametrize("levels", [2, 50])
+def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Generator) -> None:
+    """Scores and margins of few levels, so that many are equal; infinite ones too."""
+    safe = rng.random((300, 9)) < 0.4
+    scores = rng.integers(0, levels, safe.sum()).astype(float)
+    scores[scores == 0] = np.inf
+    margins = rng.integers(-levels, levels, safe.shape).astype(float)
+    chosen = np.full(len(safe), -1)
+    take_best(safe, scores, margins, chosen)
+    assert chosen.tolist() == naive_controller.best(safe.tolist(), scores.tolist(), margins.tolist())
+    assert (chosen < 0).any() and np.isinf(scores).any()
+
+
+def test_own_rule_sees_the_candidates_of_a_batch_and_decides() -> None:
     seen = []
 
-    def last(choice: sdhj.controller.Choice) -> int:
-        seen.append(choice)
-        return int(choice.candidates[-1])
+    def last(candidates: Candidates) -> np.ndarray:
+        seen.append(candidates)
+        return -candidates.inputs
 
     controller = Controller(free_table(), last)
     assert controller.select([0.0], 1) == 2
-    (choice,) = seen
-    assert choice.step == 1 and choice.steps_to_go == 0 and choice.problem is FREE
-    assert choice.state.tolist() == [0.0] and choice.candidates.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(choice.margins, [-0.4, -0.9, -0.4], atol=1e-12)  # |q| - 1 at 0.6, 0.1 and 0.6
+    (one,) = seen
+    assert one.step == 1 and one.problem is FREE
+    assert one.steps_to_go.tolist() == [0, 0, 0] and one.states.tolist() == [[0.0]] * 3
+    assert one.inputs.tolist() == [0, 1, 2] and one.rows.tolist() == [0, 0, 0]
+    np.testing.assert_allclose(one.margins, [-0.4, -0.9, -0.4], atol=1e-12)  # |q| - 1 at 0.6, 0.1 and 0.6
+    np.testing.assert_allclose(one.successors, [[-0.5], [0.0], [0.5]], atol=1e-15)
     batch = controller.batch(np.array([[0.0], [3.9], [0.7]]), 1)
     assert controller.choose(batch).tolist() == [2, -1, 1]
+    assert seen[1].rows.tolist() == [0, 0, 0, 2, 2] and seen[1].inputs.tolist() == [0, 1, 2, 0, 1]
+    assert seen[1].states[:, 0].tolist() == [0.0, 0.0, 0.0, 0.7, 0.7]
+    assert len(seen) == 2  # the whole batch at once
 
 
-@pytest.mark.parametrize("returned", [2, None, [0], np.array([0, 1]), np.array([])])
-def test_own_rule_must_return_a_candidate(returned: object) -> None:
-    with pytest.raises(ValueError, match=r"rule returned .*, not one of choice.candidates, here \[0, 1\]"):
-        Controller(free_table(), lambda choice: returned).select([0.7], 0)  # type: ignore[arg-type,return-value]
+@pytest.mark.parametrize("name", ["arm", "unicycle"])
+def test_the_named_rules_are_functions_like_one_s_own(
+    tables: dict[str, LookupTable], name: str, rng: np.random.Generator
+) -> None:
+    """On a batch as well as one state at a time, also where the moves depend on the state."""
+    table = tables[name]
+    states = admissible_states(table, 60, rng)
+    for rule, function in RULES.items():
+        controller, own = Controller(table, rule), Controller(table, function)
+        chosen = controller.choose(controller.batch(states, 0))
+        assert chosen.tolist() == own.choose(own.batch(states, 0)).tolist()
+        assert chosen.tolist() == [own.select(q, 0) for q in states]
+
+
+def test_own_rule_is_played_in_closed_loop() -> None:
+    def first(candidates: Candidates) -> np.ndarray:
+        return candidates.inputs
+
+    report = sdhj.monte_carlo(Controller(solved(toys.interval_problem(nodes=41)), first), 300, progress=False)
+    assert report.rule == "first" and report.counts["reached"] == 300
+
+
+@pytest.mark.parametrize("returned", [2.0, None, [0.0], np.array([[0.0, 1.0]]), np.array([])])
+def test_own_rule_must_score_each_candidate(returned: object) -> None:
+    with pytest.raises(ValueError, match=r"rule .* must return a score for each candidate, shape \(2,\), got \("):
+        Controller(free_table(), lambda candidates: returned).select([0.7], 0)  # type: ignore[arg-type,return-value]
+
+
+def test_own_rule_must_not_score_with_a_nan() -> None:
+    controller = Controller(free_table(), lambda candidates: np.where(candidates.inputs == 1, np.nan, 0.0))
+    with pytest.raises(ValueError, match=r"rule .* met a NaN, for input 1 in state \[0\.7\]; look at the functions"):
+        controller.select([0.7], 0)
 
 
 # ---- guards
 
 
 def test_unknown_rule() -> None:
-    with pytest.raises(ValueError, match=r"deepest, effort, target, clearance.*'boldest'"):
+    with pytest.raises(ValueError, match=r"deepest, effort, target, clearance.*Candidates, got 'boldest'"):
         Controller(free_table(), "boldest")
 
 
@@ -388,6 +476,12 @@ def test_state_must_have_the_grid_s_shape(bad: object) -> None:
 def test_batch_must_have_the_grid_s_shape(bad: object) -> None:
     with pytest.raises(ValueError, match=r"shape \(M, 1\)"):
         Controller(free_table()).batch(bad, 0)
+
+
+@pytest.mark.parametrize("rule", [None, 3, ["deepest"]])
+def test_what_is_no_rule_is_refused(rule: object) -> None:
+    with pytest.raises(ValueError, match="rule must be one of"):
+        Controller(free_table(), rule)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", [-1, 4, 0.5, np.nan, True, "0", None])
@@ -433,11 +527,12 @@ def test_a_problem_without_unsafe_sets_has_empty_avoid_tubes() -> None:
 
 @pytest.mark.parametrize("wrong", [None, toys.interval_problem(), "table.h5"])
 def test_what_is_no_table_is_refused(wrong: object) -> None:
-    with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
-        Controller(wrong)  # type: ignore[arg-type]
+    for given in (wrong, Controller(free_table())):
+        with pytest.raises(ValueError, match=r"what sdhj\.solve returns, got"):
+            Controller(given)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("rule", [*RULES, lambda choice: choice.candidates[0]])
+@pytest.mark.parametrize("rule", [*RULES, lambda candidates: candidates.margins])
 def test_no_state_is_a_batch_too(rule):
     """Also where moves depend on the state, so that there are none."""
     controller = sdhj.Controller(sdhj.solve(toys.unicycle_problem(steps=1), progress=False), rule)

@@ -1,12 +1,19 @@
-"""Files are whole or not there, and nothing but a file is replaced by one."""
+"""Files are whole or not there, nothing but a file is replaced by one, and a table's file says what it is of."""
 
+import dataclasses
+import json
 import os
 import subprocess
 import sys
 
+import h5py
+import numpy as np
 import pytest
+from toys import interval_problem, one_row, torus_problem
 
-from sdhj.files import replaced_whole, writable_file, writable_folder
+import sdhj
+from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file, writable_folder
+from sdhj.table import entries
 
 
 def test_a_file_takes_its_name_when_it_is_whole(tmp_path):
@@ -67,3 +74,211 @@ except OSError as error:
     assert run.returncode == 0, run.stderr
     assert "cannot write table.h5" in run.stdout and "free" in run.stdout
     assert os.listdir(tmp_path) == []
+
+
+# ---- tables
+
+
+@pytest.fixture(scope="module")
+def table():
+    return sdhj.solve(torus_problem(nodes=10, steps=3))
+
+
+@pytest.fixture(scope="module")
+def arm_table():
+    return sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2))
+
+
+def same(a, b):
+    assert np.array_equal(a.index, b.index) and a.nbytes == b.nbytes
+    for k, n in entries(a.steps).tolist():
+        assert np.array_equal(a.values(start=k, within=n), b.values(start=k, within=n))
+        assert np.array_equal(a.inputs(start=k, within=n), b.inputs(start=k, within=n))
+    assert np.array_equal(a.avoid.static, b.avoid.static) and np.array_equal(a.avoid.moving, b.avoid.moving)
+    assert (a.avoid.static_axes, a.avoid.moving_axes) == (b.avoid.static_axes, b.avoid.moving_axes)
+    assert a.method == b.method and dict(a.details) == dict(b.details)
+
+
+def test_round_trip_of_a_case_study(arm_table, tmp_path):
+    arm_table.save(tmp_path / "arm.h5")
+    loaded = sdhj.load(tmp_path / "arm.h5")
+    same(arm_table, loaded)
+    assert loaded.problem.digest == arm_table.problem.digest
+    assert os.listdir(tmp_path) == ["arm.h5"]  # no temporary left
+
+
+def test_round_trip_of_your_own_problem(table, tmp_path):
+    table.save(tmp_path / "own.h5")
+    with pytest.raises(sdhj.TableFileError, match="problem="):
+        sdhj.load(tmp_path / "own.h5")
+    same(table, sdhj.load(tmp_path / "own.h5", problem=torus_problem(nodes=10, steps=3)))
+    for other, told in (
+        (torus_problem(nodes=10, steps=3, view_time="sampled"), "; view_time is 'swept' there and 'sampled' here$"),
+        (torus_problem(nodes=12, steps=3), r"; shape is \[10, 10\] there and \[12, 12\] here$"),
+        (dataclasses.replace(torus_problem(nodes=10, steps=3), delta=0.7), "; delta is .* there and 0.7 here$"),
+        (
+            dataclasses.replace(torus_problem(nodes=10, steps=3), target=sdhj.TargetSet((0, 1), lambda p, t: p[:, 0])),
+            "; what differs are the values of its functions",
+        ),
+    ):
+        with pytest.raises(sdhj.TableFileError, match=f"another problem.*{told}"):
+            sdhj.load(tmp_path / "own.h5", problem=other)
+
+
+def test_the_file_describes_itself(arm_table, tmp_path):
+    arm_table.save(tmp_path / "arm.h5")
+    with h5py.File(tmp_path / "arm.h5") as file:
+        attrs = dict(file.attrs)
+        assert attrs["sdhj_version"] == sdhj.__version__ and attrs["method"] == "hji"
+        assert "<= 0" in attrs["convention"] and len(attrs["digest"]) == 64
+        for word in ("v_p_max", "pursuer_radius", "half_width", "obstacles"):
+            assert word in attrs["recipe"]
+        for word in ("flux", "order", "cfl", "dtype"):
+            assert word in attrs["details"]
+        assert file["grid"].attrs["periodic"].tolist() == [True, True, False, False]
+        assert file["entries"][()].tolist() == entries(2).tolist() and file["index"].shape == (6,)
+        assert file["tubes"].shape[0] == file["masks"].shape[0] == file["index"][()].max() + 1
+
+
+def test_an_unwritable_folder_is_a_clear_error(arm_table, tmp_path):
+    with pytest.raises(OSError, match="folder"):
+        arm_table.save(tmp_path / "missing" / "arm.h5")
+
+
+def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypatch):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    before = path.read_bytes()
+
+    def fail(*args, **kwargs):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(type(table), "_checksum", fail)
+    with pytest.raises(OSError, match="disk full"):
+        table.save(path)
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.h5"]
+
+
+def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
+    path = tmp_path / "arm.h5"
+    with pytest.raises(FileNotFoundError, match=r"arm\.h5"):
+        sdhj.load(path)
+    path.write_bytes(b"not HDF5 at all")
+    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        sdhj.load(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    with pytest.raises(sdhj.TableFileError, match="no look-up table"):
+        sdhj.load(path)
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = FORMAT_VERSION + 1
+    with pytest.raises(sdhj.TableFileError, match=f"format version {FORMAT_VERSION + 1}, written by .*: upgrade sdhj"):
+        sdhj.load(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 1  # which had a tube for each entry
+    for read in (sdhj.load, header):
+        with pytest.raises(sdhj.TableFileError, match=r"format version 1, .*reads version 2: solve it anew"):
+            read(path)
+
+
+@pytest.mark.parametrize("digest", [7, 1.5, np.bytes_(b"abc"), ["a", "b"]])
+def test_a_digest_of_another_kind_is_refused(arm_table, tmp_path, digest):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["digest"] = digest
+    with pytest.raises(sdhj.TableFileError, match="digest"):
+        sdhj.load(path)
+
+
+@pytest.mark.parametrize("name", ["static", "moving"])
+def test_edited_axes_of_avoid_tubes_are_refused(arm_table, tmp_path, name):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        attrs = file[f"avoid_{name}"].attrs
+        attrs["axes"] = [3 - axis for axis in attrs["axes"]]
+    with pytest.raises(sdhj.TableFileError, match="checksum"):
+        sdhj.load(path)
+
+
+def test_an_edited_index_is_refused(arm_table, tmp_path):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        file["index"][3] = 10**6
+    with pytest.raises(sdhj.TableFileError, match=r"damaged.*checksum"):
+        sdhj.load(path)
+
+
+def test_equal_tubes_are_written_once(tmp_path):
+    table = one_row(sdhj.solve(interval_problem(steps=6, rate=-0.3), progress=False))
+    table.save(tmp_path / "small.h5")
+    with h5py.File(tmp_path / "small.h5") as file:
+        assert len(file["tubes"]) == len(file["masks"]) == 7 and len(file["entries"]) == len(file["index"]) == 28
+    same(table, sdhj.load(tmp_path / "small.h5", problem=interval_problem(steps=6, rate=-0.3)))
+
+
+def test_a_case_study_of_another_version_needs_its_problem(arm_table, tmp_path):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["recipe"] = json.dumps({"builder": "three_link_arm", "arguments": {}})
+    with pytest.raises(sdhj.TableFileError, match=r"own problem 'arm_case_study'|own problem .*problem="):
+        sdhj.load(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["recipe"] = json.dumps({"builder": "arm_case_study", "arguments": {"wheels": 4}})
+    with pytest.raises(sdhj.TableFileError, match=r"damaged.*disagree about"):
+        sdhj.load(path)
+
+
+def test_the_header_is_what_the_file_says(arm_table, tmp_path):
+    arm_table.save(tmp_path / "arm.h5")
+    told, problem = header(tmp_path / "arm.h5"), arm_table.problem
+    assert told["grid"] == problem.grid and np.array_equal(told["inputs"], problem.inputs)
+    assert told["recipe"] == dict(problem.recipe) and told["details"]["flux"] == arm_table.details["flux"]
+    for name in ("digest", "delta", "steps", "view_time"):
+        assert told[name] == getattr(problem, name)
+    assert (told["problem"], told["method"], told["sdhj_version"]) == (problem.name, "hji", sdhj.__version__)
+    with pytest.raises(FileNotFoundError, match="no file"):
+        header(tmp_path / "none.h5")
+
+
+def test_what_files_name_is_there_and_not_imported_before():
+    for name in TABLES.values():
+        assert callable(imported(name).read)
+    for name in set(RECIPES.values()):
+        assert callable(imported(name))
+    code = "import sys, sdhj\nprint([name for name in sys.modules if name.startswith(('sdhj.arm', 'sdhj.certified'))])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
+def test_truncated_files_are_refused(arm_table, tmp_path, keep):
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * keep)])
+    with pytest.raises(sdhj.TableFileError):
+        sdhj.load(path)
+
+
+def test_flipped_bytes_never_pass_unnoticed(arm_table, tmp_path, rng):
+    """A flipped byte is refused, or lies where nothing is stored and changes nothing."""
+    path = tmp_path / "arm.h5"
+    arm_table.save(path)
+    whole = bytearray(path.read_bytes())
+    refused = 0
+    for place in rng.integers(0, len(whole), size=60):
+        broken = bytearray(whole)
+        broken[place] ^= 0xFF
+        path.write_bytes(broken)
+        try:
+            loaded = sdhj.load(path)
+        except sdhj.TableFileError:
+            refused += 1
+        else:
+            same(arm_table, loaded)
+    assert refused > 20

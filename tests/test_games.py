@@ -1,23 +1,25 @@
 """One sampling interval: the games of App. A.3 against closed forms and each other."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import Dynamics, Scheme
-from sdhj.games import HJISolver, JointSolver, LaxSolver, avoid_axes, unsafe_values, velocities
+from sdhj import HJI, Dynamics, HopfLax, Projected, Scheme
+from sdhj.games import HJIGames, HopfLaxGames, JointGames, Wall
 
 DOUBLE = Scheme(dtype="float64")
+FIXED = dataclasses.replace(DOUBLE, frame="fixed")
 
 
-def solvers(problem):
+def every_game(problem):
     return {
-        "moving": HJISolver(problem, DOUBLE),
-        "fixed": HJISolver(problem, dataclasses.replace(DOUBLE, frame="fixed")),
-        "lax": LaxSolver(problem, "linear", "float64"),
+        "moving": HJIGames(problem, DOUBLE),
+        "fixed": HJIGames(problem, FIXED),
+        "lax": HopfLaxGames(problem, "linear", "float64"),
     }
 
 
@@ -27,8 +29,8 @@ def test_reach_in_one_dimension_has_its_closed_form():
     grid = problem.grid
     q = grid.nodes(0)
     inner = np.abs(q) < 3.0
-    for name, solver in solvers(problem).items():
-        for j, values in solver.reach(np.abs(q) - 1.0):
+    for name, games in every_game(problem).items():
+        for j, values in games.reach(np.abs(q) - 1.0, 0):
             exact = np.abs(q + problem.inputs[j, 0] / 2) + 0.1 - 1.0
             error = np.abs(values - exact)[inner]
             # exact up to the rounding-off of the kink, which a second-order scheme spreads over a few cells
@@ -49,12 +51,13 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     (part,) = problem.unsafe
     # swept without a formula of its own: 20 samples, lowered by half a gap's motion
     sweep = 0.5 * 0.5 / 19 / 2 if view_time == "swept" else 0.0
-    for name, solver in solvers(problem).items():
-        steps = max(velocities(problem, j, (0,)).steps(problem.grid, 0.5, DOUBLE.cfl) for j in range(3))
-        pieces = solver._pieces([0]) if name == "lax" else steps
+    for name, games in every_game(problem).items():
+        fields = [problem.interval(2).velocities(j, (0,)) for j in range(3)]
+        steps = max(field.steps(problem.grid, 0.5, DOUBLE.cfl) for field in fields)
+        pieces = games._pieces([0]) if name == "lax" else steps
         # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
         slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
-        for j, tube in enumerate(solver.avoid(part, 2)):
+        for j, tube in enumerate(games.avoid(part, 2)):
             exact = (q[:, None] + (problem.inputs[j, 0] + 0.2) * tau - (3.0 - 0.5 * t)).max(axis=1) + sweep
             assert (tube >= exact - 1e-9)[inner].all(), (name, j)
             assert (tube <= exact + slack + 1e-9)[inner].all(), (name, j)
@@ -64,18 +67,17 @@ def test_moving_and_fixed_frame_agree_as_the_grid_refines():
     gaps = []
     for nodes in (16, 32, 64):
         problem = torus_problem(nodes=nodes)
-        by_frame = [dict(solvers(problem)[frame].reach(problem.goal(1))) for frame in ("moving", "fixed")]
+        by_frame = [dict(every_game(problem)[frame].reach(problem.goal(1), 0)) for frame in ("moving", "fixed")]
         gaps.append(np.mean([np.abs(by_frame[0][j] - by_frame[1][j]).mean() for j in by_frame[0]]))
     print("mean difference of the frames", gaps)
     assert gaps[2] < gaps[1] / 1.5 < gaps[0] / 1.5**2
 
 
 def test_frames_and_dynamics_choose_the_path():
-    torus = HJISolver(torus_problem(), DOUBLE)
-    assert torus.moving_frame
-    assert not HJISolver(torus_problem(), dataclasses.replace(DOUBLE, frame="fixed")).moving_frame
-    assert not HJISolver(interval_problem(), DOUBLE).moving_frame  # its axis has walls, which clip the drift
-    assert not HJISolver(unicycle_problem(), DOUBLE).moving_frame
+    assert HJIGames(torus_problem(), DOUBLE).moving_frame
+    assert not HJIGames(torus_problem(), FIXED).moving_frame
+    assert not HJIGames(interval_problem(), DOUBLE).moving_frame  # its axis has walls, which clip the drift
+    assert not HJIGames(unicycle_problem(), DOUBLE).moving_frame
 
 
 @pytest.mark.parametrize("view_time", ["swept", "instantaneous"])
@@ -83,13 +85,12 @@ def test_joint_game_equals_the_decomposed_ones_up_to_scheme_error(view_time):
     gaps = []
     for nodes in (16, 32, 64):
         problem = torus_problem(nodes=nodes, view_time=view_time)
-        scheme = dataclasses.replace(DOUBLE, frame="fixed")
         values = problem.goal(1)
-        joint = dict(JointSolver(problem, scheme).reach_avoid(values, 0))
-        apart = HJISolver(problem, scheme)
+        joint = dict(JointGames(problem, FIXED).reach(values, 0))
+        apart = HJIGames(problem, FIXED)
         tubes = apart.avoid(problem.unsafe[0], 0)
         gaps.append(
-            np.mean([np.abs(joint[j] - np.maximum(reach, tubes[j])).mean() for j, reach in apart.reach(values)])
+            np.mean([np.abs(joint[j] - np.maximum(reach, tubes[j])).mean() for j, reach in apart.reach(values, 0)])
         )
     print(view_time, "mean difference of joint and decomposed", gaps)
     assert gaps[2] < gaps[1] / 1.5 < gaps[0] / 1.5**2
@@ -106,38 +107,77 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
     )
     sampled = dataclasses.replace(problem, dynamics=callables)
     for j in (0, 4, 7):
-        a, b = velocities(problem, j, (0, 1)), velocities(sampled, j, (0, 1))
+        a, b = (one.interval(0).velocities(j, (0, 1)) for one in (problem, sampled))
         assert a.lower.shape == (2,) and b.lower.shape == (2, 8, 8)
         assert np.array_equal(np.broadcast_to(a.lower[:, None, None], (2, 8, 8)), b.lower)
         assert np.array_equal(np.broadcast_to(a.upper[:, None, None], (2, 8, 8)), b.upper)
-    fixed = dataclasses.replace(DOUBLE, frame="fixed")
-    for (_, a), (_, b) in zip(
-        HJISolver(problem, fixed).reach(problem.goal(1)), HJISolver(sampled, fixed).reach(problem.goal(1)), strict=True
-    ):
+    goal = problem.goal(1)
+    for (_, a), (_, b) in zip(*(HJIGames(one, FIXED).reach(goal, 0) for one in (problem, sampled)), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="hji"):
-        LaxSolver(sampled, "linear", "float64")
+        HopfLaxGames(sampled, "linear", "float64")
 
 
 def test_coupled_adversary_is_recognised():
     problem = torus_problem(nodes=8)
-    turned = dataclasses.replace(problem.dynamics, gain=np.array([[1.0, 1.0], [1.0, -1.0]]))
-    field = velocities(dataclasses.replace(problem, dynamics=turned), 0, (0, 1))
-    assert field.coupled
-    assert not velocities(problem, 0, (0, 1)).coupled
-    # each axis alone sees an uncoupled adversary
-    assert not velocities(dataclasses.replace(problem, dynamics=turned), 0, (0,)).coupled
+    dynamics = dataclasses.replace(problem.dynamics, gain=np.array([[1.0, 1.0], [1.0, -1.0]]))
+    turned = dataclasses.replace(problem, dynamics=dynamics)
+    assert turned.interval(0).velocities(0, (0, 1)).coupled
+    assert not problem.interval(0).velocities(0, (0, 1)).coupled
+    assert not turned.interval(0).velocities(0, (0,)).coupled  # each axis alone sees an uncoupled adversary
 
 
 def test_avoid_games_of_a_car_take_all_axes():
     car = unicycle_problem(nodes=(7, 7, 8))
-    assert velocities(car, 0, (0, 1)) is None  # x and y move with theta
-    assert velocities(car, 0, (2,)) is not None
-    assert avoid_axes(car, car.unsafe[0]) == (0, 1, 2)
-    tube = HJISolver(car, DOUBLE).avoid(car.unsafe[0], 0)
+    interval = car.interval(0)
+    assert interval.closed((0, 1)) == (0, 1, 2)  # x and y move with theta
+    assert interval.closed((2,)) == (2,)
+    assert car.avoid_axes(car.unsafe[0]) == (0, 1, 2)
+    tube = HJIGames(car, DOUBLE).avoid(car.unsafe[0], 0)
     assert tube.shape == (3, 7, 7, 8)
-    pillar = unsafe_values(car, car.unsafe[0], (0, 1, 2), 0.0, 0.2, "swept")
+    pillar = car.unsafe_over(car.unsafe[0], 0.0, 0.2, axes=(0, 1, 2), view_time="swept")
     assert (tube >= -pillar - 1e-12).all()  # whoever starts in the pillar has lost
+
+
+def chained_problem():
+    """dx = y, dy = u + v, dz = x, dw = w: (x, y) is the least set that holds x and moves alone."""
+
+    def drift(points, u):
+        x, y, _, w = points.T
+        return np.stack([y, np.full(len(points), u[0]), x, w], axis=1)
+
+    inputs = np.array([[-1.0], [1.0]])
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.0] * 4, [1.0] * 4, [9, 8, 7, 6]),
+        Dynamics(inputs, drift, np.eye(4)[:, 1:2], [0.2]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4),
+        (sdhj.UnsafeSet((0,), lambda p, t: 0.8 - p[:, 0], name="wall"),),
+        0.2,
+        2,
+    )
+
+
+@pytest.mark.parametrize(
+    ("axes", "closed"),
+    [((0,), (0, 1)), ((1,), (1,)), ((2,), (0, 1, 2)), ((3,), (3,)), ((2, 3), (0, 1, 2, 3)), ((1, 3), (1, 3))],
+)
+def test_the_smallest_axes_that_move_alone(axes, closed):
+    problem = chained_problem()
+    assert problem.interval(0).closed(axes) == closed
+    part = sdhj.UnsafeSet(axes, lambda p, t: p[:, 0] + 9.0)
+    assert problem.avoid_axes(part) == closed
+
+
+def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them():
+    """What the other coordinates do cannot be seen in the tubes; with as many time steps the numbers are the same."""
+    problem = chained_problem()
+    games, steps = HJIGames(problem, DOUBLE), 12
+    games._steps = {((0, 1), 0): steps, ((0, 1, 2, 3), 0): steps}
+    small = games.avoid(problem.unsafe[0], 0)
+    assert small.shape == (2, 9, 8)
+    wall = Wall.of(problem, problem.unsafe[0], (0, 1, 2, 3))
+    whole = games.tubes(wall, 0)
+    np.testing.assert_allclose(whole, np.broadcast_to(small[..., None, None], whole.shape), rtol=0, atol=1e-12)
 
 
 def test_view_time_settings_are_ordered():
@@ -145,7 +185,7 @@ def test_view_time_settings_are_ordered():
     tubes = {}
     for view_time in ("swept", "sampled", "instantaneous"):
         problem = torus_problem(nodes=24, view_time=view_time)
-        tubes[view_time] = LaxSolver(problem, "linear", "float64").avoid(problem.unsafe[0], 1)
+        tubes[view_time] = HopfLaxGames(problem, "linear", "float64").avoid(problem.unsafe[0], 1)
     assert (tubes["swept"] >= tubes["sampled"] - 1e-12).all()
     assert (tubes["swept"] > tubes["sampled"]).any()
     # instantaneous, piece by piece swept, with the pieces' own gaps
@@ -156,7 +196,7 @@ def test_view_time_settings_are_ordered():
 
 def test_unknown_interpolation_is_named():
     with pytest.raises(ValueError, match="nearest"):
-        sdhj.solve(torus_problem(nodes=8), method="lax", interpolation="nearest")
+        HopfLax(interpolation="nearest")
 
 
 @pytest.mark.parametrize("method", ["hji", "lax", "joint"])
@@ -169,13 +209,33 @@ def test_nothing_fast_slips_between_the_time_steps(method):
 
     problem = dataclasses.replace(problem, unsafe=(sdhj.UnsafeSet((0,), bullet, rate=18.0, name="bullet"),))
     if method == "joint":
-        tubes = dict(JointSolver(problem, DOUBLE).reach_avoid(np.full(81, -1.0), 1)).values()
+        tubes = dict(JointGames(problem, DOUBLE).reach(np.full(81, -1.0), 1)).values()
     else:
-        solver = HJISolver(problem, DOUBLE) if method == "hji" else LaxSolver(problem, "linear", "float64")
-        tubes = solver.avoid(problem.unsafe[0], 1)
+        tubes = every_game(problem)[{"hji": "moving"}.get(method, method)].avoid(problem.unsafe[0], 1)
     inner = np.abs(problem.grid.nodes(0)) < 3.5
     for tube in tubes:
         assert (tube[inner] > 0).all()
+
+
+@pytest.mark.parametrize("peak", [0.375, 0.45, 0.5])
+@pytest.mark.parametrize("method", ["fixed", "lax"])
+def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method, peak):
+    """It carries the state to a wall and back again: 2.2 m at the peak, little or nothing at the end."""
+    speed, shift = 8.0, math.pi * (1 - 2 * peak)
+
+    def displacement(s):
+        return speed / 2 / math.pi * (math.cos(shift) - np.cos(2 * math.pi * s + shift))
+
+    dynamics = Dynamics([[0.0]], lambda u, t: [speed * math.sin(2 * math.pi * t + shift)], [[1.0]], [0.0])
+    wall = sdhj.UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0])
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), dynamics, target, (wall,), 1.0, 1)
+    (tube,) = every_game(problem)[method].avoid(wall, 0)
+    q, top = problem.grid.nodes(0), displacement(np.linspace(0.0, 1.0, 10_001)).max()
+    assert displacement(peak) == pytest.approx(top) and top > displacement(1.0) + 1.0
+    inner = (q > -1.5) & (q < 0.5)  # nothing arrives from the ends of the grid
+    error = (tube - (q + top - 3.0))[inner]
+    assert error.min() > -0.05 * problem.grid.spacing[0] and error.max() < 0.25 * problem.grid.spacing[0]
 
 
 def without_adversary(problem):
@@ -188,30 +248,30 @@ def without_adversary(problem):
 
 
 @pytest.mark.parametrize(
-    "options",
+    "method",
     [
-        {},
-        {"scheme": dataclasses.replace(DOUBLE, frame="fixed")},
-        {"games": "joint"},
-        {"method": "lax"},
-        {"method": "projected", "subspaces": [(0, 1)]},
-        {"method": "projected", "subspaces": [(0, 1)], "inner": "lax"},
+        HJI(),
+        HJI(FIXED),
+        HJI(games="joint"),
+        HopfLax(),
+        Projected([(0, 1)]),
+        Projected([(0, 1)], HopfLax()),
     ],
     ids=str,
 )
-def test_an_adversary_of_no_components_is_one_that_does_nothing(options):
+def test_an_adversary_of_no_components_is_one_that_does_nothing(method):
     none, idle = without_adversary(torus_problem(nodes=8, steps=2))
-    tables = [sdhj.solve(problem, progress=False, **options) for problem in (none, idle)]
+    tables = [sdhj.solve(problem, method, progress=False) for problem in (none, idle)]
     for within in (1, 2):
         assert np.array_equal(*(table.values(start=0, within=within) for table in tables))
     assert tables[0].fraction(start=0, within=2) > tables[0].fraction(start=0, within=0) > 0
 
 
-@pytest.mark.parametrize("options", [{}, {"games": "joint"}, {"method": "projected", "subspaces": [(0, 1), (0, 2)]}])
+@pytest.mark.parametrize("method", [HJI(), HJI(games="joint"), Projected([(0, 1), (0, 2)])], ids=str)
 @pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")
-def test_state_dependent_dynamics_without_an_adversary(options):
+def test_state_dependent_dynamics_without_an_adversary(method):
     none, idle = without_adversary(unicycle_problem(nodes=(7, 7, 8), steps=1))
-    tables = [sdhj.solve(problem, progress=False, **options) for problem in (none, idle)]
+    tables = [sdhj.solve(problem, method, progress=False) for problem in (none, idle)]
     assert np.array_equal(*(table.values(start=0, within=1) for table in tables))
 
 
@@ -229,9 +289,9 @@ def test_absurd_speeds_are_refused(method, change, make):
         dynamics = {"drift": {"drift": [[0.0, 1e12]] * 9}, "disturbance": {"bounds": [0.1, 1e12]}}[change]
         problem = dataclasses.replace(problem, dynamics=dataclasses.replace(problem.dynamics, **dynamics))
     with pytest.raises(ValueError, match=r"delta = .* needs .*e\+.* at most 100,000 .*along axis \d \(.* apart; use a"):
-        sdhj.solve(problem, method=method, progress=False)
+        sdhj.solve(problem, method, progress=False)
 
 
 def test_a_tiny_cfl_number_is_refused():
     with pytest.raises(ValueError, match="time steps for each PDE, at cfl 1e-12"):
-        sdhj.solve(interval_problem(), scheme=Scheme(cfl=1e-12), progress=False)
+        sdhj.solve(interval_problem(), HJI(Scheme(cfl=1e-12)), progress=False)

@@ -1,11 +1,9 @@
-"""The frame around the library: version, metadata, the README's commands, and what every file must not name."""
+"""The frame around the library: version, dependencies, what CI checks, and what every file must not name."""
 
 import ast
 import importlib.metadata
-import os
 import re
 import runpy
-import shlex
 import subprocess
 import sys
 import tomllib
@@ -29,6 +27,9 @@ TOP_LEVEL = {
     ".ci",
     ".gitignore",
     ".pre-commit-config.yaml",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
     "LICENSE",
     "README.md",
     "environment.txt",
@@ -46,12 +47,6 @@ def tracked_files() -> list[Path]:
     if result.returncode != 0:
         pytest.skip("not a git checkout")
     return [Path(name) for name in result.stdout.split("\0") if name]
-
-
-def readme_command(mark: str) -> str:
-    extract = runpy.run_path(str(ROOT / ".ci" / "readme_command.py"))["readme_command"]
-    command: str = extract((ROOT / "README.md").read_text(encoding="utf-8"), mark)
-    return command
 
 
 def pinned() -> dict[str, str]:
@@ -79,36 +74,6 @@ def test_version_is_the_same_everywhere() -> None:
     assert installed == sdhj.__version__
 
 
-def test_readme_main_job() -> None:
-    parts = [shlex.split(part) for part in readme_command("main job").split(" && ")]
-    assert parts[0][:2] == ["git", "clone"]
-    assert parts[1] == ["cd", "sdhj"]
-    assert parts[-2:] == [["pip", "install", "."], ["sdhj", "reproduce"]]
-
-
-def test_readme_tests() -> None:
-    parts = [shlex.split(part) for part in readme_command("tests").split(" && ")]
-    assert parts[0] == ["python", "-m", "venv", ".venv"]
-    assert ["pip", "install", "-e", ".[test]"] in parts
-    assert parts[-1] == ["pytest"]
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("no block at all", "found 0"),
-        ("<!-- tests -->\n\n```bash\npytest\n```\n", "found 0"),
-        ("<!-- tests -->\n```bash\npytest\n```\n" * 2, "found 2"),
-        ("<!-- tests -->\n```bash\npytest\npytest\n```\n", "one line"),
-        ("<!-- tests -->\n```bash\n\n```\n", "one line"),
-    ],
-)
-def test_a_readme_without_its_command_is_refused(text: str, said: str) -> None:
-    extract = runpy.run_path(str(ROOT / ".ci" / "readme_command.py"))["readme_command"]
-    with pytest.raises(ValueError, match=said):
-        extract(text, "tests")
-
-
 def main_job_faults(results: Path, environment: Path) -> list[str]:
     found: list[str] = runpy.run_path(str(ROOT / ".ci" / "check_main_job.py"))["faults"](results, environment)
     return found
@@ -121,8 +86,6 @@ def main_job(tmp_path: Path) -> tuple[Path, Path]:
     site = environment / "lib" / "python3.11" / "site-packages"
     for folder in (results, site / "sdhj", site / "sdhj-0.1.0.dist-info"):
         folder.mkdir(parents=True)
-    (environment / "pyvenv.cfg").write_text("")
-    (site / "sdhj" / "grid.py").write_text("")
     record = "../../../bin/sdhj,sha256=x,1\nsdhj/grid.py,sha256=x,0\nsdhj-0.1.0.dist-info/RECORD,,\n"
     (site / "sdhj-0.1.0.dist-info" / "RECORD").write_text(record)
     (results / "fig10.png").write_bytes(b"picture")
@@ -143,53 +106,125 @@ def test_a_bad_main_job_is_found(main_job: tuple[Path, Path]) -> None:
         record.write("tests/conftest.py,sha256=x,0\n")
     (site / "tests").mkdir()
     (site / "tests" / "conftest.py").write_text("")
-    os.utime(site / "sdhj" / "grid.py", (0, 0))
     found = "\n".join(main_job_faults(results, environment))
-    for said in ("no figure", "results.csv is empty", "has tests beside the package", "grid.py is older"):
+    for said in ("no figure", "results.csv is empty", "has tests beside the package"):
         assert said in found
-    assert len(found.splitlines()) == 4
+    assert len(found.splitlines()) == 3
     assert main_job_faults(results / "absent", environment / "absent")[0].startswith("no figure")
+
+
+def requirements(*extras: str) -> list[Requirement]:
+    """What sdhj[extras] asks for, extras that extras name among them."""
+    texts = [*PROJECT["dependencies"], *(text for extra in extras for text in PROJECT["optional-dependencies"][extra])]
+    found = [Requirement(text) for text in texts]
+    deeper = {extra for requirement in found if requirement.name == "sdhj" for extra in requirement.extras}
+    return [r for r in found if r.name != "sdhj"] + (requirements(*sorted(deeper)) if deeper else [])
 
 
 def test_pins_satisfy_the_requirements() -> None:
     versions = pinned()
-    extras = PROJECT["optional-dependencies"]
-    for text in PROJECT["dependencies"] + extras["test"] + extras["lint"]:
-        requirement = Requirement(text)
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
+    tools = [Requirement(text) for group in groups.values() for text in group if isinstance(text, str)]
+    for requirement in [*requirements("test"), *tools]:
         assert requirement.name in versions, f"environment.txt lacks {requirement.name}; run .ci/pin"
-        assert requirement.specifier.contains(versions[requirement.name]), f"{text}: run .ci/pin"
+        assert requirement.specifier.contains(versions[requirement.name]), f"{requirement}: run .ci/pin"
 
 
-@pytest.mark.slow
-def test_the_python_of_the_readme_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The paper's arm, and a car that the second block drives into its target."""
-    monkeypatch.chdir(tmp_path)
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    arm, car = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    exec(arm, {})
-    assert "10000 runs, hji table, adversary worst" in capsys.readouterr().out
-    assert (tmp_path / "arm.h5").is_file()
-    names: dict[str, Any] = {}
-    exec(car, names)
-    lost = re.search(r"collided +(\d+)", capsys.readouterr().out)
-    assert lost is not None and int(lost[1]) < 100
-    assert names["problem"].target_value(names["q"][None], 0.0)[0] <= 0 and 0 < names["step"] < 8
-
-
-def test_imports_are_declared() -> None:
-    """Every third-party module that the package imports is a dependency or belongs to an extra."""
-    texts = PROJECT["dependencies"] + [r for extra in PROJECT["optional-dependencies"].values() for r in extra]
-    declared = {Requirement(text).name.replace("-", "_").lower() for text in texts}
-    declared |= {"sdhj", "ipython", "traitlets", "mpl_toolkits"}  # the last three come with ipywidgets and matplotlib
-    for path in sorted((ROOT / "sdhj").rglob("*.py")):
+def imported(*patterns: str) -> dict[str, set[str]]:
+    """For each third-party package the files that import it, of those that match a pattern."""
+    found: dict[str, set[str]] = {}
+    for path in sorted(path for pattern in patterns for path in ROOT.glob(pattern)):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.level == 0:
                 names = [node.module or ""]
-            for top in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names):
-                assert top.lower() in declared, f"{path.name} imports {top}, which pyproject.toml does not list"
+            for top in {name.split(".")[0] for name in names}:
+                found.setdefault(COMES_WITH.get(top, top), set()).add(str(path.relative_to(ROOT)))
+    return {name: files for name, files in found.items() if name not in OURS | set(sys.stdlib_module_names)}
+
+
+# Packages imported under another name than the one they are installed by, or that a declared one cannot do without.
+COMES_WITH = {
+    "IPython": "ipywidgets",
+    "PIL": "matplotlib",
+    "mpl_toolkits": "matplotlib",
+    "nbformat": "nbval",
+    "packaging": "pytest",
+    "traitlets": "ipywidgets",
+}
+OURS = {"sdhj"} | {path.stem for folder in ("figures", "notebooks", "tests") for path in (ROOT / folder).rglob("*.py")}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "extras"),
+    [
+        ("sdhj/*.py", []),
+        ("sdhj/certified/**/*.py", []),
+        ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
+        ("sdhj/plotting/*.py", ["plot"]),
+        ("figures/*.py", ["plot", "bench", "physics"]),
+        ("notebooks/*.py", ["notebooks"]),
+        ("tests/**/*.py", ["test", "physics"]),  # the tests of physics are skipped without it
+    ],
+)
+def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
+    """What files import is a dependency, or belongs to the extras with which they are used."""
+    declared = {requirement.name.replace("-", "_") for requirement in requirements(*extras)}
+    if pattern.startswith("tests"):
+        declared.add("playwright")  # of the group `dev`; skipped without it
+    undeclared = {name: files for name, files in imported(pattern).items() if name not in declared}
+    assert undeclared == {}
+
+
+def test_no_dependency_is_for_nothing() -> None:
+    """Every dependency is imported by the package, every package of an extra somewhere."""
+    everywhere = imported("sdhj/**/*.py", "figures/*.py", "notebooks/*.py", "tests/**/*.py")
+    for text in PROJECT["dependencies"]:
+        assert Requirement(text).name in imported("sdhj/**/*.py")
+    tools = {"jupyterlab", "nbval", "pytest-benchmark"}  # used without an import
+    for requirement in requirements(*PROJECT["optional-dependencies"]):
+        assert requirement.name.replace("-", "_") in everywhere or requirement.name in tools, requirement.name
+
+
+def fresh(code: str) -> subprocess.CompletedProcess[str]:
+    """Run lines of Python in a new process, from the root."""
+    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+
+
+def test_the_front_door_opens_the_core_only() -> None:
+    """A robot needs neither pictures nor Jupyter, and imports no proof that it does not ask for."""
+    run = fresh("import sys, sdhj; print(*sys.modules)")
+    modules = set(run.stdout.split())
+    assert "sdhj.recursion" in modules, run.stderr
+    rings = {f"sdhj.{ring}" for ring in ("arm", "certified", "plotting", "cli")}
+    assert not modules & (rings | {"IPython", "click", "ipywidgets", "matplotlib", "scipy.optimize", "shapely"})
+
+
+def test_the_command_line_needs_no_pictures() -> None:
+    absent = "".join(f"sys.modules[{name!r}] = None; " for name in ("matplotlib", "scipy", "shapely"))
+    run = fresh(f"import sys; {absent}\nfrom sdhj.cli import main\nmain(['--help'])")
+    assert run.returncode == 0, run.stderr
+    assert "Commands:" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("missing", "line"),
+    [
+        ("matplotlib", "import sdhj.plotting"),
+        ("shapely", "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])"),
+    ],
+)
+def test_a_missing_extra_is_named(missing: str, line: str) -> None:
+    run = fresh(f"import sys; sys.modules[{missing!r}] = None\n{line}")
+    assert run.returncode == 1
+    assert run.stderr.splitlines()[-1].startswith("ImportError: ") and "sdhj[plot]" in run.stderr.splitlines()[-1]
+
+
+def test_citation_and_changelog_have_the_version() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (\S+)$", citation, re.MULTILINE) == [sdhj.__version__]
+    changes = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert changes[0] == sdhj.__version__
 
 
 def test_top_level_holds_what_it_should() -> None:

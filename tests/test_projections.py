@@ -2,29 +2,21 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import naive_projections as naive
 import numpy as np
 import pytest
 
 import sdhj
-from sdhj import Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
-from sdhj.games import HJISolver
-from sdhj.projections import (
-    DisturbedSolver,
-    ProjectedSolver,
-    ProjectionWarning,
-    _layout,
-    checked_subspaces,
-    default_subspaces,
-    disturbed_velocities,
-    pack,
-    unite_row,
-)
-from sdhj.recursion import avoid_tubes
+from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj.games import HJIGames
+from sdhj.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
+from sdhj.recursion import _Rows, add_input, avoid_tubes
+from sdhj.table import AvoidTubes
 
 DOUBLE = Scheme(dtype="float64")
-MONOTONE = {"scheme": DOUBLE, "interpolation": "linear"}  # of method="lax", and on the subspaces with inner="lax"
+MONOTONE = HopfLax("linear", "float64")  # leaves the order of sets alone
 pytestmark = pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")  # each test says what it expects
 
 
@@ -85,8 +77,13 @@ def wind_problem(*, nodes=41):
     )
 
 
-def solve_quietly(problem, **options):
-    return sdhj.solve(problem, progress=False, **options)
+def solve_quietly(problem, method="hji"):
+    return sdhj.solve(problem, method, progress=False)
+
+
+def projected_games(problem, subspaces=None, inner=None):
+    inner = inner or HJI(DOUBLE)
+    return ProjectedGames(problem, lambda axes: inner.on(problem, axes), checked_subspaces(problem, subspaces))
 
 
 def entries(steps):
@@ -114,6 +111,19 @@ def test_where_inputs_drive_every_axis_each_is_dropped():
     assert default_subspaces(problem) == ((0,), (1,))
 
 
+def test_an_axis_that_inputs_drive_at_some_time_stays():
+    """At t = 0 no input drives anything, later x alone."""
+    problem = ReachAvoidProblem(
+        Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
+        Dynamics([[0.0], [1.0]], lambda u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
+        TargetSet((0,), lambda p, t: p[:, 0]),
+        (),
+        0.1,
+        2,
+    )
+    assert default_subspaces(problem) == ((0,),)
+
+
 @pytest.mark.parametrize(
     ("subspaces", "said"),
     [
@@ -132,15 +142,10 @@ def test_where_inputs_drive_every_axis_each_is_dropped():
 )
 def test_subspaces_that_do_not_fit_are_refused(subspaces, said):
     with pytest.raises(ValueError, match=said):
-        checked_subspaces(chase_problem(nodes=5), subspaces)
+        solve_quietly(chase_problem(nodes=5), Projected(subspaces))
 
 
-def test_options_of_the_method_are_refused_elsewhere_and_checked():
-    problem = chase_problem(nodes=5)
-    with pytest.raises(ValueError, match='method="projected"'):
-        sdhj.solve(problem, method="lax", subspaces=[(0, 1)])
-    with pytest.raises(ValueError, match="inner must be one of hji, lax"):
-        sdhj.solve(problem, method="projected", inner="certified")
+def test_a_grid_of_one_axis_has_none_to_drop():
     one_axis = ReachAvoidProblem(
         Grid([-1.0], [1.0], [9]),
         Dynamics([[1.0]], [[1.0]], [[1.0]], [0.1]),
@@ -150,7 +155,7 @@ def test_options_of_the_method_are_refused_elsewhere_and_checked():
         1,
     )
     with pytest.raises(ValueError, match="at least 2 axes"):
-        sdhj.solve(one_axis, method="projected")
+        sdhj.solve(one_axis, "projected")
 
 
 # ---- projections of sets, and the kernels
@@ -159,75 +164,66 @@ def test_options_of_the_method_are_refused_elsewhere_and_checked():
 @pytest.mark.parametrize("axes", [(0,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
 def test_projections_are_those_of_the_twin(axes, rng):
     problem = chase_problem(nodes=5)
-    solver = ProjectedSolver(problem, DOUBLE, [axes])
+    games = projected_games(problem, [axes])
     values = rng.normal(size=problem.grid.shape)
-    np.testing.assert_array_equal(solver.inner_projection(values, axes), naive.inner_projection(values, axes))
+    np.testing.assert_array_equal(games.inner_projection(values, axes), naive.inner_projection(values, axes))
     g = problem.sample((0, 1, 2), lambda p: problem.unsafe[0].level_set(p, 0.0), "ball")
-    outer = solver._outer_projections(problem.unsafe[0], (0, 1, 2), 0.0, 0.0)[axes]
-    np.testing.assert_array_equal(outer, naive.outer_projection(g, axes))
-
-
-def test_pack_sets_the_bits_of_what_is_inside(rng):
-    values = rng.normal(size=(3, 11, 2500)).astype(np.float32)
-    values[0, 0, :5] = 0.0  # zero is inside
-    expected = np.packbits(values <= 0, axis=1, bitorder="little")
-    np.testing.assert_array_equal(pack(values), expected)
+    walls = games._outer_projections(problem.unsafe[0], (0, 1, 2), -g)[axes]
+    np.testing.assert_array_equal(-walls, naive.outer_projection(g, axes))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(
-    ("subspaces", "walls"),
+    ("static", "moving"),
     [
-        ([(0, 1), (0, 2)], [(0, 1, 2), (0,)]),  # the layout of the case study
-        ([(0, 1)], [(1, 2), ()]),
-        ([(0, 2), (1, 2), (2,)], [(2,), (0, 1, 2)]),
-        ([(0,), (1,)], [(), ()]),
-        ([(0, 1, 2)], [(0, 1), (1, 2)]),
+        ((0, 1), (0, 1, 2, 3)),  # the case study's
+        ((0, 1, 2, 3), (0, 1)),
+        ((2, 3), (0, 1)),
+        ((0, 2), (1, 2)),
+        ((3,), ()),
+        ((), (1,)),
+        ((), ()),
+        ((0, 1, 3), (2,)),
     ],
 )
-def test_the_fused_kernel_is_the_twin(dtype, subspaces, walls, rng):
-    grid, steps, count = Grid([0.0] * 3, [1.0] * 3, [5, 6, 7]), 2, 10
-    reach = [
-        [rng.normal(size=(count, *(grid.shape[a] for a in axes))).astype(dtype) for axes in subspaces]
-        for _ in range(steps)
-    ]
-    held = [rng.normal(size=(count, *(grid.shape[a] for a in axes))).astype(dtype) for axes in walls]
-    first = rng.normal(size=grid.shape).astype(dtype)
-    tubes = np.empty((steps + 1, 30, 7), dtype)
-    tubes[0] = first.reshape(30, 7)
-    masks = np.zeros((steps + 1, 2, 30, 7), np.uint8)
-    flat = np.stack([np.concatenate([piece.reshape(count, -1) for piece in row], axis=1) for row in reach])
-    starts, along = _layout(grid, subspaces)
-    walled = [wall.reshape(count, -1) for wall in held]
-    bits = [pack(wall[None])[0] for wall in walled]
-    unite_row(
-        tubes,
-        masks,
-        (flat, pack(flat)),
-        starts[~along],
-        starts[along],
-        (*walled, *bits),
-        *_layout(grid, walls, apart=True),
-    )
-    expected, member = naive.unite_row(grid.shape, first, reach, subspaces, list(zip(walls, held, strict=True)))
-    np.testing.assert_array_equal(tubes.reshape(steps + 1, *grid.shape), expected)  # min and max round nothing
-    found = np.unpackbits(masks, axis=1, count=count, bitorder="little").reshape(steps + 1, count, *grid.shape)
-    np.testing.assert_array_equal(found[1:].astype(bool), member[1:])
+def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, rng):
+    """Whatever axes the unsafe sets depend on: the tube and its marks are the twin's, node by node."""
+    grid, count, steps = Grid([0.0] * 4, [1.0] * 4, [5, 6, 7, 8]), 10, 2
+
+    def random(*shape):
+        return rng.normal(size=shape).astype(dtype)
+
+    def walls(axes, *leading):
+        shape = [grid.shape[axis] for axis in axes]
+        return random(*leading, *shape) if axes else np.full(leading, -np.inf, dtype)
+
+    tubes = AvoidTubes(static, walls(static, count), moving, walls(moving, steps, count))
+    rows, tube, mask = _Rows(grid, tubes), random(*grid.shape), np.zeros((2, grid.size), np.uint8)
+    expected, reach = tube.astype(float), random(count, *grid.shape)
+    member = np.zeros((count, *grid.shape), bool)
+    for j in range(count):
+        both = naive.intersection(grid.shape, reach[j], [(static, tubes.static[j]), (moving, tubes.moving[1, j])])
+        member[j], expected = both <= 0, np.minimum(expected, both)
+        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach[j]), *rows.walls(1, j), np.uint8(1 << j % 8))
+    np.testing.assert_array_equal(tube, expected)  # min and max round nothing
+    found = np.unpackbits(mask, axis=0, count=count, bitorder="little").reshape(count, *grid.shape)
+    np.testing.assert_array_equal(found.astype(bool), member)
 
 
 @pytest.mark.parametrize("subspaces", [None, [(0, 1)], [(0, 1), (0, 2), (1, 2)]])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
     problem = chase_problem(nodes=9, moving=moving)
-    table = solve_quietly(problem, method="projected", subspaces=subspaces)
-    solver = ProjectedSolver(problem, Scheme(), subspaces)
-    avoid = avoid_tubes(problem, solver)
+    table = solve_quietly(problem, Projected(subspaces))
+    games = projected_games(problem, subspaces, HJI())
+    avoid = avoid_tubes(problem, games)
     for k in range(problem.steps - 1, -1, -1):
         tube = problem.goal(k).astype(np.float32)
         for n in range(1, problem.steps - k + 1):
             marks = []
-            for j, reach in solver.reach(table.values(start=k + 1, within=n - 1)):
-                both = np.maximum(reach, avoid.lifted(problem.grid, k, j))
+            for j, reach in games.reach(table.values(start=k + 1, within=n - 1), k):
+                walls = [(avoid.static_axes, avoid.static[j]), (avoid.moving_axes, avoid.moving[k, j])]
+                both = naive.intersection(problem.grid.shape, reach, walls)
                 marks.append(both <= 0)
                 tube = np.minimum(tube, both)
             np.testing.assert_array_equal(table.values(start=k, within=n), tube)
@@ -241,10 +237,27 @@ def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
 def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(view_time):
     """Hopf-Lax with linear interpolation is monotone and leaves an axis without variation alone: no scheme error."""
     problem = chase_problem(moving=True, view_time=view_time)
-    full = solve_quietly(problem, method="lax", **MONOTONE)
-    inner = solve_quietly(problem, method="projected", inner="lax", **MONOTONE)
+    full = solve_quietly(problem, MONOTONE)
+    inner = solve_quietly(problem, Projected(inner=MONOTONE))
     for k, n in entries(problem.steps):
         # 1e-12: sums of a few products of numbers below ten, in another order
+        assert (inner.values(start=k, within=n) >= full.values(start=k, within=n) - 1e-12).all(), (k, n)
+    assert 0.5 < inner.fraction(start=0, within=3) / full.fraction(start=0, within=3) < 1.0
+    assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
+
+
+def test_with_velocities_in_time_they_are_too():
+    """A tide in x, gusts that grow in y and z: the sets are nowhere larger than the full ones, and not empty."""
+    problem = chase_problem(moving=True, view_time="instantaneous")
+    dynamics = replace(
+        problem.dynamics,
+        drift=lambda u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
+        bounds=lambda u, t: [0.1 + 0.05 * abs(u[0]), 0.2 + 0.3 * t, 0.3],
+    )
+    problem = replace(problem, dynamics=dynamics)
+    assert default_subspaces(problem) == ((0, 1), (0, 2))
+    full, inner = solve_quietly(problem, MONOTONE), solve_quietly(problem, Projected(inner=MONOTONE))
+    for k, n in entries(problem.steps):
         assert (inner.values(start=k, within=n) >= full.values(start=k, within=n) - 1e-12).all(), (k, n)
     assert 0.5 < inner.fraction(start=0, within=3) / full.fraction(start=0, within=3) < 1.0
     assert inner.fraction(start=0, within=3) > 1.2 * inner.fraction(start=0, within=0)
@@ -256,8 +269,8 @@ def test_limited_interpolation_is_inside_but_for_its_error():
     At a kink of slope 1 to -1 that is at most an eighth of two cells' rise, twice as full and projected may err apart.
     """
     problem = chase_problem(moving=True)
-    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
-    inner = solve_quietly(problem, method="projected", inner="lax", scheme=DOUBLE)
+    full = solve_quietly(problem, HopfLax(dtype="float64"))
+    inner = solve_quietly(problem, Projected(inner=HopfLax(dtype="float64")))
     for k, n in entries(problem.steps):
         a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
         assert a[b <= 0].max() < 0.5 * problem.grid.spacing[0], (k, n)
@@ -272,10 +285,9 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
     directions call unsafe would be that smaller set's complement, the intersection is the union's.
     """
     problem = chase_problem()
-    full = solve_quietly(problem, method="lax", **MONOTONE)
-    options = {"method": "projected", "inner": "lax", **MONOTONE}
-    both = solve_quietly(problem, **options)
-    one, other = (solve_quietly(problem, subspaces=[axes], **options) for axes in default_subspaces(problem))
+    full = solve_quietly(problem, MONOTONE)
+    both = solve_quietly(problem, Projected(inner=MONOTONE))
+    one, other = (solve_quietly(problem, Projected([axes], MONOTONE)) for axes in default_subspaces(problem))
     fractions = [table.fraction(start=0, within=3) for table in (one, other, both, full)]
     assert max(fractions[:2]) < fractions[2] < fractions[3]
     for k, n in entries(problem.steps):
@@ -283,16 +295,16 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
         assert (union <= np.minimum(a, b) + 1e-12).all()  # monotone in the sets it starts from: at least their union
         assert (union >= whole - 1e-12).all()
     # one interval alone, where nothing but the combination differs
-    solver = ProjectedSolver(problem, DOUBLE, inner="lax", interpolation="linear")
+    games = projected_games(problem, inner=MONOTONE)
     goal = full.values(start=1, within=1)
     pieces = [
         [
             problem.grid.lift(piece[j], axes)
-            for axes, piece in zip(solver.subspaces, solver.reach_pieces(goal), strict=True)
+            for axes, piece in zip(games.subspaces, games.reach_pieces(goal, 0), strict=True)
         ]
         for j in range(3)
     ]
-    exact = dict(full_solver(problem).reach(goal))
+    exact = dict(full_games(problem).reach(goal, 0))
     for j, (a, b) in enumerate(pieces):
         union, intersection = np.minimum(a, b), np.maximum(a, b)
         assert (union >= exact[j] - 1e-12).all() and (intersection >= union).all()
@@ -301,18 +313,18 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
     assert all(u >= i for u, i in zip(unions, intersections, strict=True)) and sum(unions) > 1.2 * sum(intersections)
 
 
-def full_solver(problem):
-    return ProjectedSolver(problem, DOUBLE, [tuple(range(problem.grid.ndim))], inner="lax", interpolation="linear")
+def full_games(problem):
+    return projected_games(problem, [tuple(range(problem.grid.ndim))], MONOTONE)
 
 
 def test_the_wrong_projections_would_not_be_inside():
     """Guards the swapped symbols of App. A.4: projecting the set to be reached by its shadow (min) is unsafe."""
     problem = chase_problem()
-    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
-    solver = ProjectedSolver(problem, DOUBLE, inner="lax", interpolation="linear")
-    solver.inner_projection = lambda values, axes: naive.outer_projection(values, axes)  # as printed for s
-    swapped = np.minimum.reduce([values for _, values in solver.reach(full.values(start=1, within=1))])
-    exact = np.minimum.reduce([v for _, v in full_solver(problem).reach(full.values(start=1, within=1))])
+    full = solve_quietly(problem, HopfLax(dtype="float64"))
+    games = projected_games(problem, inner=MONOTONE)
+    games.inner_projection = lambda values, axes: naive.outer_projection(values, axes)  # as printed for s
+    swapped = np.minimum.reduce([values for _, values in games.reach(full.values(start=1, within=1), 0)])
+    exact = np.minimum.reduce([v for _, v in full_games(problem).reach(full.values(start=1, within=1), 0)])
     assert ((swapped <= 0) & (exact > 0.1)).mean() > 0.01
 
 
@@ -325,7 +337,7 @@ def test_finite_differences_are_inside_but_for_scheme_error():
     """
     for nodes in (9, 13, 17):
         problem = sdhj.arm_case_study(nodes=nodes, steps=3)
-        full, inner = solve_quietly(problem), solve_quietly(problem, method="projected")
+        full, inner = solve_quietly(problem), solve_quietly(problem, "projected")
         for k, n in entries(3):
             a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
             outside = (b <= 0) & (a > 0)
@@ -358,7 +370,7 @@ def test_case_study_against_an_independent_prototype():
     solutions of both, and the projection costs 0.029, so 0.005 tells them apart.
     """
     problem = sdhj.arm_case_study(view_time="instantaneous")
-    table = solve_quietly(problem, method="projected", inner="lax", interpolation="linear")
+    table = solve_quietly(problem, Projected(inner=HopfLax("linear")))
     found = [(table.values(start=0, within=n) <= 0).mean() for n in range(9)]
     expected = [0.025, 0.071, 0.147, 0.221, 0.281, 0.315, 0.337, 0.354, 0.369]
     np.testing.assert_allclose(found, expected, atol=0.005)
@@ -367,7 +379,7 @@ def test_case_study_against_an_independent_prototype():
 def test_an_unsafe_set_within_a_subspace_stays_exact():
     problem = sdhj.arm_case_study(nodes=7, steps=2)
     obstacles, pursuer = problem.unsafe
-    projected, full = ProjectedSolver(problem, DOUBLE), HJISolver(problem, DOUBLE)
+    projected, full = projected_games(problem), HJIGames(problem, DOUBLE)
     np.testing.assert_array_equal(projected.avoid(obstacles, 1), full.avoid(obstacles, 1))
     assert projected.avoid(pursuer, 0).shape == (25, 7, 7, 7, 7)
 
@@ -375,7 +387,7 @@ def test_an_unsafe_set_within_a_subspace_stays_exact():
 def test_a_subspace_with_all_axes_is_the_full_method():
     problem = chase_problem(nodes=9)
     full = solve_quietly(problem)
-    same = solve_quietly(problem, method="projected", subspaces=[(0, 1, 2)])
+    same = solve_quietly(problem, Projected([(0, 1, 2)]))
     np.testing.assert_array_equal(same.tubes, full.tubes)
     np.testing.assert_array_equal(same.masks, full.masks)
 
@@ -391,8 +403,8 @@ def test_dropping_what_nothing_depends_on_costs_nothing():
         0.4,
         3,
     )
-    full = solve_quietly(problem, method="lax", scheme=DOUBLE)
-    inner = solve_quietly(problem, method="projected", inner="lax", subspaces=[(0,)], scheme=DOUBLE)
+    full = solve_quietly(problem, HopfLax(dtype="float64"))
+    inner = solve_quietly(problem, Projected([(0,)], HopfLax(dtype="float64")))
     np.testing.assert_allclose(inner.tubes, full.tubes, atol=1e-12)  # rounding, see above
 
 
@@ -412,7 +424,7 @@ def test_the_hamiltonian_is_the_supremum_over_the_dropped_nodes(problem, axes, r
     nodes = [grid.nodes(axis) for axis in range(grid.ndim)]
     sub = grid.subgrid(axes)
     for j in range(len(problem.inputs)):
-        field = disturbed_velocities(problem, j, axes)
+        field = problem.interval(0).velocities(j, axes)
         for index in itertools.product(*(range(n) for n in sub.shape)):
             p = rng.normal(size=len(axes))
             if field.coupled:
@@ -438,15 +450,32 @@ def test_the_hamiltonian_is_the_supremum_over_the_dropped_nodes(problem, axes, r
 def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
     """dx = u + v + 0.5 w, |w| <= 1, |v| <= 0.2: Phi(x) = |x + 0.4 u| + 0.4 * 0.7 - 1."""
     problem = wind_problem(nodes=121)
-    solver = ProjectedSolver(problem, DOUBLE, [(0,)])
-    assert isinstance(solver.solver((0,)), DisturbedSolver)
-    assert not solver.solver((0,)).field(0, (0,)).coupled
+    games = projected_games(problem, [(0,)])
+    assert problem.interval(0).closed((0,)) == (0, 1)
+    assert not problem.interval(0).velocities(0, (0,)).coupled
     x = problem.grid.nodes(0)
     away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
-    for j, phi in solver.reach(problem.goal(0)):
+    for j, phi in games.reach(problem.goal(0), 0):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * 0.7 - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]  # a kink is spread over a few cells
+        assert error.mean() < 0.1 * problem.grid.spacing[0]
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step):
+    """dx = u + v + (1 + t) w / 2: as above, with the spread 0.4 (0.2 + (1 + t) / 2) at the middle of the interval."""
+    problem = wind_problem(nodes=121)
+
+    def drift(points, u, t):
+        return np.stack([u[0] + 0.5 * (1 + t) * points[:, 1], np.zeros(len(points))], axis=1)
+
+    problem = replace(problem, dynamics=replace(problem.dynamics, drift=drift))
+    x, away = problem.grid.nodes(0), np.abs(problem.grid.nodes(0)) < 2.0
+    for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0), step):
+        exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * (0.7 + 0.5 * 0.4 * (step + 0.5)) - 1.0
+        error = np.abs(phi - exact[:, None])[away]
+        assert error.max() < 1.5 * problem.grid.spacing[0]
         assert error.mean() < 0.1 * problem.grid.spacing[0]
 
 
@@ -458,13 +487,13 @@ def test_coupled_modes_have_their_closed_form():
     errors = []
     for nodes in (21, 41):
         problem = current_problem(nodes=(nodes, nodes, 16))
-        solver = ProjectedSolver(problem, DOUBLE, [(0, 1)])
-        assert solver.solver((0, 1)).field(0, (0, 1)).coupled
+        games = projected_games(problem, [(0, 1)])
+        assert problem.interval(0).velocities(0, (0, 1)).coupled
         x, y = np.meshgrid(problem.grid.nodes(0), problem.grid.nodes(1), indexing="ij")
         ring = (np.hypot(x, y) > 0.5) & (np.hypot(x, y) < 1.2)
         target = np.broadcast_to((np.hypot(x, y) - 0.8)[..., None], problem.grid.shape)
         worst = 0.0
-        for j, phi in solver.reach(target):
+        for j, phi in games.reach(target, 0):
             exact = np.hypot(x + 0.2 * problem.inputs[j, 0], y) + 0.1 - 0.8
             worst = max(worst, np.abs(phi[..., 0] - exact)[ring].mean())
         errors.append(worst)
@@ -476,7 +505,7 @@ def test_where_a_dropped_coordinate_enters_the_sets_are_inside_the_full_ones(vie
     """With Lax-Friedrichs on the subspace and Godunov on the whole grid, the order holds up to a fifth of a cell."""
     problem = current_problem(nodes=(21, 21, 12), view_time=view_time, rate=0.5)
     full = solve_quietly(problem)
-    inner = solve_quietly(problem, method="projected", subspaces=[(0, 1)])
+    inner = solve_quietly(problem, Projected([(0, 1)]))
     cell = problem.grid.spacing[0]
     for k, n in entries(problem.steps):
         a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
@@ -487,7 +516,7 @@ def test_where_a_dropped_coordinate_enters_the_sets_are_inside_the_full_ones(vie
 
 
 def test_autonomous_dynamics_that_depend_on_kept_coordinates():
-    """dx = u - x / 2, dy = v: nothing dropped enters, so the subproblem is solved as it is."""
+    """dx = u - x / 2, dy = v: nothing dropped enters, so the velocity set along x is what it is on the whole grid."""
 
     def drift(points, u):
         return np.stack([u[0] - points[:, 0] / 2, np.zeros(len(points))], axis=1)
@@ -500,10 +529,12 @@ def test_autonomous_dynamics_that_depend_on_kept_coordinates():
         0.3,
         2,
     )
-    solver = ProjectedSolver(problem, DOUBLE)
-    assert solver.subspaces == ((0,),)
-    assert type(solver.solver((0,))) is HJISolver
-    full, inner = solve_quietly(problem), solve_quietly(problem, method="projected")
+    assert default_subspaces(problem) == ((0,),) and problem.interval(0).closed((0,)) == (0,)
+    alone, whole = (problem.interval(0).velocities(2, axes) for axes in ((0,), (0, 1)))
+    assert not alone.coupled
+    for side, all_sides in zip((alone.lower, alone.upper), (whole.lower, whole.upper), strict=True):
+        np.testing.assert_array_equal(np.broadcast_to(side[0][:, None], (41, 9)), all_sides[0])
+    full, inner = solve_quietly(problem), solve_quietly(problem, "projected")
     for k, n in entries(2):
         a, b = full.values(start=k, within=n), inner.values(start=k, within=n)
         assert a[b <= 0].max() < 0.2 * problem.grid.spacing[0]
@@ -513,7 +544,7 @@ def test_autonomous_dynamics_that_depend_on_kept_coordinates():
 
 
 def test_a_good_choice_is_not_warned_about(recwarn):
-    table = solve_quietly(sdhj.arm_case_study(nodes=9, steps=2), method="projected")
+    table = solve_quietly(sdhj.arm_case_study(nodes=9, steps=2), "projected")
     assert not [w for w in recwarn if issubclass(w.category, ProjectionWarning)]
     notes = table.details["projection"]
     assert notes["warnings"] == [] and all(0 < share <= 1 for share in notes["target_kept"])
@@ -536,7 +567,7 @@ def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names,
     target = TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4)
     problem = ReachAvoidProblem(Grid([-1] * 3, [1] * 3, [9] * 3), dynamics, target, (cross, ball), 0.2, 2)
     with pytest.warns(ProjectionWarning, match=rf"the unsafe set '{told[0]}' fills every subspace"):
-        table = sdhj.solve(problem, method="projected", progress=False)
+        table = solve_quietly(problem, "projected")
     free = table.details["projection"]["free"]
     assert list(free) == told and free[told[0]] == 0.0 < free[told[1]] < 1.0
 
@@ -544,7 +575,7 @@ def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names,
 def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
     problem = sdhj.evader_case_study(nodes=11, steps=2)
     with pytest.warns(ProjectionWarning, match="the target depends on p[xy]"):
-        table = solve_quietly(problem, method="projected")
+        table = solve_quietly(problem, "projected")
     assert table.details["projection"]["target_kept"] == [0.0, 0.0]
     assert len(table.details["projection"]["warnings"]) == 2
     for k, n in entries(2):  # nothing but the target itself
@@ -566,7 +597,7 @@ def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
 def test_poorly_chosen_subspaces_are_reported(subspaces, said):
     problem = sdhj.arm_case_study(nodes=9, steps=2)
     with pytest.warns(ProjectionWarning, match=said):
-        table = solve_quietly(problem, method="projected", subspaces=subspaces)
+        table = solve_quietly(problem, Projected(subspaces))
     assert any(said in sentence for sentence in table.details["projection"]["warnings"])
     assert table.fraction(start=0, within=2) == table.fraction(start=0, within=0)
 
@@ -578,7 +609,7 @@ def test_a_dropped_axis_of_an_unsafe_set_alone_is_reported():
     target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5)
     problem = ReachAvoidProblem(problem.grid, problem.dynamics, target, (hidden,), 0.25, 2)
     with pytest.warns(ProjectionWarning, match="'hidden' fills every subspace"):
-        table = solve_quietly(problem, method="projected", subspaces=[(0, 2)])
+        table = solve_quietly(problem, Projected([(0, 2)]))
     assert table.details["projection"]["free"] == {"hidden": 0.0}
 
 
@@ -586,12 +617,12 @@ def test_tubes_that_do_not_grow_are_reported():
     """The disturbance outruns the target: the projections are sound, and still nothing is won."""
     problem = sdhj.arm_case_study(nodes=9, steps=1, v_p_max=5.0)
     with pytest.warns(ProjectionWarning, match="never grow"):
-        solve_quietly(problem, method="projected")
+        solve_quietly(problem, "projected")
 
 
 def test_the_table_is_an_ordinary_one(tmp_path):
     problem = sdhj.arm_case_study(nodes=9, steps=2)
-    table = solve_quietly(problem, method="projected")
+    table = solve_quietly(problem, "projected")
     table.save(tmp_path / "projected.h5")
     again = sdhj.load(tmp_path / "projected.h5")
     assert again.method == "projected"

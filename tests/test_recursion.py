@@ -9,24 +9,116 @@ import pytest
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import Scheme
-from sdhj.games import HJISolver, LaxSolver
+from sdhj import HJI, HopfLax, Projected, Scheme
+from sdhj.games import HJIGames, HopfLaxGames
+from sdhj.recursion import recursion
 
 DOUBLE = Scheme(dtype="float64")
+LINEAR = HopfLax("linear", "float64")
+
+
+class FiniteSets:
+    """`sdhj.recursion.Sets` of whole numbers: a game on few states that a child could play out.
+
+    goals[k]: the states to be in at step k; leads[k][j][q]: the states that u_j may lead to from q, empty where it is
+    not safe there. Where `timeless`, all steps are step 0.
+    """
+
+    def __init__(self, goals, leads, timeless):
+        self.goals, self.leads, self.timeless = goals, leads, timeless
+        self.entries, self.calls = {}, []
+
+    def key(self, step, within):
+        return (0 if self.timeless else step), within
+
+    def goal(self, step):
+        self.calls.append(("goal", step))
+        self.entries[self.key(step, 0)] = frozenset(self.goals[step])
+
+    def extend(self, step, within):
+        self.calls.append(("extend", step, within))
+        later = self.entries[self.key(step + 1, within - 1)]
+        won = {q for lead in self.leads[step] for q, ends in enumerate(lead) if ends and ends <= later}
+        self.entries[self.key(step, within)] = self.entries[self.key(step, within - 1)] | won
+
+    def stopped(self, step, within):
+        return self.entries[self.key(step, within)] == self.entries[self.key(step, within - 1)]
+
+    def share(self, step, within):
+        self.calls.append(("share", step, within))
+        self.entries[self.key(step, within)] = self.entries[self.key(step, within - 1)]
+
+    def finish(self, details):
+        return self
+
+
+def random_game(rng, states, inputs, steps, timeless):
+    rows = 1 if timeless else steps + 1
+    goals = [set(rng.choice(states, 2, replace=False).tolist()) for _ in range(rows)] * (steps + 1 if timeless else 1)
+    leads = [
+        [
+            [frozenset(rng.choice(states, rng.integers(0, 3), replace=False).tolist()) for _ in range(states)]
+            for _ in range(inputs)
+        ]
+        for _ in range(rows)
+    ] * (steps + 1 if timeless else 1)
+    return goals, leads
+
+
+@pytest.mark.parametrize("timeless", [False, True])
+def test_theorem_2_is_the_game_played_out(rng, timeless):
+    """Definition 4 by brute force: q wins within n steps where it is in the goal, or an input is safe and leads to
+    states all of which win within n - 1 steps from the next step on."""
+    steps, states, shared = 6, 12, 0
+    for _ in range(30):
+        goals, leads = random_game(rng, states, 2, steps, timeless)
+
+        def wins(step, q, within, goals=goals, leads=leads):
+            if q in goals[step]:
+                return True
+            ends = [lead[q] for lead in leads[step] if lead[q]] if within else []
+            return any(all(wins(step + 1, end, within - 1) for end in each) for each in ends)
+
+        ticks = []
+        sets = FiniteSets(goals, leads, timeless)
+        sets.timeless = timeless
+        recursion(sets, steps, lambda ticks=ticks: ticks.append(1))
+        for step in (0,) if timeless else range(steps + 1):
+            for within in range(steps - step + 1):
+                won = {q for q in range(states) if wins(step, q, within)}
+                assert sets.entries[step, within] == won, (step, within)
+        assert len(ticks) == (steps if timeless else steps * (steps + 1) // 2)
+        shared += sum(call[0] == "share" for call in sets.calls)
+    assert shared > 30  # what has stopped growing is not computed again
+
+
+def test_what_has_stopped_growing_in_a_row_has_stopped_in_the_row_before():
+    """Nothing leads anywhere: the first step to go of a row has to be looked at, the others cannot differ from it."""
+    sets = FiniteSets([{1}] * 4, [[[frozenset()] * 3]] * 4, timeless=False)
+    sets.timeless = False
+    recursion(sets, 3, lambda: None)
+    assert [call for call in sets.calls if call[0] != "goal"] == [
+        ("extend", 2, 1),
+        ("extend", 1, 1),
+        ("share", 1, 2),
+        ("extend", 0, 1),
+        ("share", 0, 2),
+        ("share", 0, 3),
+    ]
+    assert [call[1] for call in sets.calls if call[0] == "goal"] == [3, 2, 1, 0]
 
 
 @pytest.mark.parametrize("method", ["hji", "lax"])
 def test_table_equals_the_slow_recursion(method):
     problem = torus_problem(nodes=9, steps=3)
-    options = {"interpolation": "linear"} if method == "lax" else {}
-    table = sdhj.solve(problem, method=method, scheme=DOUBLE, **options)
-    solver = HJISolver(problem, DOUBLE) if method == "hji" else LaxSolver(problem, "linear", "float64")
+    table = sdhj.solve(problem, {"hji": HJI(DOUBLE), "lax": LINEAR}[method])
+    games = HJIGames(problem, DOUBLE) if method == "hji" else HopfLaxGames(problem, "linear", "float64")
     steps, count = problem.steps, len(problem.inputs)
     goals = [problem.goal(k) for k in range(steps + 1)]
-    avoid = [solver.avoid(problem.unsafe[0], k) for k in range(steps)]
+    avoid = [games.avoid(problem.unsafe[0], k) for k in range(steps)]
 
-    def reach(values):
-        found = dict((j, v.copy()) for j, v in solver.reach(values))
+    def reach(values, k):
+        found = dict((j, v.copy()) for j, v in games.reach(values, k))
         return [found[j] for j in range(count)]
 
     tubes, marks = naive.recursion(goals, reach, avoid)
@@ -39,11 +131,11 @@ def test_table_equals_the_slow_recursion(method):
             assert np.array_equal(inputs, np.stack([marks[k, n, j] for j in range(count)], axis=-1))
 
 
-@pytest.mark.parametrize("method", ["hji", "lax"])
+@pytest.mark.parametrize("method", [HJI(DOUBLE), HopfLax(dtype="float64")], ids=lambda method: method.name)
 def test_tubes_in_one_dimension_have_their_closed_form(method):
     """Each step adds (1 - 0.2) * 0.5 on both sides; the wall at 3 caps what may be touched."""
     problem = interval_problem(nodes=321, steps=5)
-    table = sdhj.solve(problem, method=method, scheme=DOUBLE)
+    table = sdhj.solve(problem, method)
     q, h = problem.grid.nodes(0), problem.grid.spacing[0]
     for k in range(6):
         for n in range(6 - k):
@@ -56,7 +148,7 @@ def test_tubes_in_one_dimension_have_their_closed_form(method):
 
 def test_static_problem_depends_on_steps_to_go_only():
     problem = interval_problem(steps=4)
-    table = sdhj.solve(problem, scheme=DOUBLE)
+    table = sdhj.solve(problem, HJI(DOUBLE))
     for n in range(4):
         assert np.array_equal(table.values(start=0, within=n), table.values(start=1, within=n))
 
@@ -79,14 +171,14 @@ def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
     for nodes in (16, 32):
         problem = torus_problem(nodes=nodes)
         fixed = dataclasses.replace(DOUBLE, frame="fixed")
-        pair = [sdhj.solve(problem, scheme=fixed, games=games) for games in ("decomposed", "joint")]
+        pair = [sdhj.solve(problem, HJI(fixed, games)) for games in ("decomposed", "joint")]
         gaps.append(np.abs(pair[0].values(start=0, within=3) - pair[1].values(start=0, within=3)).mean())
     print("mean difference of joint and decomposed tubes", gaps)
     assert gaps[1] < gaps[0] / 1.4
 
 
 def test_state_dependent_dynamics_make_a_table():
-    table = sdhj.solve(unicycle_problem(), scheme=DOUBLE)
+    table = sdhj.solve(unicycle_problem(), HJI(DOUBLE))
     fractions = [table.fraction(start=0, within=n) for n in range(4)]
     assert fractions == sorted(fractions) and fractions[3] > 1.5 * fractions[0] > 0
     # a car heading for the target gets there, one heading away does not
@@ -106,7 +198,7 @@ def arm():
 @pytest.fixture(scope="module")
 def plain(arm):
     """The scheme of the paper: Lax-Friedrichs, second order, the drift differenced like the rest."""
-    return sdhj.solve(arm, scheme=Scheme(flux="lax-friedrichs", frame="fixed"))
+    return sdhj.solve(arm, HJI(Scheme(flux="lax-friedrichs", frame="fixed")))
 
 
 # Shares of the nodes inside from step 0 within 0..8 steps, by independent prototypes at 25^4.
@@ -118,7 +210,7 @@ SHARE_TOLERANCE = 0.005
 
 
 def test_lax_reproduces_the_published_shares(arm):
-    shares = node_shares(sdhj.solve(arm, method="lax", interpolation="linear"))
+    shares = node_shares(sdhj.solve(arm, HopfLax("linear")))
     print("lax", shares.round(4))
     np.testing.assert_allclose(shares, LAX_SHARES, rtol=0, atol=SHARE_TOLERANCE)
 
@@ -147,7 +239,7 @@ def test_hji_and_lax_close_in_on_each_other_as_the_grid_refines():
     differ, mean = {}, {}
     for nodes in (15, 25, 31):
         problem = sdhj.arm_case_study(nodes=nodes, steps=3)
-        pair = [sdhj.solve(problem, method=method) for method in ("hji", "lax")]
+        pair = [sdhj.solve(problem, method) for method in ("hji", "lax")]
         a, b = (t.values(start=0, within=3).astype(float) for t in pair)
         differ[nodes] = ((a <= 0) != (b <= 0)).mean()
         mean[nodes] = np.abs(a - b)[np.abs(b) < 0.1].mean()
@@ -157,38 +249,29 @@ def test_hji_and_lax_close_in_on_each_other_as_the_grid_refines():
 
 def test_single_precision_moves_the_shares_by_little():
     problem = sdhj.arm_case_study(nodes=15, steps=4)
-    single, double = (sdhj.solve(problem, scheme=Scheme(dtype=dtype)) for dtype in ("float32", "float64"))
+    single, double = (sdhj.solve(problem, HJI(Scheme(dtype=dtype))) for dtype in ("float32", "float64"))
     disagree = ((single.values(start=0, within=4) <= 0) != (double.values(start=0, within=4) <= 0)).mean()
     print(f"float32 and float64 disagree on {disagree:.1e} of the nodes")
     assert disagree < 2e-3
 
 
 @pytest.mark.parametrize(
-    ("options", "named"),
+    ("made", "named"),
     [
-        ({"method": "magic"}, "magic"),
-        ({"games": "both"}, "both"),
-        ({"games": "joint", "method": "lax"}, "joint"),
-        ({"method": ["hji"]}, r"method must be one of .*\['hji'\]"),
-        ({"scheme": "hji"}, "scheme must be a sdhj.Scheme, .* got 'hji'"),
-        ({"scheme": {"order": 2}}, "scheme must be a sdhj.Scheme"),
-        ({"interpolation": "foo"}, "interpolation must be one of linear, limited, got 'foo'"),
-        ({"inner": "foo"}, "inner must be one of hji, lax, got 'foo'"),
-        ({"subspaces": [(0,)]}, "subspaces=.* goes with method=\"projected\", got method='hji'"),
-        ({"cells": np.array([5])}, "cells=.* goes with method=\"certified\", got method='hji'"),
-        (
-            {"method": "certified", "scheme": Scheme(order=1)},
-            'scheme=Scheme.* goes with method="hji" or "projected" or',
-        ),
-        ({"method": "certified", "subspaces": [[0]]}, 'subspaces=.* goes with method="projected", got'),
-        ({"method": "certified", "interpolation": "linear"}, "interpolation='linear' goes with"),
-        ({"interpolation": "linear"}, "interpolation='linear' goes with method=\"lax\" or .*, got method='hji'"),
-        ({"method": "projected", "interpolation": "linear"}, "goes with inner=\"lax\", got 'hji'"),
+        (lambda: HJI(games="both"), "games must be one of decomposed, joint, got 'both'"),
+        (lambda: HJI(scheme="hji"), "scheme must be a sdhj.Scheme, .* got 'hji'"),
+        (lambda: HJI(scheme={"order": 2}), "scheme must be a sdhj.Scheme"),
+        (lambda: HopfLax(interpolation="foo"), "interpolation must be one of linear, limited, got 'foo'"),
+        (lambda: HopfLax(interpolation=["linear"]), r"interpolation must be one of .*\['linear'\]"),
+        (lambda: HopfLax(dtype="float16"), "dtype must be one of float32, float64, got 'float16'"),
+        (lambda: Projected(inner="lax"), "inner must be a sdhj.HJI .* or a sdhj.HopfLax, got 'lax'"),
+        (lambda: Projected(inner=HJI(games="joint")), "inner must be a sdhj.HJI with decomposed games"),
+        (lambda: Projected(inner=Projected()), "inner must be a sdhj.HJI"),
     ],
 )
-def test_unknown_options_are_named(options, named):
+def test_unknown_options_are_named(made, named):
     with pytest.raises(ValueError, match=named):
-        sdhj.solve(interval_problem(), **options)
+        made()
 
 
 def test_something_else_than_a_problem_is_named():
@@ -201,9 +284,9 @@ def test_an_unsafe_set_between_the_nodes_is_told():
     problem = interval_problem(nodes=41, unsafe=False)
     thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.7) - 0.04, name="thin")
     with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'thin'") as told:
-        sdhj.solve(dataclasses.replace(problem, unsafe=(thin,)), method="lax", progress=False)
+        sdhj.solve(dataclasses.replace(problem, unsafe=(thin,)), "lax", progress=False)
     assert told[0].filename == __file__  # the line that called solve
     wide = dataclasses.replace(thin, level_set=lambda p, t: np.abs(p[:, 0] - 0.7) - 0.2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        sdhj.solve(dataclasses.replace(problem, unsafe=(wide,)), method="lax", progress=False)
+        sdhj.solve(dataclasses.replace(problem, unsafe=(wide,)), "lax", progress=False)

@@ -1,4 +1,4 @@
-"""Closed-loop simulation: the motion, the judgement by true geometry, the adversaries, and the rates."""
+"""Closed-loop simulation: the judgement by true geometry, the adversaries, and the rates."""
 
 import itertools
 from dataclasses import replace
@@ -10,12 +10,11 @@ import toys
 from scipy.stats import binomtest
 
 import sdhj
-from sdhj import simulation
-from sdhj.adversaries import ADVERSARIES, Moment
-from sdhj.controller import CHUNK, Controller
-from sdhj.motion import advance, clip_to_walls
+from sdhj.controller import Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.simulation import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
 from sdhj.table import LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
@@ -24,17 +23,17 @@ PLAYERS = ("none", "random", "aggressive", "worst")
 
 @cache
 def interval_table() -> LookupTable:
-    return sdhj.solve(toys.interval_problem(), method="lax", interpolation="linear", scheme=DOUBLE, progress=False)
+    return sdhj.solve(toys.interval_problem(), sdhj.HopfLax("linear", "float64"), progress=False)
 
 
 @cache
 def torus_table() -> LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), method="lax", scheme=DOUBLE, progress=False)
+    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
 
 
 @cache
 def unicycle_table() -> LookupTable:
-    return sdhj.solve(toys.unicycle_problem(), scheme=DOUBLE, progress=False)
+    return sdhj.solve(toys.unicycle_problem(), sdhj.HJI(DOUBLE), progress=False)
 
 
 @cache
@@ -60,69 +59,12 @@ def moment(controller: Controller, states: np.ndarray, **changes: object) -> Mom
         "time": 0.0,
         "remaining": problem.delta,
         "duration": problem.delta / SUBSTEPS,
-        "previous": np.zeros((len(states), problem.dynamics.bounds.size)),
+        "previous": np.zeros((len(states), problem.dynamics.adversaries)),
         "runs": np.arange(len(states)),
-        "tube": lambda points: controller.tube_values(points, 1, within),
+        "tube": lambda points: controller.table.values_at(points, 1, within),
         "rng": np.random.default_rng(1),
     }
     return Moment(**(standard | changes))
-
-
-# ---- motion
-
-
-def test_constant_velocities_move_on_lines_and_stop_at_walls() -> None:
-    problem = sdhj.arm_case_study(nodes=7, steps=1)
-    states = np.array([[0.1, 0.2, 0.0, 0.35], [3.1, -3.1, -0.36, 0.0]])
-    v = np.array([[0.3, -0.3, 0.2, 0.2], [0.0, 0.0, -0.2, 0.1]])
-    inputs = np.array([24, 0])  # (3, 3) and (-3, -3) rad/s
-    after = advance(problem, states, inputs, v, 0.1)
-    expected = [[0.1 + 0.33, 0.2 + 0.27, 0.02, 0.36], [3.1 - 0.3, -3.1 - 0.3, -0.36, 0.01]]
-    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(clip_to_walls(problem.grid, after), after)
-
-
-def growth_problem() -> ReachAvoidProblem:
-    """dq = u q + v q: drift and gain depend on the state; q(t) = q(0) exp((u + v) t)."""
-    dynamics = sdhj.Dynamics([[-1.0], [1.0]], lambda p, u: u[0] * p, lambda p: p[:, :, None], [0.5])
-    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
-    return ReachAvoidProblem(sdhj.Grid([0.1], [9.0], [33]), dynamics, target, (), 0.1, 2)
-
-
-def test_curved_paths_are_integrated_to_fourth_order() -> None:
-    problem, t = growth_problem(), 1.2
-    exact = 1.5 * np.exp((1.0 + 0.4) * t)
-    counts, errors = np.array([4, 8, 16, 32]), []
-    for count in counts:
-        state = np.array([[1.5]])
-        for _ in range(count):
-            state = advance(problem, state, np.array([1]), np.array([[0.4]]), t / count)
-        errors.append(abs(state[0, 0] - exact))
-    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert 3.8 < order < 4.2
-
-
-def test_a_car_turns_on_a_circle() -> None:
-    """x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v1 t, and so on; 20 steps of 0.01 s are good to 1e-9."""
-    problem = toys.unicycle_problem()
-    start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.2
-    turned = 0.4 + 2 * t
-    east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
-    state = start
-    for _ in range(20):
-        state = advance(problem, state, np.array([2]), v, t / 20)
-    np.testing.assert_allclose(state, start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]]), rtol=0, atol=1e-9)
-
-
-def test_each_run_moves_under_its_own_input() -> None:
-    problem = toys.unicycle_problem()
-    states = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 1.0]])
-    inputs = np.array([2, 0, 1])
-    together = advance(problem, states, inputs, np.zeros((3, 2)), 0.1)
-    for m in range(3):
-        alone = advance(problem, states[m : m + 1], inputs[m : m + 1], np.zeros((1, 2)), 0.1)
-        np.testing.assert_array_equal(together[m], alone[0])
-    assert together[0, 2] == pytest.approx(0.2) and together[1, 2] == pytest.approx(-0.2) and together[2, 2] == 1.0
 
 
 # ---- one run
@@ -260,7 +202,7 @@ def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
 def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) -> None:
     """The disturbance of the joints pushes towards what is nearer; the pursuer always closes in."""
     problem = sdhj.arm_case_study(nodes=9, steps=1)
-    controller = Controller(sdhj.solve(problem, method="lax", progress=False))
+    controller = Controller(sdhj.solve(problem, "lax", progress=False))
     states = rng.uniform(problem.grid.lower, problem.grid.upper, (300, 4))
     now = moment(controller, states)
     values, changes = [], []
@@ -295,7 +237,7 @@ def test_worst_takes_the_vertex_with_the_worst_score() -> None:
     slopes = [problem.unsafe_value(middle + problem.delta * 0.4 * e, end) - distance for e in np.eye(2)]
     scores = []
     for vertex in vertices:
-        tube = problem.grid.interpolate(controller.table.value_array(1, 1), middle + problem.delta * vertex)
+        tube = problem.grid.interpolate(controller.table.values(start=1, within=1), middle + problem.delta * vertex)
         linear = distance + sum(slope * sign for slope, sign in zip(slopes, np.sign(vertex), strict=True))
         scores.append(np.maximum(tube, -linear))
     played = [int(np.flatnonzero([(row == vertex).all() for vertex in vertices])[0]) for row in v]
@@ -404,7 +346,7 @@ def test_arm_succeeds_as_often_as_the_grid_allows() -> None:
 
 def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     controller = Controller(torus_table())
-    runs = CHUNK + 500
+    runs = simulation.CHUNK + 500
     one = monte_carlo(controller, runs, "random", seed=7, progress=False)
     monkeypatch.setattr(simulation, "threads", lambda: 1)
     two = monte_carlo(controller, runs, "random", seed=7, progress=False)
@@ -439,8 +381,8 @@ def test_own_functions_are_named_in_the_report() -> None:
     def still(m: Moment) -> np.ndarray:
         return np.zeros_like(m.previous)
 
-    def first(choice: object) -> int:
-        return int(choice.candidates[0])
+    def first(candidates: "sdhj.controller.Candidates") -> np.ndarray:
+        return candidates.inputs
 
     report = monte_carlo(Controller(interval_table(), first), 50, still, progress=False)
     assert (report.adversary, report.rule) == ("still", "first") and report.rate("reached") == 1.0
@@ -489,13 +431,13 @@ def test_an_empty_tube_has_no_starts() -> None:
 
 def test_problem_without_unsafe_sets() -> None:
     problem: ReachAvoidProblem = toys.interval_problem(unsafe=False)
-    controller = Controller(sdhj.solve(problem, method="lax", scheme=DOUBLE, progress=False))
+    controller = Controller(sdhj.solve(problem, sdhj.HopfLax(dtype="float64"), progress=False))
     for adversary in PLAYERS:
         assert monte_carlo(controller, 300, adversary, progress=False).rate("reached") == 1.0
 
 
 def test_a_table_is_no_controller() -> None:
-    table = sdhj.solve(toys.interval_problem(steps=1), method="lax", progress=False)
+    table = sdhj.solve(toys.interval_problem(steps=1), "lax", progress=False)
     for play in (sdhj.monte_carlo, sdhj.search_losing, lambda it: sdhj.simulate(it, [0.0])):
         with pytest.raises(ValueError, match=r"for example Controller\(table\), got LookupTable"):
             play(table)

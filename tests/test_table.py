@@ -1,16 +1,15 @@
-"""The look-up table in memory and on disk."""
+"""The look-up table in memory: what it stores once, what it says of nodes and of states between them."""
 
 import dataclasses
-import os
 import re
 
-import h5py
 import numpy as np
 import pytest
-from toys import interval_problem, torus_problem
+from toys import interval_problem, one_row, torus_problem
 
 import sdhj
-from sdhj.table import FORMAT_VERSION
+from sdhj.controller import Controller
+from sdhj.table import AvoidTubes, LookupTable, entries, entry
 
 
 @pytest.fixture(scope="module")
@@ -18,153 +17,11 @@ def table():
     return sdhj.solve(torus_problem(nodes=10, steps=3))
 
 
-@pytest.fixture(scope="module")
-def arm_table():
-    return sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2))
-
-
-def same(a, b):
-    for k in range(a.steps + 1):
-        for n in range(a.steps - k + 1):
-            assert np.array_equal(a.values(start=k, within=n), b.values(start=k, within=n))
-            assert np.array_equal(a.inputs(start=k, within=n), b.inputs(start=k, within=n))
-    assert np.array_equal(a.avoid.static, b.avoid.static) and np.array_equal(a.avoid.moving, b.avoid.moving)
-    assert (a.avoid.static_axes, a.avoid.moving_axes) == (b.avoid.static_axes, b.avoid.moving_axes)
-    assert a.method == b.method and dict(a.details) == dict(b.details)
-
-
-def test_round_trip_of_a_case_study(arm_table, tmp_path):
-    arm_table.save(tmp_path / "arm.h5")
-    loaded = sdhj.load(tmp_path / "arm.h5")
-    same(arm_table, loaded)
-    assert loaded.problem.digest == arm_table.problem.digest
-    assert os.listdir(tmp_path) == ["arm.h5"]  # no temporary left
-
-
-def test_round_trip_of_your_own_problem(table, tmp_path):
-    table.save(tmp_path / "own.h5")
-    with pytest.raises(sdhj.TableFileError, match="problem="):
-        sdhj.load(tmp_path / "own.h5")
-    same(table, sdhj.load(tmp_path / "own.h5", problem=torus_problem(nodes=10, steps=3)))
-    for other, told in (
-        (torus_problem(nodes=10, steps=3, view_time="sampled"), "; view_time is 'swept' there and 'sampled' here$"),
-        (torus_problem(nodes=12, steps=3), r"; shape is \[10, 10\] there and \[12, 12\] here$"),
-        (dataclasses.replace(torus_problem(nodes=10, steps=3), delta=0.7), "; delta is .* there and 0.7 here$"),
-        (
-            dataclasses.replace(torus_problem(nodes=10, steps=3), target=sdhj.TargetSet((0, 1), lambda p, t: p[:, 0])),
-            "; what differs are the values of its functions",
-        ),
-    ):
-        with pytest.raises(sdhj.TableFileError, match=f"another problem.*{told}"):
-            sdhj.load(tmp_path / "own.h5", problem=other)
-
-
 def test_a_table_is_shown_in_a_line(table):
     share = f"{table.fraction(start=0, within=3):.1%}"
     assert re.fullmatch(
         rf"<LookupTable of .*, method '.*': 10 x 10 nodes, 9 inputs, 3 steps of .* s; {share} of .*>", repr(table)
     )
-
-
-def test_the_file_describes_itself(arm_table, tmp_path):
-    arm_table.save(tmp_path / "arm.h5")
-    with h5py.File(tmp_path / "arm.h5") as file:
-        attrs = dict(file.attrs)
-        assert attrs["sdhj_version"] == sdhj.__version__ and attrs["method"] == "hji"
-        assert "<= 0" in attrs["convention"] and len(attrs["digest"]) == 64
-        for word in ("v_p_max", "pursuer_radius", "half_width", "obstacles"):
-            assert word in attrs["recipe"]
-        for word in ("flux", "order", "cfl", "dtype"):
-            assert word in attrs["details"]
-        assert file["grid"].attrs["periodic"].tolist() == [True, True, False, False]
-        assert file["tubes"].shape[0] == len(file["entries"]) == 6
-
-
-def test_an_unwritable_folder_is_a_clear_error(arm_table, tmp_path):
-    with pytest.raises(OSError, match="folder"):
-        arm_table.save(tmp_path / "missing" / "arm.h5")
-
-
-def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypatch):
-    path = tmp_path / "arm.h5"
-    arm_table.save(path)
-    before = path.read_bytes()
-
-    def fail(*args, **kwargs):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(type(table), "_write", fail)
-    with pytest.raises(OSError, match="disk full"):
-        table.save(path)
-    assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.h5"]
-
-
-def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
-    path = tmp_path / "arm.h5"
-    with pytest.raises(FileNotFoundError, match=r"arm\.h5"):
-        sdhj.load(path)
-    path.write_bytes(b"not HDF5 at all")
-    with pytest.raises(sdhj.TableFileError, match="damaged"):
-        sdhj.load(path)
-    with h5py.File(path, "w") as file:
-        file["x"] = 1
-    with pytest.raises(sdhj.TableFileError, match="no look-up table"):
-        sdhj.load(path)
-    arm_table.save(path)
-    with h5py.File(path, "r+") as file:
-        file.attrs["format_version"] = FORMAT_VERSION + 1
-    with pytest.raises(sdhj.TableFileError, match="upgrade"):
-        sdhj.load(path)
-
-
-@pytest.mark.parametrize("digest", [7, 1.5, np.bytes_(b"abc"), ["a", "b"]])
-def test_a_digest_of_another_kind_is_refused(arm_table, tmp_path, digest):
-    path = tmp_path / "arm.h5"
-    arm_table.save(path)
-    with h5py.File(path, "r+") as file:
-        file.attrs["digest"] = digest
-    with pytest.raises(sdhj.TableFileError, match="digest"):
-        sdhj.load(path)
-
-
-@pytest.mark.parametrize("name", ["static", "moving"])
-def test_edited_axes_of_avoid_tubes_are_refused(arm_table, tmp_path, name):
-    path = tmp_path / "arm.h5"
-    arm_table.save(path)
-    with h5py.File(path, "r+") as file:
-        attrs = file[f"avoid_{name}"].attrs
-        attrs["axes"] = [3 - axis for axis in attrs["axes"]]
-    with pytest.raises(sdhj.TableFileError, match="checksum"):
-        sdhj.load(path)
-
-
-@pytest.mark.parametrize("keep", [0.1, 0.5, 0.9, 0.999])
-def test_truncated_files_are_refused(arm_table, tmp_path, keep):
-    path = tmp_path / "arm.h5"
-    arm_table.save(path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(len(whole) * keep)])
-    with pytest.raises(sdhj.TableFileError):
-        sdhj.load(path)
-
-
-def test_flipped_bytes_never_pass_unnoticed(arm_table, tmp_path, rng):
-    """A flipped byte is refused, or lies where nothing is stored and changes nothing."""
-    path = tmp_path / "arm.h5"
-    arm_table.save(path)
-    whole = bytearray(path.read_bytes())
-    refused = 0
-    for place in rng.integers(0, len(whole), size=60):
-        broken = bytearray(whole)
-        broken[place] ^= 0xFF
-        path.write_bytes(broken)
-        try:
-            loaded = sdhj.load(path)
-        except sdhj.TableFileError:
-            refused += 1
-        else:
-            same(arm_table, loaded)
-    assert refused > 20
 
 
 def test_values_cannot_be_modified_and_indices_are_checked(table):
@@ -226,3 +83,114 @@ def test_digest_sees_every_part_of_a_problem():
     digests = {p.digest for p in changed}
     assert len(digests) == len(changed) and problem.digest not in digests
     assert torus_problem(nodes=8).digest == problem.digest
+
+
+# ---- equal tubes are stored once
+
+
+def empty_table(steps, *, timeless):
+    rate = 0.0 if timeless else 0.1  # of the wall
+    problem = interval_problem(nodes=9, steps=steps, rate=rate)
+    assert problem.timeless == timeless
+    nothing = AvoidTubes((), np.full(3, -np.inf), (), np.full((problem.steps, 3), -np.inf))
+    return LookupTable.empty(problem, "markers", "float64", nothing)
+
+
+def test_entries_come_in_the_order_of_their_places():
+    assert entries(3).tolist() == [[0, 0], [0, 1], [0, 2], [0, 3], [1, 0], [1, 1], [1, 2], [2, 0], [2, 1], [3, 0]]
+    assert [entry(3, start, within) for start, within in entries(3).tolist()] == list(range(10))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
+def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
+    """Each tube is filled with a number of its own, or shared; a dictionary keeps book."""
+    table, told = empty_table(6, timeless=False), {}
+    for k in range(6, -1, -1):
+        for n in range(7 - k):
+            if n >= 2 and rng.random() < share:
+                table.share(k, n)
+                told[k, n] = told[k, n - 1]
+            else:
+                told[k, n] = len(told)
+                table.value_array(k, n)[:] = table.mask_array(k, n)[:] = told[k, n]
+    done = table.finish({"seconds": 1.0})
+    assert done.details == {"seconds": 1.0} and len(done.index) == len(told) == 28
+    for (k, n), number in told.items():
+        assert (done.value_array(k, n) == number).all() and (done.mask_array(k, n) == number).all()
+    stored = len(set(told.values()))
+    assert len(done.tubes) == len(done.masks) == stored and done.nbytes == stored * (9 * 8 + 9)
+
+
+def test_without_time_there_is_one_tube_for_each_number_of_steps():
+    """A row finds the tubes of the next one filled in; its one new tube is filled in, or shared by all rows to come."""
+    table = empty_table(5, timeless=True)
+    assert len(table.tubes) == 6
+    for k in range(5, -1, -1):
+        for n in range(6 - k):
+            if n >= 2 and n in (3, 5):  # as if the tube had stopped growing there, and again
+                table.share(k, n)
+            elif n == 5 - k:
+                table.value_array(k, n)[:] = n
+    done = table.finish({})
+    assert len(done.tubes) == 4
+    for start, within in entries(5).tolist():
+        assert (done.values(start=start, within=within) == (0, 1, 2, 2, 4, 4)[within]).all()
+
+
+def test_a_shared_tube_answers_as_one_stored_for_itself(rng):
+    table = one_row(sdhj.solve(interval_problem(nodes=41, steps=6, rate=-0.3), progress=False))
+    assert len(table.tubes) == 7 and len(table.index) == 28
+    apart = dataclasses.replace(
+        table, index=np.arange(28), tubes=table.tubes[table.index], masks=table.masks[table.index]
+    )
+    states, batches = rng.uniform(-4, 4, (500, 1)), []
+    for one in (table, apart):
+        batches.append([Controller(one).batch(states, step) for step in range(7)])
+    assert len({n for batch in batches[0] for n in batch.steps_to_go.tolist()}) >= 6
+    for shared, other in zip(*batches, strict=True):
+        for name in ("steps_to_go", "safe", "margins"):
+            np.testing.assert_array_equal(getattr(shared, name), getattr(other, name))
+    assert table.nbytes == table.tubes.nbytes + table.masks.nbytes == apart.nbytes // 4
+
+
+def test_where_nothing_depends_on_time_a_table_has_one_tube_for_each_number_of_steps():
+    still, moving = (sdhj.solve(interval_problem(nodes=21, steps=4, rate=rate), progress=False) for rate in (0, -0.1))
+    assert len(still.tubes) == 5 and len(moving.tubes) == 15
+    for start in range(4):
+        np.testing.assert_array_equal(still.values(start=start, within=1), still.values(start=0, within=1))
+
+
+# ---- states between the nodes
+
+
+def test_values_at_are_the_interpolated_tubes_and_those_at_a_wall_beyond_it(rng):
+    table = sdhj.solve(interval_problem(nodes=41, steps=4), progress=False)
+    points, within = rng.uniform(-4.0, 4.0, (60, 3, 1)), rng.integers(0, 4, 60)
+    values = table.values_at(points, 1, within)
+    for n in range(4):
+        expected = table.grid.interpolate(table.values(start=1, within=n), points[within == n].reshape(-1, 1))
+        np.testing.assert_array_equal(values[within == n].ravel(), expected)
+    beyond, wall = (table.values_at(np.full((1, 1, 1), q), 1, np.array([3])) for q in (9.0, 4.0))
+    assert beyond == wall
+    most = table.values_at(points, 1, np.full(60, 3))
+    np.testing.assert_array_equal(table.values_at(points, 1, np.full(60, 99)), most)  # as `values` takes it
+    assert table.values_at(np.empty((0, 2, 1)), 0, np.empty(0, int)).shape == (0, 2)
+
+
+@pytest.mark.parametrize("shape", [(5, 1), (5, 2, 2), (4, 2, 1), (1,)])
+def test_values_at_checks_its_points(shape):
+    table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
+    with pytest.raises(ValueError, match=r"points must have shape \(5, V, 1\)"):
+        table.values_at(np.zeros(shape), 0, np.zeros(5, int))
+    with pytest.raises(ValueError, match="whole number from 0 to 1"):
+        table.values_at(np.zeros((5, 1, 1)), 2, np.zeros(5, int))
+
+
+def test_a_table_checks_states_itself(table):
+    """`Controller` hands on what it is given."""
+    with pytest.raises(ValueError, match=r"states must have shape \(M, 2\), got \(2,\)"):
+        table.batch([0.0, 0.0], 0)
+    with pytest.raises(ValueError, match="NaN or an infinity"):
+        table.batch([[0.0, np.inf]], 0)
+    with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
+        table.batch([[0.0, 0.0]], 4)

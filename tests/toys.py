@@ -1,5 +1,7 @@
 """Small problems with answers one can work out by hand, shared by the tests."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
@@ -65,3 +67,13 @@ def torus_problem(*, nodes=12, steps=3, view_time="swept"):
 
 def wrapped(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def one_row(table):
+    """The table that has the tubes of step 0 at every step, each stored once: as if nothing depended on the time."""
+    tubes, masks = (
+        np.stack([array(0, within) for within in range(table.steps + 1)])
+        for array in (table.value_array, table.mask_array)
+    )
+    index = [within for start in range(table.steps + 1) for within in range(table.steps - start + 1)]
+    return replace(table, index=np.array(index), tubes=tubes, masks=masks)

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from sdhj.compiling import kernel
 from numpy.typing import ArrayLike, NDArray
 
 from sdhj.checks import number, pair
+from sdhj.compiling import kernel
 
 FloatArray = NDArray[Any]
 
@@ -353,8 +353,12 @@ class Arm:
 
         A closed polygon (V, 2) inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
         """
-        from shapely import LineString  # only drawing needs it
-
+        try:
+            from shapely import LineString  # only drawing needs it
+        except ImportError as error:
+            raise ImportError(
+                "the outline of an arm needs Shapely, which is not installed: pip install 'sdhj[plot]'"
+            ) from error
         elbow, tip = self.joints(np.asarray(q, dtype=np.float64).reshape(2))
         skeleton = np.stack([np.zeros(2), elbow, tip, elbow, np.zeros(2)])
         if self.half_width == 0.0:

@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified import kernels
 from sdhj.arm.case_studies import ArmScene, scene
+from sdhj.certified import kernels
 from sdhj.certified.cells import CellAxis, measured
 from sdhj.certified.kernels import ArmMotion, Cells
 from sdhj.compiling import hidden

@@ -18,12 +18,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import hidden
-from sdhj.controller import CHUNK, NOT_ADMISSIBLE, Controller, NotAdmissible, threads
+from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import FloatArray
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
+from sdhj.table import NOT_ADMISSIBLE
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from

@@ -1,9 +1,8 @@
-"""Certified sets behind the interface of a look-up table, and a controller that plays certified inputs only."""
+"""Certified sets behind the interface of a look-up table."""
 
 import hashlib
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -11,11 +10,10 @@ import numpy as np
 
 from sdhj.certified.sets import CertifiedSets
 from sdhj.checks import whole
-from sdhj.controller import NOT_ADMISSIBLE, Batch, Controller, Rule
+from sdhj.files import written_table
 from sdhj.grid import FloatArray, Grid
-from sdhj.motion import clip_to_walls, displacements
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import TableFileError, file_header, in_a_line, written_whole
+from sdhj.table import NOT_ADMISSIBLE, Batch, batched, in_a_line
 
 GROUP = "certified"
 SLAB = 2**16  # rows of an array that are read at a time for the checksum
@@ -78,22 +76,56 @@ class CertifiedTable:
         """Share of the volume of the state space that is certified (of cells, not of nodes)."""
         return self.sets.fraction(start=start, within=within)
 
+    def batch(self, states: FloatArray, step: int) -> Batch:
+        """As `LookupTable.batch`, of certified inputs only.
+
+        The margin is the steps to go that the undisturbed successor has, minus those it may have; at most 0 for a
+        certified input, and the lower, the sooner the target; +inf for the others. From the target there may be no
+        input that is proved to bring the state back into it one step later.
+        """
+        return batched(self.problem, states, step, self._answer)
+
+    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
+        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, self.grid.ndim)
+        to_go = self.steps_to_go(flat, step).reshape(points.shape[:2])
+        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
+
+    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+        states, step = batch.states[rows], batch.step
+        to_go = self.steps_to_go(states, step)
+        to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
+        safe = np.zeros((len(rows), len(self.problem.inputs)), dtype=np.bool_)
+        ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
+        for within in np.unique(ahead[ahead > 0]):
+            same = ahead == within
+            safe[same] = self.sets.certified_inputs_many(states[same], step, int(within))
+        batch.steps_to_go[rows], batch.safe[rows] = to_go, safe
+        batch.margins[rows] = self._margins(states, step, ahead, safe)
+
+    def _margins(self, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray) -> FloatArray:
+        margins = np.full(safe.shape, np.inf)
+        rows, inputs = np.nonzero(safe)
+        if rows.size:
+            moves = self.problem.interval(step).displacements(states)
+            moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
+            successors = self.grid.held(moved)
+            margins[rows, inputs] = self.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
+        return margins
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
-        with written_whole(path) as file:
-            file_header(file, self.problem, self.method, self.details)
+        with written_table(path, self) as file:
             group = file.create_group(GROUP)
             self.sets.save(group)
             group.attrs["checksum"] = _checksum(group)
 
     @classmethod
-    def read(cls, file: h5py.File, path: Path, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file; TableFileError where it is damaged."""
+    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
+        """The table in an open file; ValueError where it is damaged."""
         group = file[GROUP]
         if group.attrs.get("checksum") != _checksum(group):
-            raise TableFileError(
-                f"{path} is damaged: its contents do not have the checksum they were written with; solve it anew"
-            )
+            raise ValueError("its contents do not have the checksum they were written with")
         return cls(CertifiedSets.load(group, problem))
 
 
@@ -109,48 +141,3 @@ def _checksum(group: h5py.Group) -> str:
             for begin in range(0, len(part), SLAB):
                 digest.update(np.ascontiguousarray(part[begin : begin + SLAB]).data)
     return digest.hexdigest()
-
-
-class CertifiedController(Controller):
-    """`sdhj.Controller` of a certified table: it plays certified inputs and says so where there is none.
-
-    The margin that rule "deepest" goes by is the steps to go that the undisturbed successor has, minus those it may
-    have; at most 0 for a certified input, and the lower, the sooner the target. From the target there may be no input
-    that is proved to bring the state back into it one step later.
-    """
-
-    table: CertifiedTable  # type: ignore[assignment]
-
-    def __init__(self, table: CertifiedTable, rule: str | Rule = "deepest") -> None:
-        self._set_up(table, rule)  # type: ignore[arg-type]  # the same interface
-
-    def tube_values(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
-        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, self.problem.grid.ndim)
-        to_go = self.table.steps_to_go(flat, step).reshape(points.shape[:2])
-        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
-
-    def _decide_rows(self, batch: Batch, rows: FloatArray) -> None:
-        states, step = batch.states[rows], batch.step
-        to_go = self.table.steps_to_go(states, step)
-        to_go[to_go > self.table.steps - step] = NOT_ADMISSIBLE
-        safe = np.zeros((len(rows), len(self.problem.inputs)), dtype=np.bool_)
-        ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
-        for within in np.unique(ahead[ahead > 0]):
-            same = ahead == within
-            safe[same] = self.table.sets.certified_inputs_many(states[same], step, int(within))
-        batch.steps_to_go[rows], batch.safe[rows] = to_go, safe
-        batch.margins[rows] = self._margins(states, step, ahead, safe)
-
-    def _margins(self, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray) -> FloatArray:
-        margins = np.full(safe.shape, np.inf)
-        rows, inputs = np.nonzero(safe)
-        if rows.size:
-            moves = displacements(self.problem, states)
-            moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
-            successors = clip_to_walls(self.problem.grid, moved)
-            margins[rows, inputs] = self.table.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
-        return margins
-
-
-Controller.kinds[GROUP] = CertifiedController

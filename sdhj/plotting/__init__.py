@@ -1,41 +1,57 @@
-"""Pictures of problems, tables and runs, as pure functions `draw_*(axes or figure, data, **sliders)`.
+"""Pictures of problems, tables and runs: `draw_*(axes, data, **choices)`. They need the extra `plot`.
 
-The figure scripts and the notebooks share them. A drawing function only draws: it computes no table, reads no clock and
-keeps no state, so a slider can call it again on cleared axes. Every artist that stands for a set or a run carries an
-identifier (`artist.get_gid()`), by which tests and readers of an SVG file find it.
+    with plotting.style():
+        figure = plotting.new_figure(5, 4)
+        plotting.draw_tubes(figure.subplots(), table, through=state)
+        plotting.save(figure, "results", "tubes")
 
-Draw inside `with style():`, or call `use_style()` once, to get the project's look.
+===================  ===============================================================================================
+of any robot         `draw_tubes` (with `draw_steps_bar`), `draw_constraints`, `draw_comparison` of two methods and
+                     `draw_labels` (what of a tube is certified), on a slice along two axes through a state; `draw_run`
+                     and `draw_path`, a run on a slice; `draw_isosurface` along three axes. Whatever else is to be
+                     drawn on a slice: its states are `plane(grid, through).points`, a set on it `draw_set`
+of the arm           `draw_workspace`, `draw_arm`, `draw_agent`, `draw_disk`; `draw_workspace_run`, `draw_frame`,
+                     `draw_frames`, `draw_moment`, and `save_animation` as a GIF
+===================  ===============================================================================================
+
+A function only draws: it computes no table, reads no clock and keeps no state, so a slider can call it again on cleared
+axes. What stands for a set or a run carries an identifier (`artist.get_gid()`), by which tests and readers of an SVG
+file find it. Draw inside `with style():`, or call `use_style()` once, to get the project's look. Nothing here uses
+`matplotlib.pyplot`.
 """
 
-from game_pictures import draw_cost, draw_one_step, one_step_legend
+import importlib.util
+
+if importlib.util.find_spec("matplotlib") is None:
+    raise ImportError('pictures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
+
 from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style
 from sdhj.plotting.runs import (
     Run,
-    draw_cspace_run,
     draw_frame,
     draw_frames,
-    draw_lookup,
     draw_moment,
-    draw_sampled_data,
+    draw_run,
     draw_workspace_run,
     save_animation,
 )
+from sdhj.plotting.scenes import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 from sdhj.plotting.slices import (
     Plane,
     comparison_legend,
     draw_comparison,
     draw_constraints,
+    draw_labels,
     draw_path,
     draw_set,
     draw_steps_bar,
     draw_tubes,
     frame_slice,
+    label_legend,
     plane,
     unwrapped,
 )
-from studies import draw_bars, draw_entries, draw_input_levels, draw_sweep, draw_timings, fraction_curves
 from sdhj.plotting.surfaces import draw_isosurface, isosurface
-from sdhj.plotting.workspace import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 
 __all__ = [
     "Plane",
@@ -43,35 +59,26 @@ __all__ = [
     "comparison_legend",
     "draw_agent",
     "draw_arm",
-    "draw_bars",
     "draw_comparison",
     "draw_constraints",
-    "draw_cost",
-    "draw_cspace_run",
     "draw_disk",
-    "draw_entries",
     "draw_frame",
     "draw_frames",
-    "draw_input_levels",
     "draw_isosurface",
-    "draw_lookup",
+    "draw_labels",
     "draw_moment",
-    "draw_one_step",
     "draw_path",
-    "draw_sampled_data",
+    "draw_run",
     "draw_set",
     "draw_steps_bar",
-    "draw_sweep",
-    "draw_timings",
     "draw_tubes",
     "draw_workspace",
     "draw_workspace_run",
-    "fraction_curves",
     "frame_slice",
     "frame_workspace",
     "isosurface",
+    "label_legend",
     "new_figure",
-    "one_step_legend",
     "patch",
     "plane",
     "save",

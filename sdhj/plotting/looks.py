@@ -19,7 +19,8 @@ from matplotlib.patches import Patch
 
 from sdhj.files import replaced_whole, writable_folder
 
-STYLE_FILE = Path(__file__).resolve().parent.parent / "style.mplstyle"
+Looks = dict[str, Any]  # keywords of Matplotlib's patches
+STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
 FORMATS = ("pdf", "svg", "png")
 UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on any day
     "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},
@@ -29,24 +30,29 @@ UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on an
 
 INK = "#1a1a1a"
 FAINT = "#8c8c8c"
-ROBOT: dict[str, Any] = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
-UNSAFE: dict[str, Any] = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
-TARGET: dict[str, Any] = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
-PURSUER: dict[str, Any] = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
-FULL: dict[str, Any] = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
-INNER: dict[str, Any] = {
+ROBOT_LOOKS: Looks = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
+UNSAFE_LOOKS: Looks = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
+TARGET_LOOKS: Looks = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
+PURSUER_LOOKS: Looks = {
+    "facecolor": "none",
+    "edgecolor": "#000000",
+    "linestyle": (0, (1, 1.1)),
+    "linewidth": 2.0,
+}
+FULL_LOOKS: Looks = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
+INNER_LOOKS: Looks = {
     "facecolor": "#2a8c82",
     "edgecolor": "#052e2a",
     "hatch": "",
     "linewidth": 1.2,
     "linestyle": (0, (4, 1.5)),
 }
-LOOKS: dict[str, dict[str, Any]] = {
-    "obstacles": UNSAFE,
-    "unsafe": UNSAFE,
-    "pursuer": PURSUER,
-    "target": TARGET,
-    "evader": TARGET,
+LOOKS: dict[str, Looks] = {
+    "obstacles": UNSAFE_LOOKS,
+    "unsafe": UNSAFE_LOOKS,
+    "pursuer": PURSUER_LOOKS,
+    "target": TARGET_LOOKS,
+    "evader": TARGET_LOOKS,
 }
 OUTCOME_INK = "#c44e00"  # the run itself, on blue tubes
 
@@ -61,9 +67,9 @@ def use_style() -> None:
     mpl.style.use(STYLE_FILE)
 
 
-def look(name: str) -> dict[str, Any]:
+def look(name: str) -> Looks:
     """How a set of that name is drawn; one the library does not know is drawn as unsafe."""
-    return LOOKS.get(name, UNSAFE)
+    return LOOKS.get(name, UNSAFE_LOOKS)
 
 
 def step_colours(steps: int) -> list[Any]:

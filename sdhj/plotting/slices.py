@@ -11,11 +11,22 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
+from sdhj.certified.labels import LABELS, labels
 from sdhj.checks import whole
 from sdhj.grid import FloatArray, Grid
-from sdhj.plotting.looks import FULL, INNER, OUTCOME_INK, PURSUER, UNSAFE, look, step_colours
+from sdhj.plotting.looks import (
+    FULL_LOOKS,
+    INK,
+    INNER_LOOKS,
+    OUTCOME_INK,
+    PURSUER_LOOKS,
+    UNSAFE_LOOKS,
+    Looks,
+    look,
+    step_colours,
+)
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 RESOLUTION = 121  # points along each side of a slice: finer than any grid of the case study, 10 ms to evaluate
 AXIS_LABELS = {
@@ -24,6 +35,7 @@ AXIS_LABELS = {
     "px": "pursuer $p_x$ (m)",
     "py": "pursuer $p_y$ (m)",
 }
+LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`, apart in grey too
 State = Sequence[float] | FloatArray  # one state (ndim,)
 QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
@@ -46,7 +58,7 @@ class Plane:
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Grid values interpolated onto the slice, (Y, X): `LookupTable.contains` answers with their sign."""
+        """Grid values interpolated onto the slice, (Y, X): `Table.contains` answers with their sign."""
         return self.shaped(grid.interpolate(values, self.points))
 
 
@@ -75,7 +87,7 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     return Plane((first, second), x, y, points)
 
 
-def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: dict[str, Any], gid: str, zorder: float = 2.0) -> None:
+def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str, zorder: float = 2.0) -> None:
     """Fill and outline {values <= 0}; `values` (Y, X). An empty set draws nothing.
 
     The filled artist carries the identifier `gid`, the outline `gid` + "-edge".
@@ -154,7 +166,7 @@ def draw_constraints(
 
 def draw_tubes(
     ax: Axes,
-    table: LookupTable,
+    table: Table,
     *,
     through: State,
     start: int = 0,
@@ -199,8 +211,8 @@ def draw_steps_bar(ax: Axes, steps: int, label: str = "steps to go, $n$", *, hor
 
 def draw_comparison(
     ax: Axes,
-    full: LookupTable,
-    inner: LookupTable,
+    full: Table,
+    inner: Table,
     *,
     through: State,
     start: int = 0,
@@ -213,7 +225,7 @@ def draw_comparison(
     grid = full.grid
     within = full.steps - start if within is None else within
     where = plane(grid, through, axes, resolution)
-    for table, looks, gid, height in ((full, FULL, "full", 1.0), (inner, INNER, "inner", 2.0)):
+    for table, looks, gid, height in ((full, FULL_LOOKS, "full", 1.0), (inner, INNER_LOOKS, "inner", 2.0)):
         draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), looks, gid, height)
     if unsafe:
         for part in full.problem.unsafe:
@@ -262,10 +274,40 @@ def draw_path(
 
 def comparison_legend() -> list[Patch]:
     """Legend entries of `draw_comparison`."""
-    inner = {key: value for key, value in INNER.items() if key != "hatch"}
+    inner = {key: value for key, value in INNER_LOOKS.items() if key != "hatch"}
     return [
-        Patch(**FULL, label="full"),
+        Patch(**FULL_LOOKS, label="full"),
         Patch(**inner, label="projected"),
-        Patch(**(UNSAFE | {"facecolor": "none"}), label="known obstacles"),
-        Patch(**PURSUER, label="capture by the pursuer"),
+        Patch(**(UNSAFE_LOOKS | {"facecolor": "none"}), label="known obstacles"),
+        Patch(**PURSUER_LOOKS, label="capture by the pursuer"),
     ]
+
+
+def draw_labels(
+    ax: Axes,
+    table: Table,
+    certified: Table,
+    *,
+    through: State,
+    start: int = 0,
+    within: int | None = None,
+    axes: Sequence[int] = (0, 1),
+    resolution: int = RESOLUTION,
+) -> None:
+    """What of a tube is certified, in the colours of `LABELS`, with the outline of the table's own tube."""
+    within = table.steps - start if within is None else within
+    where = plane(table.grid, through, axes, resolution)
+    found = where.shaped(labels(table, certified, where.points, start=start, within=within))
+    edges = np.arange(-0.5, len(LABELS))
+    colours, norm = ListedColormap(LABEL_COLOURS), BoundaryNorm(edges, len(LABELS))
+    image = ax.pcolormesh(where.x, where.y, found, cmap=colours, norm=norm, shading="nearest", rasterized=True)
+    image.set_gid("labels")
+    outline = FULL_LOOKS | {"facecolor": "none", "hatch": "", "edgecolor": INK}
+    draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), outline, "tube", 3.0)
+    frame_slice(ax, table.grid, axes)
+
+
+def label_legend() -> list[Patch]:
+    """Legend entries of `draw_labels`."""
+    looks: Looks = {"edgecolor": INK, "linewidth": 0.6}
+    return [Patch(facecolor=c, label=label, **looks) for c, label in zip(LABEL_COLOURS, LABELS, strict=True)]

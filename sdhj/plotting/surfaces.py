@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS, State
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 LIGHT = np.array([-0.45, -0.55, 0.70])  # towards the lamp, over the viewer's left shoulder
 CAP = 1e-3  # share of a cell at which a set that leaves the box is closed
@@ -105,7 +105,7 @@ def block(grid: Grid, values: FloatArray, axes: Sequence[int], through: State) -
 
 def draw_isosurface(
     ax: Any,
-    table: LookupTable,
+    table: Table,
     *,
     through: State,
     start: int = 0,

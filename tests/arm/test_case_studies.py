@@ -11,9 +11,10 @@ import pytest
 
 from sdhj.arm import case_studies
 from sdhj.arm.case_studies import BUILDERS, arm_case_study, evader_case_study, rebuild, scene
-from sdhj.grid import Grid
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet
 from sdhj.arm.workspace import KINEMATICS, Circle, Disk, Line, Still
+from sdhj.dynamics import Dynamics
+from sdhj.grid import Grid
+from sdhj.problem import ReachAvoidProblem, TargetSet
 
 ROUNDING = 1e-13  # some dozen operations on numbers of order one
 
@@ -292,7 +293,7 @@ def test_a_problem_of_your_own_has_no_scene():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"nodes": 4}, "axis 0 has 4 nodes; the schemes need at least 5"),
+        ({"nodes": 4}, r"shape\[0\] must be a whole number from 5 to 1,000,000,000, got 4"),
         ({"nodes": [25, 25, 25]}, "nodes must be one number or one for each of the axes q1, q2, px, py"),
         ({"nodes": 25.5}, "nodes must be a whole number from 1 to 1,000,000, got 25.5"),
         ({"nodes": math.nan}, "nodes must be a whole number .*, got nan"),

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj.certified import kernels
 from sdhj.arm.case_studies import scene
-from sdhj.certified.sets import CertifiedSets, LipschitzBounds, cell_axes, certify, unpack
+from sdhj.certified import kernels
 from sdhj.certified.arm import ArmRecursion, at_rest, pack
 from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds
 from sdhj.certified.general import Reach
+from sdhj.certified.sets import CertifiedSets, LipschitzBounds, cell_axes, certify, unpack
 
 ARM = np.array([0.15, 0.15, 1.0])
 PRINTED = np.array([0.15, 0.30, 0.0])

@@ -1,26 +1,22 @@
 """The search for losing adversaries: it finds a planted way to lose that random play misses, and none where there is
-a proof; and the campaigns that count."""
+a proof."""
 
-import csv
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import toys
-from click.testing import CliRunner
 
 import sdhj
-from sdhj import simulation
 from sdhj.certified import search
-from sdhj.adversaries import ADVERSARIES
-from campaign import Row, campaign, upper_bound, write_rows
+from sdhj.certified.search import planned, search_losing
 from sdhj.certified.sets import certify
 from sdhj.certified.table import CertifiedTable
-from sdhj.cli import main
 from sdhj.controller import Controller
-from sdhj.certified.search import planned, search_losing
-from sdhj.simulation import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+from sdhj.simulation import runs as simulation
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
@@ -30,7 +26,7 @@ START = np.array([-2.6, 0.4])
 
 @cache
 def torus_table() -> sdhj.LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), method="lax", scheme=sdhj.Scheme(dtype="float64"), progress=False)
+    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
 
 
 @cache
@@ -142,7 +138,7 @@ def test_margins_are_those_of_the_trajectory() -> None:
         values = [problem.unsafe_value(q[None], t)[0] for q, t in zip(run.states, run.times, strict=True)]
         assert margins.clearance[m] == pytest.approx(min(values), abs=1e-12)  # rounding of a sum of 60 moves
         depths = [
-            -controller.tube_values(q[None, None], step, np.array([3 - step]))[0, 0]
+            -controller.table.values_at(q[None, None], step, np.array([3 - step]))[0, 0]
             for step, q in enumerate(run.samples[:-1])
         ]
         assert margins.depth[m] == pytest.approx(min(depths), abs=1e-12)
@@ -164,54 +160,6 @@ def test_what_does_not_fit_is_refused() -> None:
             search_losing(controller, **{"starts": 5, **options})
     with pytest.raises(sdhj.NotAdmissible, match="start 1"):
         search_losing(controller, [START, [3.0, 3.0]])
-
-
-# ---- campaigns
-
-
-def test_a_campaign_counts_batch_by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("campaign.BATCH", 300)
-    controller = planted(0.2)
-    rows = campaign({"toy": controller.table}, ["random", "worst", "search"], runs=700, seed=4, progress=False)
-    assert [(row.table, row.method, row.adversary) for row in rows] == [
-        ("toy", "lax", name) for name in ("random", "worst", "search")
-    ]
-    for row in rows[:2]:
-        reports = [
-            sdhj.monte_carlo(controller, n, row.adversary, 4 + b, progress=False) for b, n in enumerate((300, 300, 100))
-        ]
-        for outcome in ("collided", "left", "late"):
-            assert getattr(row, outcome) == sum(report.counts[outcome] for report in reports)
-        assert row.runs == row.starts == 700
-    assert rows[0].collided > 0
-    assert rows[2].starts == 3 and 3 * 32 <= rows[2].runs <= 3 * 32 * 8
-    with pytest.raises(ValueError, match="adversaries must be some of"):
-        campaign({"toy": controller.table}, ["nasty"], runs=10)
-
-
-def test_rows_are_written(tmp_path) -> None:
-    rows = [Row("a", "hji", "random", 1000, 1000, 3, 2, 0, 1.5), Row("b", "certified", "search", 500, 9000, 0, 0, 0, 2)]
-    table, page = write_rows(rows, tmp_path, "A note.")
-    read = list(csv.DictReader(table.open()))
-    assert [record["collided"] for record in read] == ["3", "0"] and read[1]["runs"] == "9000"
-    lines = page.read_text().splitlines()
-    assert lines[2] == "| a | random | 1000 | 1000 | 3 | 2 | 0 | 0.50% | 2 |"
-    assert "0 (< 6.0e-03)" in lines[3] and lines[-1] == "A note."
-    assert (1 - upper_bound(500)) ** 500 == pytest.approx(0.05)
-
-
-def test_campaign_from_the_command_line(tmp_path) -> None:
-    certified_table().save(tmp_path / "proved.h5")
-    arguments = ["campaign", str(tmp_path / "proved.h5"), "--runs", "600", "--adversaries", "random,search"]
-    done = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
-    rows = list(csv.DictReader((tmp_path / "out" / "campaign.csv").open()))
-    assert [(row["adversary"], row["collided"], row["left"], row["late"]) for row in rows] == [
-        ("random", "0", "0", "0"),
-        ("search", "0", "0", "0"),
-    ]
-    bad = CliRunner().invoke(main, [*arguments[:-1], "nasty", "--out", str(tmp_path / "out")])
-    assert bad.exit_code == 2 and "nasty" in bad.output and "Traceback" not in bad.output
 
 
 def test_with_no_adversary_there_is_nothing_to_find():

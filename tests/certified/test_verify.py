@@ -18,8 +18,8 @@ from test_certified import small_problem
 
 import sdhj
 from sdhj.certified.check import kernels
-from sdhj.certified.sets import certify
 from sdhj.certified.check.verify import PI, Scene, cells_cover, counted, overlapped, verify
+from sdhj.certified.sets import certify
 
 CIRCLE = {
     "path": {"kind": "circle", "centre": [0.0, -0.22], "radius": 0.07, "rate": 9.0, "phase": -1.0},

@@ -2,13 +2,12 @@
 
 import itertools
 
+import bench
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import sdhj
-from sdhj import bench
-from sdhj.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +112,10 @@ def test_time_of_the_case_study(benchmark, method):
     benchmark.pedantic(lambda: sdhj.solve(problem, method=method, progress=False), rounds=3)
 
 
-def test_command_prints_every_solver_and_draws(tmp_path):
+def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "measure_controller", lambda measure=bench.measure_controller: measure(9))
     picture = tmp_path / "bench.svg"
-    result = CliRunner().invoke(main, ["bench", "--nodes", "9,11", "--repeats", "1", "--no-peer", "-o", str(picture)])
+    result = CliRunner().invoke(bench.main, ["--nodes", "9,11", "--repeats", "1", "--no-peer", "-o", str(picture)])
     assert result.exit_code == 0, result.output
     for text in ("sdhj, same scheme", "sdhj, third order", "time ~ nodes^", "projected", "batch, admissible states"):
         assert text in result.output
@@ -124,8 +124,15 @@ def test_command_prints_every_solver_and_draws(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"), [(["--nodes", "many"], "many"), (["--repeats", "0"], "repeats"), (["-o", "."], "name a file")]
+    ("options", "said"),
+    [
+        (["--nodes", "many"], "many"),
+        (["--nodes", "15,7"], "nodes must be at least 9"),
+        (["--repeats", "0"], "repeats"),
+        (["-o", "."], "name a file"),
+        (["-o", "x.txt"], "x.txt must end in .png or .pdf or .svg"),
+    ],
 )
 def test_command_refuses_in_one_line(options, said):
-    result = CliRunner().invoke(main, ["bench", "--no-peer", *options])
+    result = CliRunner().invoke(bench.main, ["--no-peer", *options])
     assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output

@@ -1,27 +1,38 @@
 """Every figure of the paper, drawn from coarse grids: complete, unclipped, solved once; and the scripts around them."""
 
-import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
+import fig04_sampled_data
+import fig08_lookup_table
+import fig13_comparison
+import fig14_timing
 import numpy as np
 import pytest
+from artists import axes, named
 from click.testing import CliRunner
+from common import HERE, NAMES, Context, command_of, draw, script, starts_of_runs, title, write, write_all
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import sdhj
-from sdhj import figures, plotting
-from sdhj.cli import figure_command
-from sdhj.plotting import studies
+from sdhj import plotting
 
-SCRIPTS = Path(__file__).parent.parent / "figures"
+STUDIES = {name for name in NAMES if getattr(script(name), "STUDY", False)}
 
 
 @pytest.fixture(scope="module")
-def context() -> figures.Context:
-    shared = figures.Context(nodes=9)
-    shared.timings = {"hji": {9: 0.5}, "projected": {9: 0.25}}  # measuring is tested on its own
-    return shared
+def context() -> Context:
+    return Context(nodes=9, runs=5)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_measured(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fig. 14 with made-up times: measuring them is tested on its own."""
+    if "measured_times" not in request.node.name:
+        times = {"hji": {9: 0.5}, "projected": {9: 0.25}}
+        monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: times)
 
 
 def words(figure: Figure) -> list[Text]:
@@ -56,27 +67,28 @@ def clipped(figure: Figure) -> list[str]:
 
 
 def test_every_figure_of_the_paper_is_there():
-    assert {spec.number for spec in figures.FIGURES.values()} - {None} == set(range(1, 15))
-    for name, spec in figures.FIGURES.items():
-        assert name.startswith("extra_" if spec.number is None else f"fig{spec.number:02d}_")
-
-
-STUDIES = {name for name, spec in figures.FIGURES.items() if spec.study}
+    assert [int(name[3:5]) for name in NAMES if name.startswith("fig")] == [*range(1, 14), 13, 14]
+    for name in NAMES:
+        said = title(name)
+        assert said.startswith(f"Fig. {int(name[3:5])}: ") if name.startswith("fig") else len(said.split()) > 5, said
+        assert 'if __name__ == "__main__":\n    command_of(__file__)()\n' in (HERE / f"{name}.py").read_text()
+    assert STUDIES == {
+        f"extra_{what}" for what in ("adversary", "certified", "evader", "input_levels", "rules", "view_time")
+    }
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in STUDIES else []) for name in figures.FIGURES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in STUDIES else []) for name in NAMES]
 )
-def test_figures_are_drawn_whole(context, name, monkeypatch):
-    monkeypatch.setattr(figures, "STUDY_RUNS", 5)
-    figure = figures.draw(name, context)
+def test_figures_are_drawn_whole(context, name):
+    figure = draw(name, context)
     assert clipped(figure) == []
     assert figure.axes
 
 
 @pytest.mark.parametrize("name", ["fig02_offline", "fig03_online", "fig05_game"])
 def test_words_stay_in_their_boxes(context, name):
-    figure = figures.draw(name, context)
+    figure = draw(name, context)
     with plotting.style():
         figure.draw_without_rendering()
         boxes = [patch.get_window_extent() for patch in figure.axes[0].patches if patch.get_gid() == "box"]
@@ -101,19 +113,19 @@ def test_tables_are_solved_once(monkeypatch):
 
     monkeypatch.setattr(sdhj, "solve", counting)
     said = []
-    fresh = figures.Context(nodes=9, say=said.append)
+    fresh = Context(nodes=9, say=said.append)
     for name in ("fig10_tubes", "fig11_projected", "fig13_comparison", "fig08_lookup_table", "fig13_isosurface"):
-        figures.draw(name, fresh)
+        draw(name, fresh)
     assert sorted(solved) == ["hji", "projected"]
     assert len(said) == 2
-    given = figures.Context(tables={"hji": fresh.table("hji")})
+    given = Context(tables={"hji": fresh.table("hji")})
     assert given.problem is fresh.problem
-    figures.draw("fig10_tubes", given)
+    draw("fig10_tubes", given)
     assert len(solved) == 2
 
 
 def test_projected_tubes_are_the_projected_tables(context):
-    full, inner = (figures.draw(name, context) for name in ("fig10_tubes", "fig11_projected"))
+    full, inner = (draw(name, context) for name in ("fig10_tubes", "fig11_projected"))
 
     def outer(figure: Figure) -> np.ndarray:
         sets = [c for c in figure.axes[0].collections if (c.get_gid() or "") == "tube-8"]
@@ -124,20 +136,20 @@ def test_projected_tubes_are_the_projected_tables(context):
 
 def test_kept_share(context):
     full, inner = context.table("hji"), context.table("projected")
-    for px, py in figures.PURSUERS:
-        kept = figures.kept_share(full, inner, (0.0, 0.0, px, py))
+    for px, py in fig13_comparison.PURSUERS:
+        kept = fig13_comparison.kept_share(full, inner, (0.0, 0.0, px, py))
         assert 0.0 <= kept <= 1.0
-        assert figures.kept_share(full, full, (0.0, 0.0, px, py)) == 1.0
-    assert np.isnan(figures.kept_share(full, inner, (0.0, 0.0, 0.0, 0.0)))  # the pursuer on the arm's base
+        assert fig13_comparison.kept_share(full, full, (0.0, 0.0, px, py)) == 1.0
+    assert np.isnan(fig13_comparison.kept_share(full, inner, (0.0, 0.0, 0.0, 0.0)))  # the pursuer on the arm's base
 
 
 def test_a_run_starts_in_its_tube(context):
     table = context.table("hji")
-    starts = figures.starts_of_runs(table, 5, within=4)
+    starts = starts_of_runs(table, 5, within=4)
     assert 1 <= len(starts) <= 5
     assert table.contains(starts, start=0, within=4).all()
     assert not table.contains(starts, start=0, within=3).any()
-    assert np.array_equal(starts, figures.starts_of_runs(table, 5, within=4))
+    assert np.array_equal(starts, starts_of_runs(table, 5, within=4))
     assert context.run.outcome == "reached"
 
 
@@ -145,7 +157,7 @@ def test_no_start_is_an_error(context):
     empty = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), method="lax", progress=False)
     empty.tubes[...] = 1.0
     with pytest.raises(ValueError, match="none of 20000 states is admissible"):
-        figures.starts_of_runs(empty, 3)
+        starts_of_runs(empty, 3)
 
 
 def test_measured_times_are_those_of_whole_solutions(monkeypatch):
@@ -153,32 +165,90 @@ def test_measured_times_are_those_of_whole_solutions(monkeypatch):
     monkeypatch.setattr(
         sdhj, "solve", lambda problem, **options: solved.append((problem.grid.shape[0], options["method"]))
     )
-    monkeypatch.setattr(figures, "compile_kernels", lambda methods: solved.append(methods))
-    seconds = figures.measure((11, 13), ("hji", "lax"))
-    assert solved == [("hji", "lax"), (11, "hji"), (11, "lax"), (13, "hji"), (13, "lax")]
-    assert seconds.keys() == {"hji", "lax"} and all(t > 0 for by_nodes in seconds.values() for t in by_nodes.values())
-    assert figures.Context(nodes=25).timed_nodes == studies.PAPER_NODES
-    assert figures.Context(nodes=11).timed_nodes == (11,)
+    monkeypatch.setattr(fig14_timing, "compile_kernels", lambda methods: solved.append(methods))
+    said = []
+    seconds = fig14_timing.measure((11, 13), said.append)
+    pairs = [(nodes, method) for nodes in (11, 13) for method in ("hji", "projected")]
+    assert solved == [("hji", "projected"), *pairs] and len(said) == 4
+    assert seconds.keys() == {"hji", "projected"}
+    assert all(t > 0 for by_nodes in seconds.values() for t in by_nodes.values())
+
+
+def test_fine_grids_are_timed_as_in_the_paper(monkeypatch):
+    asked = []
+    times = {method: {25: 1.0} for method in ("hji", "projected")}
+    monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: asked.append(nodes) or times)
+    for nodes in (25, 11):
+        draw("fig14_timing", Context(nodes=nodes))
+    assert asked == [(25, 30, 35, 40), (11,)]
+
+
+def test_timings_beside_the_paper():
+    left, right = axes(ncols=2)
+    fig14_timing.draw_timings((left, right), {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}, "a machine")
+    (measured,) = named(left, "measured-hji")
+    assert measured.get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
+    (paper,) = named(left, "paper-hji")
+    assert paper.get_ydata().tolist() == [586, 1540, 3093, 5615]
+    (ratio,) = named(right, "measured-ratio")
+    assert ratio.get_ydata().tolist() == [4.0, 10.0]
+    (theirs,) = named(right, "paper-ratio")
+    assert theirs.get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
+    assert "Xeon W-2145" in "".join(text.get_text() for text in left.get_legend().get_texts())
+
+
+def test_sampled_run_holds_its_input():
+    run = fig04_sampled_data.sampled_run(wind=0.0, turn=0.0, delta=0.2, intervals=4)
+    assert set(run.held.ravel()) <= set(run.levels)
+    per = (len(run.times) - 1) // 4
+    for k in range(4):  # without wind and current the boat moves in straight lines
+        piece = run.states[k * per : (k + 1) * per + 1]
+        assert np.allclose(np.diff(piece, axis=0) / np.diff(run.times[: per + 1])[:, None], run.held[k])
+    assert not np.allclose(fig04_sampled_data.sampled_run(seed=1).states, fig04_sampled_data.sampled_run(seed=2).states)
+
+
+def test_sampled_data_picture():
+    run = fig04_sampled_data.sampled_run()
+    above, below = axes(nrows=2)
+    fig04_sampled_data.draw_sampled_data((above, below), run)
+    (samples,) = named(above, "samples")
+    assert np.allclose(samples.get_ydata(), run.states[:: (len(run.times) - 1) // len(run.held), 0])
+    (steps,) = named(below, "input")
+    assert np.array_equal(steps.get_data().values, run.held[:, 0])
+
+
+def test_the_way_through_the_table(context):
+    table, run, figure = context.table("hji"), context.run, Figure(figsize=(7, 7))
+    fig08_lookup_table.draw_lookup(figure, table, run)
+    cells = {ax.get_gid() for ax in figure.axes} - {None}
+    assert cells == {f"cell-{k}-{n}" for k in range(9) for n in range(9 - k)}
+    framed = [ax.get_gid() for ax in figure.axes if ax.get_gid() and ax.spines["left"].get_linewidth() > 1.5]
+    way = [f"cell-{k}-{n}" for k, n in enumerate(run.steps_to_go)]
+    assert framed == way + ([f"cell-{len(way)}-0"] if run.outcome == "reached" else [])
+    for k, n in enumerate(run.steps_to_go):  # the leftmost set that holds the state
+        state = run.samples[k]
+        assert table.contains(state, start=k, within=n)[0]
+        assert not table.contains(state, start=k, within=n - 1)[0]
 
 
 def test_write_and_refusals(context, tmp_path):
-    files = figures.write("fig09_spaces", context, tmp_path / "new" / "folder", formats=("svg", "pdf", "png"))
+    files = write("fig09_spaces", context, tmp_path / "new" / "folder", formats=("svg", "pdf", "png"))
     assert [path.name for path in files] == ["fig09_spaces.svg", "fig09_spaces.pdf", "fig09_spaces.png"]
     assert all(path.stat().st_size > 5000 for path in files)
     assert 'id="pursuer' in files[0].read_text()
     with pytest.raises(ValueError, match=r"figure must be one of fig01_problem.*got 'fig99'"):
-        figures.draw("fig99", context)
+        draw("fig99", context)
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="choose a folder"):
-        figures.write("fig09_spaces", context, tmp_path / "file")
+        write("fig09_spaces", context, tmp_path / "file")
 
 
 @pytest.mark.slow
-def test_draw_all_writes_everything(context, tmp_path):
+def test_all_but_the_studies_are_written(context, tmp_path):
     said = []
-    tables = {method: context.table(method) for method in ("hji", "projected", "lax")}
-    files = figures.draw_all(tables, tmp_path, say=said.append)
-    assert {path.stem for path in files} == {name for name, spec in figures.FIGURES.items() if not spec.study}
+    context.say = said.append
+    files = write_all(context, tmp_path, studies=False)
+    assert {path.stem for path in files} == set(NAMES) - STUDIES
     assert [path.suffix for path in files if path.stem == "fig12_trajectory"] == [".pdf", ".png", ".gif"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in files)
     assert "drawing fig01_problem" in said and "drawing extra_evader" not in said
@@ -189,43 +259,28 @@ def test_draw_all_writes_everything(context, tmp_path):
 # ----------------------------------------------------------------------------------------------------------------------
 
 
-def test_each_figure_has_its_script():
-    scripts = sorted(path.stem for path in SCRIPTS.glob("*.py"))
-    numbered = [name for name in scripts if name.startswith("fig")]
-    assert [int(name[3:5]) for name in numbered] == list(range(1, 15))
-    extra = [name for name in scripts if name.startswith("extra_")]
-    assert set(extra) == {name for name, spec in figures.FIGURES.items() if spec.number is None}
-    assert set(scripts) == {*numbered, *extra, "make_all"}
-    for name in extra:
-        assert f'figure_command("{name}")()' in (SCRIPTS / f"{name}.py").read_text()
-    for name in numbered:
-        assert name in figures.FIGURES
-        text = (SCRIPTS / f"{name}.py").read_text()
-        assert f"figure_command({int(name[3:5])})()" in text and text.startswith(f'"""Fig. {int(name[3:5])}: ')
-        spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-        spec.loader.exec_module(importlib.util.module_from_spec(spec))  # importing draws nothing
-
-
 def test_a_script_writes_its_figure(tmp_path):
-    result = CliRunner().invoke(figure_command(9), ["--nodes", "9", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(command_of("fig09_spaces.py"), ["--nodes", "9", "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fig09_spaces.pdf", "fig09_spaces.png"]
     assert "fig09_spaces.pdf" in result.output
 
 
 @pytest.mark.parametrize(
-    ("options", "said"), [(["--nodes", "3"], "at least 5"), (["--out", "blocked/inside"], "choose a folder")]
+    ("options", "said"), [(["--nodes", "3"], "from 5 to"), (["--out", "blocked/inside"], "choose a folder")]
 )
 def test_a_script_refuses_in_one_line(tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
     Path("blocked").touch()
-    result = CliRunner().invoke(figure_command(9), options)
+    result = CliRunner().invoke(command_of("fig09_spaces.py"), options)
     assert result.exit_code == 2
     assert said in result.output and "Traceback" not in result.output
     assert len(result.output.strip().splitlines()) == 1
 
 
-def test_help_says_what_is_drawn():
-    result = CliRunner().invoke(figure_command(10), ["--help"])
-    assert "Reach-avoid tubes" in result.output and "--nodes" in result.output
-    assert "Every figure" in CliRunner().invoke(figure_command(), ["--help"]).output
+@pytest.mark.parametrize(("name", "said"), [("fig10_tubes", "reach-avoid tubes"), ("make_all", "Every figure")])
+def test_a_script_runs_from_anywhere(tmp_path, name, said):
+    done = subprocess.run(
+        [sys.executable, str(HERE / f"{name}.py"), "--help"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert said in done.stdout and "--nodes" in done.stdout, done.stderr

@@ -1,9 +1,11 @@
 """MuJoCo as a second judge: its distances and contacts against our geometry, and runs that it plays itself."""
 
 import importlib.util
+import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +14,17 @@ from click.testing import CliRunner
 
 import sdhj
 from sdhj.arm.case_studies import OBSTACLES
-from sdhj.certified.sets import certify
-from sdhj.certified.table import CertifiedTable
-from sdhj.cli import main
+from sdhj.arm.workspace import Circle, Disk, Line, Still
 from sdhj.controller import Controller
 from sdhj.simulation import SUBSTEPS, simulate
-from sdhj.arm.workspace import Circle, Disk, Line, Still
 
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)
 
+import physics
 from physics import World, check_runs, frames, mjcf, replay
 
+FIGURES = Path(physics.__file__).parent
 # Both sides are closed forms in float64 on lengths below 1 m: a few dozen roundings of 1e-16 each; measured 3e-16.
 ROUNDING = 1e-14
 DRIFT = 1e-12  # MuJoCo adds 800 moves of a run, we add 160: as many roundings of 1e-16, of angles up to 4 rad
@@ -35,8 +36,9 @@ def table() -> sdhj.LookupTable:
 
 
 @cache
-def certified_table() -> CertifiedTable:
-    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+def certified_table() -> sdhj.LookupTable:
+    problem = sdhj.arm_case_study(nodes=9, steps=3)
+    return sdhj.solve(problem, sdhj.Certified(cells=(105, 105, 36, 36)), progress=False)
 
 
 def longest_run() -> tuple[sdhj.ReachAvoidProblem, object]:
@@ -143,14 +145,18 @@ def test_pictures_and_the_command_line(tmp_path) -> None:
         assert (red > green + 60).sum() > 100 and (blue > red + 60).sum() > 50  # obstacles and arm
     assert (pictures[0][1] != pictures[2][1]).mean() > 0.01
     certified_table().save(tmp_path / "proved.h5")
-    arguments = ["physics", str(tmp_path / "proved.h5"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
-    done = CliRunner().invoke(main, arguments)
+    arguments = [str(tmp_path / "proved.h5"), "--runs", "5", "-o", str(tmp_path / "strip.png")]
+    done = CliRunner().invoke(physics.main, arguments)
     assert done.exit_code == 0, done.output
     assert "contacts in MuJoCo: 0 runs" in done.output and (tmp_path / "strip.png").stat().st_size > 20_000
 
 
-def test_without_mujoco_one_line_says_what_to_install(monkeypatch) -> None:
-    monkeypatch.delitem(sys.modules, "physics")
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    done = CliRunner().invoke(main, ["physics", "any.h5"])
-    assert done.exit_code == 2 and "sdhj[physics]" in done.output and "Traceback" not in done.output
+def test_without_mujoco_one_line_says_what_to_install() -> None:
+    code = "import sys; sys.modules['mujoco'] = None; from physics import main; main(['any.h5'])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=FIGURES, capture_output=True, text=True)
+    assert done.returncode == 2 and "sdhj[physics]" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_pictures_of_a_run_are_png_files(tmp_path) -> None:
+    done = CliRunner().invoke(physics.main, [str(tmp_path / "missing.h5"), "-o", str(tmp_path / "x.txt")])
+    assert done.exit_code == 2 and "x.txt must end in .png," in done.output

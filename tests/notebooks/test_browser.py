@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parent.parent.parent
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 START = 120  # s for the server to answer
@@ -53,7 +53,7 @@ def jupyterlab(folder: Path, state: Path) -> Iterator[str]:
         "JUPYTERLAB_WORKSPACES_DIR": str(state / "workspaces"),
         "JUPYTER_RUNTIME_DIR": str(state / "runtime"),
         "IPYTHONDIR": str(state / "ipython"),
-        "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), str(ROOT / "notebooks"), os.environ.get("PYTHONPATH")))),
     }
     with (state / "server.log").open("w") as log:
         command = [sys.executable, "-m", "jupyterlab", *options, f"--ServerApp.root_dir={folder}"]
@@ -84,7 +84,7 @@ def chromium(width: int = 1280, height: int = 1600) -> Iterator[Any]:
     """A page of a headless Chromium, light theme; skips where there is none."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on the path: install chromium to run the browser test")
-    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'sdhj[browser]'")
+    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
     with sync.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")

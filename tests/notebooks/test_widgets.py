@@ -7,13 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+import widgets
+from chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
+from chapter_02 import carry, explore_schemes, explore_upwinding, shrink
+from chapter_03 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
+from chapter_04 import explore_spaces, explore_view_time, union_of_samples
+from chapter_05 import explore_plane_game, explore_row
+from chapter_06 import explore_arm_game, explore_pursuer, explore_tube
+from chapter_07 import explore_gap
+from chapter_09 import explore_run
+from chapter_10 import explore_certified
+from chapter_11 import explore_evader
+from chapter_12 import car, explore_car
+from live_slices import slice_values, steps_image
+from paper import paper_figure, starts_of_runs
 
 import sdhj
-from sdhj import figures, lessons, widgets
-from sdhj.certified.sets import certify
-from sdhj.certified.table import CertifiedTable
-from sdhj.plotting import teaching
-from sdhj.plotting.slices import plane
+from sdhj.plotting import plane
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
 
@@ -33,12 +43,12 @@ def projected(arm: LookupTable) -> LookupTable:
 
 @pytest.fixture(scope="module")
 def point() -> LookupTable:
-    return sdhj.solve(lessons.point_robot(25), progress=False)
+    return sdhj.solve(point_robot(25), progress=False)
 
 
 @pytest.fixture(scope="module")
-def car() -> LookupTable:
-    return sdhj.solve(lessons.car((17, 17, 16)), progress=False)
+def car_table() -> LookupTable:
+    return sdhj.solve(car((17, 17, 16)), progress=False)
 
 
 def ends(control: Any) -> tuple[Any, Any]:
@@ -65,7 +75,7 @@ def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
 
 
 def test_sets_at_the_corners() -> None:
-    explorer = widgets.explore_sets(nodes=41)
+    explorer = explore_sets(nodes=41)
     for shown in visit_corners(explorer):
         assert 0.0 <= shown["area of the result"] <= shown["area of A"] + shown["area of B"]
     whole = explorer.set(operation="union")
@@ -78,7 +88,7 @@ def test_sets_at_the_corners() -> None:
 
 
 def test_nodes_at_the_corners() -> None:
-    explorer = widgets.explore_nodes()
+    explorer = explore_nodes()
     visit_corners(explorer)
     lost = explorer.set(nodes=11, thickness=0.1, shift=0.1)  # between two rows of nodes
     assert (lost["nodes inside"], lost["area held"]) == (0, 0.0)
@@ -88,7 +98,7 @@ def test_nodes_at_the_corners() -> None:
 
 
 def test_upwinding_at_the_corners() -> None:
-    explorer = widgets.explore_upwinding()
+    explorer = explore_upwinding()
     visit_corners(explorer)
     assert explorer.set(difference="right", velocity=1.0, cfl=1.0, nodes=80)["largest error (m)"] < 1e-12
     assert explorer.set(cfl=1.5)["largest error (m)"] > 1.0
@@ -97,7 +107,7 @@ def test_upwinding_at_the_corners() -> None:
 
 
 def test_schemes_at_the_corners() -> None:
-    explorer = widgets.explore_schemes()
+    explorer = explore_schemes()
     visit_corners(explorer)
     errors = [explorer.set(order=order)["mean error near the boundary (m)"] for order in (1, 2, 3)]
     assert errors[0] > 2 * errors[1] > 2 * errors[2]
@@ -106,7 +116,7 @@ def test_schemes_at_the_corners() -> None:
 
 
 def test_interval_at_the_corners() -> None:
-    explorer = widgets.explore_interval(nodes=25)
+    explorer = explore_interval(nodes=25)
     visit_corners(explorer)
     calm = explorer.set(show="reach-avoid", wind=0.0, x=-0.4, y=0.2)
     windy = explorer.set(wind=0.5)
@@ -117,7 +127,7 @@ def test_interval_at_the_corners() -> None:
 
 
 def test_holding_at_the_corners() -> None:
-    explorer = widgets.explore_holding(nodes=15)
+    explorer = explore_holding(nodes=15)
     visit_corners(explorer)
     shares = [explorer.set(intervals=n)["share of the square inside"] for n in (1, 2, 4)]
     assert shares[0] < shares[1] < shares[2]
@@ -125,7 +135,7 @@ def test_holding_at_the_corners() -> None:
 
 
 def test_plane_game_at_the_corners() -> None:
-    explorer = widgets.explore_plane_game(nodes=15)
+    explorer = explore_plane_game(nodes=15)
     for shown in visit_corners(explorer):
         assert list(shown.values()) == sorted(shown.values())  # tubes are nested
     assert explorer.set(v_max=0.0)["within 4"] > explorer.set(v_max=0.5)["within 4"]
@@ -133,7 +143,7 @@ def test_plane_game_at_the_corners() -> None:
 
 
 def test_row_at_the_corners(point: LookupTable) -> None:
-    explorer = widgets.explore_row(point)
+    explorer = explore_row(point)
     visit_corners(explorer)
     assert explorer.set(start=0, x=0.45, y=0.0) == {"fewest steps to go": 0, "tubes that hold the point": 5}
     lost = explorer.set(start=4, x=-0.9)
@@ -141,7 +151,7 @@ def test_row_at_the_corners(point: LookupTable) -> None:
 
 
 def test_spaces_at_the_corners(arm: LookupTable) -> None:
-    explorer = widgets.explore_spaces(arm.problem)
+    explorer = explore_spaces(arm.problem)
     visit_corners(explorer)
     shown = explorer.set(q1=0.3, q2=-1.0, px=0.1, py=0.0, step=1.0)
     state = np.array([[0.3, -1.0, 0.1, 0.0]])
@@ -150,14 +160,14 @@ def test_spaces_at_the_corners(arm: LookupTable) -> None:
 
 
 def test_view_time_at_the_corners() -> None:
-    explorer = widgets.explore_view_time(sdhj.arm_case_study(nodes=SMALL, delta=0.4, steps=2))
+    explorer = explore_view_time(sdhj.arm_case_study(nodes=SMALL, delta=0.4, steps=2))
     visit_corners(explorer)
     missed = [explorer.set(step=1, samples=n)["of it missed by the samples"] for n in (1, 2, 20)]
     assert missed[0] > missed[1] > missed[2] >= 0.0
 
 
 def test_tube_at_the_corners(arm: LookupTable) -> None:
-    explorer = widgets.explore_tube(arm)
+    explorer = explore_tube(arm)
     visit_corners(explorer)
     shares = [explorer.set(start=0, within=n)["share of the slice inside"] for n in range(4)]
     assert shares == sorted(shares) and shares[0] < shares[-1]
@@ -168,7 +178,7 @@ def test_tube_at_the_corners(arm: LookupTable) -> None:
 
 
 def test_pursuer_at_the_corners(arm: LookupTable) -> None:
-    explorer = widgets.explore_pursuer(arm)
+    explorer = explore_pursuer(arm)
     shown = visit_corners(explorer)
     assert all(0.0 <= numbers["share of the pursuer's places"] <= 1.0 for numbers in shown)
     share = "share of the pursuer's places"
@@ -177,26 +187,26 @@ def test_pursuer_at_the_corners(arm: LookupTable) -> None:
 
 
 def test_gap_at_the_corners(arm: LookupTable, projected: LookupTable) -> None:
-    explorer = widgets.explore_gap(arm, projected)
+    explorer = explore_gap(arm, projected)
     for shown in visit_corners(explorer):
         assert shown["slice inside, projected"] <= shown["slice inside, hji"] + shown["in projected and not in hji"]
-    assert widgets.explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
+    assert explore_gap(arm, arm).numbers["in hji and not in hji"] == 0.0
 
 
 def test_certified_at_the_corners(arm: LookupTable) -> None:
-    proved = CertifiedTable(certify(arm.problem, cells=(42, 42, 12, 12), progress=False))
-    explorer = widgets.explore_certified(arm, proved)
+    proved = sdhj.solve(arm.problem, sdhj.Certified(cells=(42, 42, 12, 12)), progress=False)
+    explorer = explore_certified(arm, proved)
     for shown in visit_corners(explorer):
         assert 0.0 <= shown["proved and not inside by interpolation"] <= shown["slice proved"] <= 1.0
     shares = [explorer.set(start=0, within=n)["slice proved"] for n in range(4)]
     assert shares == sorted(shares)
-    same = widgets.explore_certified(arm, arm).numbers
+    same = explore_certified(arm, arm).numbers
     assert same["slice proved"] == same["slice inside by interpolation"] > 0.0
 
 
 @pytest.mark.slow
 def test_arm_game_at_the_corners() -> None:
-    explorer = widgets.explore_arm_game(nodes=7, method="lax")
+    explorer = explore_arm_game(nodes=7, method="lax")
     visit_corners(explorer)
     strong = explorer.set(v_d=2.0)["share of C inside"]
     assert explorer.set(v_d=0.0)["share of C inside"] > strong
@@ -204,14 +214,14 @@ def test_arm_game_at_the_corners() -> None:
 
 @pytest.mark.slow
 def test_evader_at_the_corners() -> None:
-    explorer = widgets.explore_evader(nodes=9, method="lax")
+    explorer = explore_evader(nodes=9, method="lax")
     visit_corners(explorer)
     assert explorer.set(v_e=0.0)["share of C inside"] > explorer.set(v_e=0.6)["share of C inside"]
 
 
 def test_run_at_the_corners(arm: LookupTable) -> None:
-    starts = figures.starts_of_runs(arm, 2, within=2)
-    explorer = widgets.explore_run(arm, [list(map(float, q)) for q in starts], rules=("deepest", "effort"))
+    starts = starts_of_runs(arm, 2, within=2)
+    explorer = explore_run(arm, [list(map(float, q)) for q in starts], rules=("deepest", "effort"))
     visit_corners(explorer)
     times = [float(explorer.set(moment=moment)["time (s)"]) for moment in (0, 48, 100)]
     assert times == sorted(times) and times[0] == 0.0 and times[-1] > 0.0
@@ -221,10 +231,12 @@ def test_run_at_the_corners(arm: LookupTable) -> None:
     assert (shown["outcome"], shown["steps taken"]) == (run.outcome, len(run.inputs))
 
 
-def test_car_at_the_corners(car: LookupTable) -> None:
-    explorer = widgets.explore_car(car)
+def test_car_at_the_corners(car_table: LookupTable) -> None:
+    explorer = explore_car(car_table)
     visit_corners(explorer)
-    shares = [explorer.set(within=n, heading=0.0)["share of places for this heading"] for n in range(car.steps + 1)]
+    shares = [
+        explorer.set(within=n, heading=0.0)["share of places for this heading"] for n in range(car_table.steps + 1)
+    ]
     assert shares == sorted(shares) and shares[0] < shares[-1]
 
 
@@ -239,7 +251,7 @@ def draw_share(figure: Any, share: float) -> dict[str, float]:
 
 
 def slider(value: float) -> Any:
-    return widgets._slider("share", 0.0, 1.0, 0.1, value)
+    return widgets.slider("share", 0.0, 1.0, 0.1, value)
 
 
 def test_a_refused_setting_keeps_the_picture() -> None:
@@ -291,12 +303,12 @@ def test_a_page_without_a_kernel_has_text_and_picture(monkeypatch: pytest.Monkey
 
 
 def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, point: LookupTable) -> None:
-    (image,) = shown_by(lambda: widgets.picture(teaching.draw_plane_game, point, size=(3.0, 3.0)), monkeypatch)
+    (image,) = shown_by(lambda: widgets.picture(draw_plane_game, point, size=(3.0, 3.0)), monkeypatch)
     assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
-    (image,) = shown_by(lambda: widgets.paper_figure("fig05_game"), monkeypatch)
-    assert image.alt == "Who acts on the joint configuration"
+    (image,) = shown_by(lambda: paper_figure("fig05_game"), monkeypatch)
+    assert image.alt == "Fig. 5: who acts on the joint configuration"
     with pytest.raises(ValueError, match="figure must be one of"):
-        widgets.paper_figure("fig99")
+        paper_figure("fig99")
 
 
 def test_the_library_needs_neither_widgets_nor_matplotlib() -> None:
@@ -314,13 +326,13 @@ def test_slice_values_are_multilinear(axes: tuple[int, int], rng: np.random.Gene
     values = rng.normal(size=grid.shape).astype(np.float32)
     through = rng.uniform(grid.lower, grid.upper)
     where = plane(grid, through, axes, resolution=23)
-    found = teaching.slice_values(grid, values, through, axes, where.x, where.y)
+    found = slice_values(grid, values, through, axes, where.x, where.y)
     np.testing.assert_allclose(found, where.of(grid, values), atol=1e-12)  # float64 rounding of sums of 16 terms
 
 
 def test_steps_image_agrees_with_contains(arm: LookupTable) -> None:
     through = (0.0, 0.0, 0.2, -0.1)
-    image = teaching.steps_image(arm, through=through, start=1, within=2, resolution=31)
+    image = steps_image(arm, through=through, start=1, within=2, resolution=31)
     where = plane(arm.grid, through, resolution=31)
     expected = np.full(image.size, 3)
     for n in (2, 1, 0):
@@ -332,17 +344,17 @@ def test_one_interval_makes_the_table(point: LookupTable) -> None:
     """Theorem 2, by hand: the union over inputs of reach and avoid, and the tube before."""
     by_hand = point.values(start=1, within=1)
     for j in range(len(point.problem.inputs)):
-        by_hand = np.minimum(by_hand, np.maximum(*lessons.one_interval(point.problem, j, start=1, within=2)))
+        by_hand = np.minimum(by_hand, np.maximum(*one_interval(point.problem, j, start=1, within=2)))
     np.testing.assert_allclose(by_hand, point.values(start=1, within=2), atol=1e-6)
 
 
 def test_area_of_a_rectangle() -> None:
-    grid = lessons.canvas(41)
-    assert lessons.area(grid, lessons.rectangle(grid, (0.1, 0.0), (0.5, 0.25))) == pytest.approx(0.5, abs=0.01)
+    grid = canvas(41)
+    assert area(grid, rectangle(grid, (0.1, 0.0), (0.5, 0.25))) == pytest.approx(0.5, abs=0.01)
 
 
 def test_shrink_converges_at_second_order() -> None:
-    errors = [lessons.shrink(n, Scheme(frame="fixed", dtype="float64")).mean_error for n in (21, 41, 81)]
+    errors = [shrink(n, Scheme(frame="fixed", dtype="float64")).mean_error for n in (21, 41, 81)]
     order = -np.polyfit(np.log((20, 40, 80)), np.log(errors), 1)[0]
     assert order > 1.5, order  # the solution has kinks, where no scheme is better than first order
 
@@ -351,7 +363,7 @@ def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.rando
     part = next(part for part in arm.problem.unsafe if part.moving)
     points = rng.uniform(-np.pi, np.pi, (2000, 2))
     swept = part.over(points, 0.0, 0.4, "swept")
-    unions = [lessons.union_of_samples(part, points, 0.0, 0.4, n) for n in (1, 3, 9)]
+    unions = [union_of_samples(part, points, 0.0, 0.4, n) for n in (1, 3, 9)]
     assert (unions[0] >= unions[1] - 1e-12).all() and (unions[1] >= unions[2] - 1e-12).all()
     assert (unions[2] >= swept - 1e-9).all()
 
@@ -359,8 +371,8 @@ def test_more_samples_of_the_view_time_miss_less(arm: LookupTable, rng: np.rando
 @pytest.mark.parametrize(
     ("act", "said"),
     [
-        (lambda: lessons.combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one of"),
-        (lambda: lessons.carry("upwind"), "difference must be one of"),
+        (lambda: combine(np.zeros(1), np.zeros(1), "xor"), "operation must be one of"),
+        (lambda: carry("upwind"), "difference must be one of"),
     ],
 )
 def test_unknown_options_are_refused(act: Callable[[], Any], said: str) -> None:

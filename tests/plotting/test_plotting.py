@@ -1,5 +1,6 @@
 """The drawing functions: what is in the pictures, asserted on the artists' data, not on pixels."""
 
+import dataclasses
 import itertools
 import os
 import subprocess
@@ -7,16 +8,17 @@ import sys
 
 import numpy as np
 import pytest
-from matplotlib.contour import ContourSet
+from artists import axes, named, vertices
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image
-from toys import torus_problem
+from toys import torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import illustrations, plotting
+from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.plotting import games, looks, runs, slices, studies, surfaces
+from sdhj.certified.labels import LABELS, labels
+from sdhj.plotting import looks, runs, scenes, slices, surfaces
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
 
@@ -34,26 +36,6 @@ def run(table: sdhj.LookupTable) -> sdhj.simulation.Trajectory:
     states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
     tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
     return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
-
-
-@pytest.fixture(scope="module")
-def boat() -> illustrations.OneStepGame:
-    return illustrations.one_step_game(illustrations.boat_problem(nodes=61))
-
-
-def axes(**options):
-    return plotting.new_figure(4, 4).subplots(**options)
-
-
-def named(ax, gid: str) -> list:
-    return [artist for artist in ax.get_children() if artist.get_gid() == gid]
-
-
-def vertices(ax, gid: str) -> np.ndarray:
-    """All points of the one contour set with that identifier."""
-    (artist,) = named(ax, gid)
-    assert isinstance(artist, ContourSet)
-    return np.concatenate([path.vertices for path in artist.get_paths()])
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -111,18 +93,18 @@ def test_a_drawn_set_is_the_set():
     where = slices.plane(grid, (0, 0), resolution=201)
     values = where.shaped(np.hypot(where.points[:, 0] - 0.2, where.points[:, 1]) - 0.5)
     ax = axes()
-    slices.draw_set(ax, where, values, looks.UNSAFE, "disk")
+    slices.draw_set(ax, where, values, looks.UNSAFE_LOOKS, "disk")
     radii = np.hypot(*(vertices(ax, "disk-edge") - [0.2, 0.0]).T)
     # linear interpolation of a distance on cells of h = 0.01 errs by at most h^2 / (8 r) times two
     assert np.abs(radii - 0.5).max() < 2 * 0.01**2 / (8 * 0.5)
-    assert named(ax, "disk")[0].hatches == [looks.UNSAFE["hatch"]]
+    assert named(ax, "disk")[0].hatches == [looks.UNSAFE_LOOKS["hatch"]]
 
 
 def test_an_empty_set_draws_nothing_and_a_full_one_has_no_edge():
     where = slices.plane(sdhj.Grid([-1, -1], [1, 1], [5, 5]), (0, 0), resolution=5)
     ax = axes()
-    slices.draw_set(ax, where, np.ones((5, 5)), looks.UNSAFE, "empty")
-    slices.draw_set(ax, where, -np.ones((5, 5)), looks.UNSAFE, "full")
+    slices.draw_set(ax, where, np.ones((5, 5)), looks.UNSAFE_LOOKS, "empty")
+    slices.draw_set(ax, where, -np.ones((5, 5)), looks.UNSAFE_LOOKS, "full")
     assert not named(ax, "empty") and not named(ax, "empty-edge") and not named(ax, "full-edge")
     assert np.ptp(vertices(ax, "full"), axis=0).tolist() == [2.0, 2.0]
 
@@ -139,7 +121,7 @@ def test_tubes_are_nested_and_follow_the_sliders(table):
     assert named(few, "tube-1") and not named(few, "tube-2")
     expected = axes()
     where = slices.plane(table.grid, THROUGH)
-    slices.draw_set(expected, where, where.of(table.grid, table.values(start=1, within=1)), looks.FULL, "set")
+    slices.draw_set(expected, where, where.of(table.grid, table.values(start=1, within=1)), looks.FULL_LOOKS, "set")
     assert np.array_equal(vertices(few, "tube-1"), vertices(expected, "set"))
 
 
@@ -195,6 +177,20 @@ def test_comparison_lays_two_tables_over_each_other(table):
     assert np.array_equal(vertices(ax, "full"), vertices(ax, "inner"))
     assert named(ax, "inner")[0].get_zorder() > named(ax, "full")[0].get_zorder()
     assert len(slices.comparison_legend()) == 4
+
+
+def test_labels_are_colours_of_a_slice(table):
+    """A table held against a smaller one of the same game: what that holds counts as proved."""
+    smaller = dataclasses.replace(table, tubes=table.tubes + 0.02)
+    ax = axes()
+    slices.draw_labels(ax, table, smaller, through=THROUGH, resolution=31)
+    (image,) = named(ax, "labels")
+    where = slices.plane(table.grid, THROUGH, resolution=31)
+    expected = where.shaped(labels(table, smaller, where.points, start=0, within=3))
+    assert np.array_equal(image.get_array(), expected) and set(np.unique(expected)) == {0, 1, 2}
+    assert np.array_equal(expected <= 1, where.of(table.grid, table.values(start=0, within=3)) <= 0)
+    assert [patch.get_label() for patch in slices.label_legend()] == list(LABELS)
+    assert named(ax, "tube-edge")
 
 
 def test_steps_bar_shows_every_number():
@@ -327,105 +323,15 @@ def test_arrows_point_along_the_velocity(table):
     tips = [arrow.get_path().vertices for arrow in named(ax, "velocity")]
     assert tips
     target = view.target
-    expected = target.centre(0.0) + plotting.workspace.ARROW_SECONDS * np.array(target.path.velocity)
+    expected = target.centre(0.0) + scenes.ARROW_SECONDS * np.array(target.path.velocity)
     starts_ends = [arrow._posA_posB for arrow in named(ax, "velocity")]
     assert np.allclose(starts_ends[-1], [target.centre(0.0), expected], atol=1e-9)
     assert not named(ax, "arm") and not named(ax, "pursuer")
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# One sampling interval
-# ----------------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "start", [(-0.42, 0.30), (-0.42, 0.03), (-0.60, 0.68), (-0.2, 0.2), (-0.3, -0.2), (-0.1, -0.4)]
-)
-def test_the_cost_bounds_what_winds_can_do(boat, start):
-    """V^j is a supremum: no wind does worse, some wind nearly attains it, both up to a scheme error of under a cell."""
-    value = boat.problem.grid.interpolate(boat.cost, np.array([start]))[0]
-    worst = illustrations.play(boat.problem, start).costs.max()
-    cell = max(boat.problem.grid.spacing)
-    assert value - cell < worst < value + cell
-
-
-def test_reach_avoid_is_reach_and_avoid(boat):
-    apart = np.maximum(boat.reach, boat.avoid)
-    assert np.abs(apart - boat.cost).max() < max(boat.problem.grid.spacing)
-    assert (boat.cost <= 0).sum() < (boat.reach <= 0).sum()
-
-
-def test_winds_stay_within_bounds_and_change_at_the_pieces():
-    problem = illustrations.boat_problem(nodes=11)
-    signals = illustrations.winds(problem, 20, seed=3)
-    assert signals.shape == (24, illustrations.PIECES, 2)
-    assert (np.abs(signals) == problem.dynamics.bounds).all()
-    assert np.array_equal(signals, illustrations.winds(problem, 20, seed=3))
-
-
-def test_one_step_pictures(boat):
-    for show in games.CONSTRUCTS:
-        ax = axes()
-        starts = [
-            ("$q$", illustrations.play(boat.problem, (-0.42, 0.30))),
-            ("$q'$", illustrations.play(boat.problem, (-0.6, 0.68))),
-        ]
-        games.draw_one_step(ax, boat, show=show, starts=starts)
-        assert named(ax, show) and named(ax, "target")
-        assert bool(named(ax, "unsafe")) == (show != "reach")
-        assert len(named(ax, "win")) == 1 and len(named(ax, "defeat")) == 1
-        assert games.one_step_legend(show)
-    ax = axes()
-    games.draw_cost(ax, boat)
-    edge = vertices(ax, "reach-avoid-edge")
-    assert np.abs(boat.problem.grid.interpolate(boat.cost, edge)).max() < max(boat.problem.grid.spacing) ** 2
-    with pytest.raises(ValueError, match="reach, avoid, reach-avoid"):
-        games.draw_one_step(axes(), boat, show="everything")
-
-
-def test_sampled_run_holds_its_input():
-    run = illustrations.sampled_run(wind=0.0, turn=0.0, delta=0.2, intervals=4)
-    assert set(run.held.ravel()) <= set(run.levels)
-    per = (len(run.times) - 1) // 4
-    for k in range(4):  # without wind and current the boat moves in straight lines
-        piece = run.states[k * per : (k + 1) * per + 1]
-        assert np.allclose(np.diff(piece, axis=0) / np.diff(run.times[: per + 1])[:, None], run.held[k])
-    assert not np.allclose(illustrations.sampled_run(seed=1).states, illustrations.sampled_run(seed=2).states)
-
-
-def test_sampled_data_picture():
-    run = illustrations.sampled_run()
-    above, below = axes(nrows=2)
-    runs.draw_sampled_data((above, below), run.times, run.states[:, 0], run.held[:, 0], run.delta, levels=run.levels)
-    (samples,) = named(above, "samples")
-    assert np.allclose(samples.get_ydata(), run.states[:: (len(run.times) - 1) // len(run.held), 0])
-    (steps,) = named(below, "input")
-    assert np.array_equal(steps.get_data().values, run.held[:, 0])
-
-
-# ----------------------------------------------------------------------------------------------------------------------
 # Runs
 # ----------------------------------------------------------------------------------------------------------------------
-
-
-def test_the_way_through_the_table(table, run):
-    figure = Figure(figsize=(7, 7))
-    runs.draw_lookup(figure, table, run)
-    cells = {ax.get_gid() for ax in figure.axes} - {None}
-    assert cells == {f"cell-{k}-{n}" for k in range(4) for n in range(4 - k)}
-    framed = [ax.get_gid() for ax in figure.axes if ax.get_gid() and ax.spines["left"].get_linewidth() > 1.5]
-    way = [f"cell-{k}-{n}" for k, n in enumerate(run.steps_to_go)]
-    assert framed == way + ([f"cell-{len(way)}-0"] if run.outcome == "reached" else [])
-    for k, n in enumerate(run.steps_to_go):  # the leftmost set that holds the state
-        state = run.samples[k]
-        assert table.contains(state, start=k, within=n)[0]
-        assert not table.contains(state, start=k, within=n - 1)[0]
-
-
-def test_the_table_without_a_run(table):
-    figure = Figure(figsize=(7, 7))
-    runs.draw_lookup(figure, table, through=THROUGH)
-    assert sum(ax.spines["left"].get_linewidth() > 1.5 for ax in figure.axes) == 0
 
 
 def test_run_pictures(table, run):
@@ -436,7 +342,7 @@ def test_run_pictures(table, run):
     assert np.allclose(np.transpose(way.get_data()), scene(problem).arm.tip(run.states[:, :2]))
     assert len(named(ax, "arm")) == len(runs.samples(run, problem))
     ax = axes()
-    runs.draw_cspace_run(ax, table, run)
+    runs.draw_run(ax, table, run)
     (way,) = named(ax, "path")
     shown = np.transpose(way.get_data())
     assert (np.abs(shown[~np.isnan(shown[:, 0])]) <= np.pi + 1e-12).all()
@@ -446,6 +352,18 @@ def test_run_pictures(table, run):
     strip = axes(nrows=2, ncols=3).ravel()
     runs.draw_frames(strip, problem, run)
     assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(runs.samples(run, problem)))
+
+
+def test_a_run_of_any_robot_on_any_slice():
+    problem = unicycle_problem()
+    table = sdhj.solve(problem, progress=False)
+    start = np.array([-0.6, 0.3, -0.5])
+    run = sdhj.simulate(sdhj.Controller(table), start, adversary="random")
+    ax = axes()
+    runs.draw_run(ax, table, run, axes=(2, 0))
+    (way,) = named(ax, "path")
+    assert (way.get_xdata()[0], way.get_ydata()[0]) == (start[2], start[0])
+    assert named(ax, "tube") and ax.get_xlabel() == "theta"
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -470,48 +388,6 @@ def test_the_animation_is_a_gif_with_its_frames(table, run, tmp_path):
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Studies
-# ----------------------------------------------------------------------------------------------------------------------
-
-
-def test_timings_beside_the_paper():
-    left, right = axes(ncols=2)
-    studies.draw_timings((left, right), {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}, "a machine")
-    (measured,) = named(left, "measured-hji")
-    assert measured.get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
-    (paper,) = named(left, "paper-hji")
-    assert paper.get_ydata().tolist() == [586, 1540, 3093, 5615]
-    (ratio,) = named(right, "measured-ratio")
-    assert ratio.get_ydata().tolist() == [4.0, 10.0]
-    (theirs,) = named(right, "paper-ratio")
-    assert theirs.get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
-    assert "Xeon W-2145" in "".join(text.get_text() for text in left.get_legend().get_texts())
-    alone = axes(ncols=2)
-    studies.draw_timings(alone, {"hji": {25: 8.0}})
-    assert not named(alone[1], "measured-ratio")
-
-
-def test_sweeps_levels_bars_and_entries():
-    ax = axes()
-    studies.draw_sweep(ax, [0.1, 0.2], {"hji": [0.4, 0.0], "projected": [0.3, 0.0]}, xlabel="bound", nominal=0.2)
-    assert named(ax, "sweep-hji")[0].get_ydata().tolist() == [0.4, 0.0]
-    gain, cost = axes(ncols=2)
-    studies.draw_input_levels((gain, cost), [3, 5, 7], [0.3, 0.4, 0.42], [0.9, 2.5, 4.9])
-    line = named(cost, "levels-line")[0].get_ydata()
-    assert line == pytest.approx([0.0, 4.9])  # these seconds are 0.1 for each input
-    ax = axes()
-    studies.draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0], "y": [3.0, 4.0]}, ylabel="metres")
-    assert [bar.get_height() for container in ax.containers for bar in container] == [1, 2, 3, 4]
-    ax = axes()
-    triangle = np.where(np.add.outer(range(3), range(3)) <= 2, 0.5, np.nan)
-    studies.draw_entries(ax, triangle, label="kept")
-    assert len(ax.texts) == 6
-    ax = axes()
-    lines = studies.fraction_curves(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
-    assert lines[1].get_ydata()[-1] == 0.2
-
-
-# ----------------------------------------------------------------------------------------------------------------------
 # Style and files
 # ----------------------------------------------------------------------------------------------------------------------
 
@@ -521,11 +397,11 @@ def test_colours_read_in_grey():
     assert (np.diff(lightness) > 0.02).all()
     full, inner = (
         looks.grey([tuple(int(look["facecolor"][i : i + 2], 16) / 255 for i in (1, 3, 5))])[0]
-        for look in (looks.FULL, looks.INNER)
+        for look in (looks.FULL_LOOKS, looks.INNER_LOOKS)
     )
     assert full - inner > 0.3
-    assert looks.UNSAFE["hatch"] and not looks.TARGET["hatch"]
-    assert looks.look("something new") is looks.UNSAFE
+    assert looks.UNSAFE_LOOKS["hatch"] and not looks.TARGET_LOOKS["hatch"]
+    assert looks.look("something new") is looks.UNSAFE_LOOKS
 
 
 def picture() -> Figure:
@@ -566,9 +442,15 @@ def test_the_style_leaves_no_trace():
     assert dict(mpl.rcParams) == before
 
 
+def test_without_matplotlib_a_sentence_says_what_to_install():
+    code = "import sys; sys.modules['matplotlib'] = None; import sdhj.plotting"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1].endswith('not installed: pip install "sdhj[plot]"')
+
+
 @pytest.mark.parametrize(
     ("statement", "absent"),
-    [("import sdhj", "matplotlib"), ("import sdhj.plotting, catalogue", "matplotlib.pyplot")],
+    [("import sdhj", "matplotlib"), ("import sdhj.plotting", "matplotlib.pyplot")],
 )
 def test_imports_stay_light(statement, absent):
     code = f"{statement}; import sys; sys.exit({absent!r} in sys.modules)"

@@ -4,23 +4,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sdhj.certified.table import CertifiedTable
 from sdhj.grid import FloatArray
-from sdhj.table import LookupTable
+from sdhj.table import Table
 
 LABELS = ("certified", "not certified", "outside")
 
 
-def same_game(table: LookupTable, certified: CertifiedTable) -> None:
+def same_game(table: Table, certified: Table) -> None:
     """Refuse to compare tables of different games; the nodes and the view-time of the solver may differ.
 
     Raises
     ------
     ValueError
     """
-    if not (
-        table.problem.recipe and certified.problem.recipe
-    ):  # nothing tells problems of one's own apart but all of it
+    if not (table.problem.recipe and certified.problem.recipe):  # of one's own, told apart by all there is of them
         if table.problem.digest != certified.problem.digest:
             raise ValueError("the two tables are of different problems; certify the very problem that was solved")
         return
@@ -33,9 +30,7 @@ def same_game(table: LookupTable, certified: CertifiedTable) -> None:
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
 
 
-def labels(
-    table: LookupTable, certified: CertifiedTable, states: FloatArray, *, start: int = 0, within: int
-) -> FloatArray:
+def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0, within: int) -> FloatArray:
     """For each row of `states` (M, ndim) its place in LABELS: (M,) int.
 
     "certified" has a proof, whatever the interpolated table says; "not certified" is in the table's tube without one;
@@ -48,7 +43,7 @@ def labels(
 
 
 def shares(
-    table: LookupTable, certified: CertifiedTable, *, start: int = 0, within: int, draws: int = 200_000, seed: int = 0
+    table: Table, certified: Table, *, start: int = 0, within: int, draws: int = 200_000, seed: int = 0
 ) -> Mapping[str, float]:
     """Share of the state space under each label, from states drawn uniformly; draws = 200,000 gives it within 0.3%."""
     rng, grid = np.random.default_rng(seed), table.grid

@@ -8,18 +8,18 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from sdhj.arm.case_studies import ArmScene
-from sdhj.grid import FloatArray
-from sdhj.plotting.looks import FAINT, INK, PURSUER, ROBOT, TARGET, UNSAFE
 from sdhj.arm.workspace import Disk
+from sdhj.grid import FloatArray
+from sdhj.plotting.looks import FAINT, INK, PURSUER_LOOKS, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks
 
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
-MARGIN = 0.02
+FRAME_MARGIN = 0.02
 
 
 def frame_workspace(ax: Axes, scene: ArmScene, half_side: float | None = None) -> None:
     """Equal axes over the square in which arm and agent move, in metres."""
     if half_side is None:
-        half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + MARGIN
+        half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
     ax.set_xlim(-half_side, half_side)
     ax.set_ylim(-half_side, half_side)
     ax.set_aspect("equal")
@@ -33,7 +33,7 @@ def draw_arm(
     """The thick links at joint angles q (2,), with base, elbow and end-effector."""
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
-    ax.add_patch(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT))
+    ax.add_patch(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
     dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "alpha": alpha, "zorder": zorder + 0.1}
     ax.plot([0.0, elbow[0]], [0.0, elbow[1]], color="white", markeredgecolor=INK, markersize=3.0, gid="joints", **dots)
     ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
@@ -60,12 +60,12 @@ def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 
     )
 
 
-def draw_disk(ax: Axes, disk: Disk, t: float, looks: dict[str, Any], gid: str, *, zorder: float = 2.0) -> None:
+def draw_disk(ax: Axes, disk: Disk, t: float, looks: Looks, gid: str, *, zorder: float = 2.0) -> None:
     """A known disk where it is at time t."""
     ax.add_patch(Circle(tuple(disk.centre(t)), disk.radius, zorder=zorder, gid=gid, **looks))
 
 
-def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: dict[str, Any], gid: str) -> None:
+def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
     """Faint outlines of a moving disk at some times, and the line its centre follows."""
     if disk.speed == 0.0:
         return
@@ -78,7 +78,7 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: dict[str, Any], g
 
 def draw_agent(ax: Axes, scene: ArmScene, centre: Sequence[float] | FloatArray, *, zorder: float = 4.0) -> None:
     """The pursuer (or evader) as a bold dotted contour about its centre (2,)."""
-    ax.add_patch(Circle(tuple(np.asarray(centre)), scene.agent_radius, zorder=zorder, gid=scene.agent, **PURSUER))
+    ax.add_patch(Circle(tuple(np.asarray(centre)), scene.agent_radius, zorder=zorder, gid=scene.agent, **PURSUER_LOOKS))
     ax.plot(*np.asarray(centre), "+", color=INK, markersize=4, zorder=zorder)
 
 
@@ -104,9 +104,9 @@ def draw_workspace(
     arrows : bool
         Draw the velocities of the known disks, as the way made in 0.8 s.
     """
-    known = [(disk, UNSAFE, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
+    known = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
     if scene.target is not None:
-        known.append((scene.target, TARGET, "target"))
+        known.append((scene.target, TARGET_LOOKS, "target"))
     for disk, looks, gid in known:
         if trail is not None:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")

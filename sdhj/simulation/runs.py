@@ -23,11 +23,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.batches import CHUNK, threads
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
-from sdhj.controller import CHUNK, Controller, threads
+from sdhj.controller import Controller
 from sdhj.grid import FloatArray
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
 REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
@@ -177,7 +178,7 @@ def simulate(
     controller : Controller
     q0 : (ndim,) array
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.adversaries`; yours is called at every substep.
+        See `sdhj.simulation.adversaries`; yours is called at every substep.
     seed : int
     walls : bool
         Whether the plant is held by the walls of the grid; False plays beyond walls that are only assumed.

@@ -1,0 +1,151 @@
+"""Slices that follow a slider: pictures made of pixels, because filled contours cost ten times as much."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+
+from sdhj.arm.case_studies import scene
+from sdhj.grid import FloatArray, Grid
+from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
+from sdhj.plotting.looks import OUTCOME_INK, look
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.table import Table
+
+Extent = tuple[float, float, float, float]
+POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad
+LIVE = 141  # points along each side of a slice that follows a slider
+HERE: dict[str, Any] = {"marker": "o", "markersize": 6, "color": OUTCOME_INK, "markeredgecolor": "white"}
+HERE |= {"zorder": 8, "gid": "here"}
+
+
+def slice_values(
+    grid: Grid, values: FloatArray, through: Sequence[float], axes: Sequence[int], x: FloatArray, y: FloatArray
+) -> FloatArray:
+    """Multilinear interpolation on the slice of two ascending axes through a state, (len(y), len(x)); as `Plane.of`.
+
+    The axes that are left out are interpolated first, on the nodes, so that only the slice itself is made fine.
+    """
+    slab = np.asarray(values, dtype=np.float64)
+    for axis in reversed(range(grid.ndim)):
+        if axis not in axes:
+            slab = np.tensordot(_weights(grid, axis, np.array([through[axis]]))[0], slab, axes=(0, axis))
+    return _weights(grid, axes[1], y) @ slab.T @ _weights(grid, axes[0], x).T
+
+
+def _weights(grid: Grid, axis: int, coordinates: FloatArray) -> FloatArray:
+    """The share of each node in the linear interpolation at each coordinate, (len(coordinates), nodes)."""
+    nodes = grid.shape[axis]
+    position = (coordinates - grid.lower[axis]) / grid.spacing[axis]
+    left = np.floor(position).astype(int)
+    if not grid.periodic[axis]:
+        left = np.clip(left, 0, nodes - 2)
+    share = position - left
+    weights = np.zeros((len(coordinates), nodes))
+    rows = np.arange(len(coordinates))
+    np.add.at(weights, (rows, left % nodes), 1.0 - share)
+    np.add.at(weights, (rows, (left + 1) % nodes), share)
+    return weights
+
+
+def fewest_steps(table: Table, state: Sequence[float], start: int, within: int) -> float:
+    """The fewest steps to go of a state, NaN where no tube up to `within` holds it."""
+    at = (np.array([state[0]]), np.array([state[1]]))
+    for n in range(within + 1):
+        if slice_values(table.grid, table.values(start=start, within=n), state, (0, 1), *at)[0, 0] <= 0.0:
+            return n
+    return float("nan")
+
+
+def frame_live(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
+    """As `frame_slice`, with labels in plain text: every new figure parses formulas again, 5 ms for each."""
+    frame_slice(ax, grid, axes)
+    plain = str.maketrans({"$": "", "\\": "", "_": ""})
+    for axis, name in zip(axes, "xy", strict=True):
+        side = getattr(ax, f"{name}axis")
+        side.set_label_text(side.label.get_text().translate(plain))
+        if grid.periodic[axis]:
+            texts = [label.get_text().translate(plain) for label in side.get_ticklabels()]
+            side.set_ticklabels([text.replace("pi", "π") for text in texts])
+
+
+def draw_arm_live(ax: Axes, problem: ReachAvoidProblem, state: Sequence[float], time: float) -> None:
+    """The workspace without arrows and formulas, and with few ticks: drawing axes is most of the work."""
+    draw_workspace(ax, scene(problem), state=state, time=time, arrows=False)
+    ticks = (-0.3, 0.0, 0.3)
+    ax.set(xlabel="x (m)", ylabel="y (m)", xticks=ticks, yticks=ticks)
+
+
+def steps_image(
+    table: Table,
+    *,
+    through: Sequence[float],
+    start: int,
+    within: int,
+    axes: Sequence[int] = (0, 1),
+    resolution: int = LIVE,
+) -> FloatArray:
+    """The fewest steps to go on a slice, (resolution, resolution) int; within + 1 where no tube holds the state."""
+    grid = table.grid
+    x, y = (np.linspace(grid.lower[axis], grid.upper[axis], resolution) for axis in axes)
+    fewest = np.full((resolution, resolution), within + 1)
+    for n in range(within, -1, -1):
+        fewest[slice_values(grid, table.values(start=start, within=n), through, axes, x, y) <= 0.0] = n
+    return fewest
+
+
+def draw_steps(ax: Axes, table: Table, fewest: FloatArray, *, within: int, axes: Sequence[int] = (0, 1)) -> None:
+    """An image of `steps_image` in the colours of the tubes."""
+    colours = np.array([*step_colours(table.steps)[: within + 1], (1.0, 1.0, 1.0, 0.0)])
+    grid, (first, second) = table.grid, axes
+    extent = (grid.lower[first], grid.upper[first], grid.lower[second], grid.upper[second])
+    draw_pixels(ax, colours[fewest], extent, "tubes")
+    frame_live(ax, grid, axes)
+
+
+def draw_pixels(ax: Axes, image: FloatArray, extent: Extent, gid: str, zorder: float = 1.0) -> None:
+    """Colours (Y, X, 4) as they are, without smoothing."""
+    ax.imshow(image, extent=extent, origin="lower", interpolation="nearest", aspect="auto", zorder=zorder, gid=gid)
+
+
+def draw_sets_quickly(
+    ax: Axes,
+    problem: ReachAvoidProblem,
+    *,
+    through: Sequence[float],
+    step: float = 0.0,
+    filled: bool = True,
+    resolution: int = LIVE,
+) -> None:
+    """As `draw_constraints` on the first two axes, without hatching and with pixels for areas."""
+    where = plane(problem.grid, through, resolution=resolution)
+    t = step * problem.delta
+    extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
+    parts: list[UnsafeSet | TargetSet] = [problem.target, *problem.unsafe]
+    for place, part in enumerate(parts):
+        values = where.shaped(part.level_set(where.points[:, part.axes], t))
+        looks = look(part.name)
+        if filled and looks["facecolor"] != "none":
+            image = np.zeros((*values.shape, 4))
+            image[values <= 0] = to_rgba(looks["facecolor"])
+            draw_pixels(ax, image, extent, part.name, zorder=2.0 + place)
+        if (filled or part is not problem.target) and values.min() < 0 < values.max():
+            edge = {"colors": [looks["edgecolor"]], "linewidths": looks["linewidth"]}
+            lines = ax.contour(where.x, where.y, values, levels=[0.0], zorder=5.0, **edge)
+            lines.set_linestyle([looks.get("linestyle", "-")])
+            lines.set_gid(f"{part.name}-edge")
+    frame_live(ax, problem.grid)
+
+
+def draw_short_bar(ax: Axes, steps: int) -> None:
+    """The colours of 0 to `steps` steps to go, from the bottom up."""
+    draw_pixels(ax, np.array(step_colours(steps))[:, None], (0, 1, -0.5, steps + 0.5), "colours")
+    ax.set(xticks=[], yticks=[0, steps], title="n")
+    ax.yaxis.tick_right()
+
+
+def wrapped(state: Sequence[float]) -> FloatArray:
+    """The joint angles (2,) of a state in [-pi, pi)."""
+    return np.mod(np.asarray(state, dtype=np.float64)[:2] + np.pi, 2 * np.pi) - np.pi

@@ -1,0 +1,128 @@
+"""What CONTRIBUTING says how to add: its own code is run, and what comes out does what the text says."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import numpy as np
+import pytest
+
+import sdhj
+
+ROOT = Path(__file__).parent.parent.parent
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+INLINE = [block for block in BLOCKS if not block.startswith("# ")]  # the others begin with the file they belong to
+
+
+def block(file: str) -> str:
+    """The one block that belongs to a file."""
+    (found,) = (code for code in BLOCKS if code.startswith(f"# {file}"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def names() -> dict[str, Any]:
+    """What the blocks define that make up one program."""
+    defined: dict[str, Any] = {"__name__": "contributing"}
+    for code in INLINE:
+        exec(code, defined)
+    return defined
+
+
+def run(arguments: list[str], folder: Path, **environment: str) -> str:
+    """Run Python in a folder on this package; what it prints."""
+    path = os.pathsep.join(filter(None, (environment.pop("PYTHONPATH", str(ROOT)), os.environ.get("PYTHONPATH"))))
+    command = [sys.executable, *arguments]
+    result = subprocess.run(
+        command, cwd=folder, env=os.environ | environment | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def test_every_heading_has_code() -> None:
+    sections = re.split(r"^## ", TEXT, flags=re.MULTILINE)[1:]
+    assert len(sections) == 7
+    assert all("```" in section for section in sections)
+
+
+def test_the_rule_goes_as_far_to_the_right_as_is_safe(names: dict[str, Any]) -> None:
+    problem, controller = names["problem"], names["controller"]
+    states = np.random.default_rng(1).uniform(problem.grid.lower, problem.grid.upper, (400, 2))
+    batch = controller.batch(states, 0)
+    rows = np.flatnonzero(batch.safe.any(axis=1))
+    assert len(rows) > 50
+    chosen = controller.choose(batch)
+    for row in rows:
+        assert batch.safe[row, chosen[row]]
+        assert problem.inputs[chosen[row], 0] == problem.inputs[batch.safe[row], 0].max()
+    assert controller.select(states[rows[0]], 0) == chosen[rows[0]]
+
+
+def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:
+    assert sum(names["report"].counts.values()) == 200
+    problem, controller = names["problem"], names["controller"]
+    inside = problem.grid.points()[controller.table.values(start=0, within=8).ravel() < -0.2]
+    trajectory = sdhj.simulate(controller, inside[0], adversary=names["west_wind"], seed=0)
+    assert len(trajectory.disturbances) > 1
+    assert (trajectory.disturbances == [0.2, 0.0]).all()
+
+
+def test_the_method_agrees_with_the_exact_one(names: dict[str, Any]) -> None:
+    """Corners and samples see less than the Hopf-Lax formula does, so their tubes hold as much and a little more."""
+    own, exact = names["own"], sdhj.solve(names["problem"], sdhj.HopfLax(interpolation="linear"), progress=False)
+    assert own.method == "corners"
+    for within in range(9):
+        mine, theirs = (table.fraction(start=0, within=within) for table in (own, exact))
+        assert theirs <= mine <= theirs + 0.005
+    assert own.fraction(start=0, within=8) > 2 * own.fraction(start=0, within=0)
+    assert sdhj.monte_carlo(sdhj.Controller(own), runs=100, adversary="random", seed=0, progress=False)
+
+
+@pytest.mark.slow  # another package, so everything is compiled anew
+def test_the_numerical_hamiltonian_lies_between_the_two_that_are_there(tmp_path: Path) -> None:
+    """In a copy of the package: dissipation grows from Godunov's flux over the local one to Lax-Friedrichs."""
+    package = shutil.copytree(ROOT / "sdhj", tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
+    source = (package / "stages.py").read_text(encoding="utf-8")
+    above, below = source.split("\n_differences, _hamiltonian", 1)
+    added = f"{above}\n{block('sdhj/stages.py')}\n_differences, _hamiltonian{below}"
+    (package / "stages.py").write_text(added, encoding="utf-8")
+    code = INLINE[0].replace("table = sdhj.solve(problem)", "") + (
+        "for flux in ('lax-friedrichs', 'local-lax-friedrichs', 'godunov'):\n"
+        "    scheme = sdhj.Scheme(flux=flux, frame='fixed', order=1)\n"
+        "    print(sdhj.solve(problem, sdhj.HJI(scheme=scheme), progress=False).fraction(start=0, within=8))\n"
+    )
+    out = run(["-c", code], tmp_path, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    most, local, least = map(float, out.split())
+    assert 0.0 < most < local <= least
+
+
+def test_the_figure_is_drawn(tmp_path: Path) -> None:
+    folder = shutil.copytree(
+        ROOT / "figures", tmp_path / "figures", ignore=shutil.ignore_patterns("__pycache__", "gallery")
+    )
+    (folder / "extra_widest.py").write_text(block("figures/extra_widest.py"), encoding="utf-8")
+    run(["figures/extra_widest.py", "--nodes", "9", "--out", "out"], tmp_path)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"extra_widest.pdf", "extra_widest.png"}
+    assert "beside the target" in run(["figures/extra_widest.py", "--help"], tmp_path)
+
+
+def test_the_chapter_is_executed(tmp_path: Path) -> None:
+    (tmp_path / ".ci").mkdir()
+    (tmp_path / "notebooks").mkdir()
+    shutil.copy(ROOT / ".ci" / "notebooks.py", tmp_path / ".ci")
+    (command,) = re.findall(r"^<!-- chapter -->\n```bash\npython (.*)\n```$", TEXT, re.MULTILINE)
+    chapter = tmp_path / "notebooks" / command.split()[-1]
+    new = nbformat.v4
+    nbformat.write(
+        new.new_notebook(cells=[new.new_code_cell("def twice(x):\n    return 2 * x\n\n\nprint(twice(21))")]), chapter
+    )
+    run(command.split(), tmp_path)
+    assert nbformat.read(chapter, as_version=4).cells[0].outputs[0].text == "42\n"
+    run([command.split()[0], "check"], tmp_path)

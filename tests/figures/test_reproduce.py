@@ -1,0 +1,57 @@
+"""The main job, on a small grid, and what it refuses."""
+
+import csv
+from pathlib import Path
+
+import common
+import pytest
+import reproduce
+from click.testing import CliRunner
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(reproduce.main, [str(a) for a in arguments])
+
+
+def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figures themselves are tested on their own."""
+    asked = []
+    monkeypatch.setattr(reproduce, "write_all", lambda context, out, studies: asked.append((context, out, studies)))
+    done = run("--nodes", 9, "--runs", 50, "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    rows = list(csv.DictReader((tmp_path / "results.csv").open()))
+    assert [row["method"] for row in rows] == ["hji", "projected", "lax"]
+    lines = (tmp_path / "results.md").read_text().splitlines()
+    assert lines[2].split(" | ")[1:] == [*list(rows[0].values())[1:-1], f"{rows[0]['failures, worst']} |"]
+    assert "9 nodes on each axis, 50 runs for each adversary, seed 0" in lines[-1]
+    ((context, out, studies),) = asked
+    assert (out, studies) == (tmp_path, False)
+    monkeypatch.setattr(common.sdhj, "solve", pytest.fail)
+    assert [context.table(method).method for method in ("hji", "projected", "lax")] == ["hji", "projected", "lax"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--out", "/proc/nothing"], "folder"),
+        (["--nodes", "many"], "many"),
+        (["--nodes", 3], "from 5 to"),
+        (["--seed", -1], "-1"),
+        (["--runs", 0], "runs"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_status_2(arguments, named, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run(*arguments)
+    assert done.exit_code == 2 and named in done.output and "Traceback" not in done.output
+
+
+@pytest.mark.slow
+def test_the_whole_main_job(tmp_path: Path) -> None:
+    done = run("--nodes", 9, "--runs", 20, "--out", tmp_path, "--certified")
+    assert done.exit_code == 0, done.output
+    rows = list(csv.DictReader((tmp_path / "results.csv").open()))
+    assert (rows[3]["method"], rows[3]["failures, worst"]) == ("certified", "0.00%")
+    names = {path.stem for path in tmp_path.iterdir()}
+    assert {"results", "fig01_problem", "fig12_trajectory", "fig14_timing", "extra_fractions"} <= names
+    assert len(names) == 18 and "extra_rules" not in names

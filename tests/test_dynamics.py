@@ -1,0 +1,590 @@
+"""What input and adversary can do in one interval: closed forms, slow twins, and every guard tripped."""
+
+import functools
+import itertools
+import math
+from dataclasses import replace
+
+import naive_projections as naive
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.dynamics import Interval, arguments
+
+ROUNDING = 1e-12  # some dozen operations on numbers of order one
+
+
+def near_zero(p, t):
+    return np.abs(p[:, 0]) - 0.5
+
+
+def problem_of(dynamics, grid=None, *, delta=0.3, steps=3, unsafe=()):
+    grid = grid or Grid([-2.0, -2.0], [2.0, 2.0], [9, 9])
+    return ReachAvoidProblem(grid, dynamics, TargetSet((0,), near_zero), unsafe, delta, steps)
+
+
+def tidal(**changes):
+    """dx = u + sin(3 t) + (1 + u^2 / 4) v, dy = cos(2 t) - v / 2, |v| <= 0.1 + 0.3 |u| + 0.2 t."""
+    parts = {
+        "inputs": [[-1.0], [0.0], [2.0]],
+        "drift": lambda u, t: np.array([u[0] + math.sin(3 * t), math.cos(2 * t)]),
+        "gain": lambda u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
+        "bounds": lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
+    }
+    return Dynamics(**parts | changes)
+
+
+def tidal_extremes(u, begin, end):
+    """Corners of what the state moves by under u from `begin` to `end`, integrated by hand."""
+    length, reach = end - begin, (0.1 + 0.3 * abs(u)) * (end - begin) + 0.1 * (end**2 - begin**2)
+    middle = np.array(
+        [u * length + (math.cos(3 * begin) - math.cos(3 * end)) / 3, (math.sin(2 * end) - math.sin(2 * begin)) / 2]
+    )
+    spread = reach * np.array([1 + u**2 / 4, 0.5])
+    return middle - spread, middle + spread
+
+
+def turning(**changes):
+    """A field that turns at the rate 1 + t, driven along x, the adversary pushing outwards with a slip of |u| / 2."""
+
+    def drift(points, u, t):
+        x, y = points.T
+        return (1 + t) * np.stack([-y, x], axis=1) + np.array([u[0], 0.0])
+
+    parts = {
+        "inputs": [[0.0], [1.0]],
+        "drift": drift,
+        "gain": lambda points, t: points[:, :, None] * (1 + t),
+        "bounds": lambda u: [0.2 + abs(u[0]) / 2],
+    }
+    return Dynamics(**parts | changes)
+
+
+# ---- which arguments a function takes
+
+
+class Field:
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, points, t):
+        return points * t
+
+    def method(self, points, u):
+        return points
+
+
+def with_scale(points, u, scale=2.0):
+    return scale * points
+
+
+@pytest.mark.parametrize(
+    ("name", "function", "takes"),
+    [
+        ("drift", lambda points, u, t: points, ("points", "u", "t")),
+        ("drift", lambda points, u: points, ("points", "u")),
+        ("drift", lambda p, u: p, ("points", "u")),
+        ("drift", lambda q, w, s: q, ("points", "u", "t")),
+        ("drift", lambda u: u, ("u",)),
+        ("drift", lambda t: t, ("t",)),
+        ("drift", lambda u, t: u, ("u", "t")),
+        ("drift", lambda t, u: u, ("t", "u")),
+        ("drift", lambda t, x: x, ("t", "points")),
+        ("drift", lambda q: q, ("points",)),
+        ("drift", with_scale, ("points", "u")),
+        ("drift", lambda points, u, t=0.0: points, ("points", "u", "t")),
+        ("drift", functools.partial(with_scale, scale=3.0), ("points", "u")),
+        ("drift", functools.partial(lambda points, u, t: points, t=1.0), ("points", "u")),
+        ("drift", Field(), ("points", "t")),
+        ("drift", Field().method, ("points", "u")),
+        ("drift", max, ("points", "u")),  # does not tell
+        ("gain", lambda points: points, ("points",)),
+        ("gain", lambda p, u, t: p, ("points", "u", "t")),
+        ("gain", lambda u: u, ("u",)),
+        ("gain", max, ("points",)),
+        ("bounds", lambda t: [t], ("t",)),
+        ("bounds", lambda u: u, ("u",)),
+        ("bounds", lambda u, t: u, ("u", "t")),
+        ("bounds", max, ("t",)),
+    ],
+)
+def test_functions_say_what_they_take(name, function, takes):
+    assert arguments(name, function) == takes
+
+
+@pytest.mark.parametrize(
+    ("name", "function", "said"),
+    [
+        ("drift", 0.3, r"drift must be an array or a function of \(points, u, t\), .* left out, got 0.3"),
+        ("drift", lambda: 0.0, r"got one of \(\)"),
+        ("drift", lambda a, b, c, d: a, r"got one of \(a, b, c, d\)"),
+        ("drift", lambda points, u, t, w: u, r"got one of \(points, u, t, w\)"),
+        ("drift", lambda *args: args[0], r"got one of \(\*args\)"),
+        ("drift", lambda points, *, wind: points, r"got one of \(points, \*, wind\)"),
+        ("drift", lambda points, scale=2.0, t=0.0: points, r"got one of \(points, scale=2.0, t=0.0\)"),
+        ("gain", lambda a, b, c, d: a, r"gain must be an array or a function of \(points, u, t\)"),
+        ("bounds", lambda points, u, t: u, r"bounds must be an array or a function of \(u, t\), .*\(points, u, t\)"),
+    ],
+)
+def test_what_takes_something_else_is_refused(name, function, said):
+    with pytest.raises(ValueError, match=said):
+        arguments(name, function)
+    if callable(function):
+        arrays = {"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]}
+        with pytest.raises(ValueError, match=said):
+            Dynamics(**arrays | {name: function})
+
+
+def test_functions_are_called_with_what_they_name():
+    told = {}
+
+    def drift(t, points, u):
+        told["drift"] = t, points, u
+        return points
+
+    dynamics = Dynamics([[3.0], [4.0]], drift, lambda t: [[t], [1.0]], lambda u: [u[0] / 8])
+    points = np.array([[0.1, 0.2]])
+    assert dynamics.drift_at(points, 1, 0.7).tolist() == points.tolist()
+    t, p, u = told["drift"]
+    assert (t, u.tolist()) == (0.7, [4.0]) and p is points
+    assert dynamics.gain_at(np.zeros((3, 2)), 0, 0.25).tolist() == [[[0.25], [1.0]]] * 3
+    assert dynamics.bounds_at(0, 9.0).tolist() == [0.375] and dynamics.bounds_at(1).tolist() == [0.5]
+    assert dynamics.takes == {"drift": ("t", "points", "u"), "gain": ("t",), "bounds": ("u",)}
+
+
+# ---- what is refused, when made and when asked
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"inputs": [[np.nan]]}, "inputs has a NaN"),
+        ({"inputs": [1.0]}, r"inputs must have shape \(L, m\) with at least one row, got \(1,\)"),
+        ({"inputs": np.zeros((0, 1))}, r"at least one row, got \(0, 1\)"),
+        ({"inputs": [["fast"]]}, "inputs must be real numbers"),
+        ({"inputs": np.zeros((300, 1)), "drift": np.zeros((300, 1))}, "300 inputs; at most 256"),
+        ({"drift": [[np.inf]]}, "drift has a NaN or an infinity"),
+        ({"gain": [["a"]]}, "gain must be real numbers"),
+        ({"bounds": [-0.1]}, r"bounds must be a row of half-widths >= 0, got \[-0.1\]"),
+        ({"bounds": [[0.1]]}, "bounds must be a row of half-widths"),
+        ({"bounds": [0.1j]}, "bounds must be real numbers.*complex"),
+        ({"bounds": [np.nan]}, "bounds has a NaN"),
+    ],
+)
+def test_dynamics_refuse(change, said):
+    with pytest.raises(ValueError, match=said):
+        Dynamics(**{"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]} | change)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"drift": [[1.0, 2.0]]}, r"drift must have shape \(1, 1\), got \(1, 2\)"),
+        ({"gain": [[1.0], [2.0]]}, r"gain must have shape \(1, 1\), got \(2, 1\)"),
+        ({"gain": [[1.0, 2.0]]}, r"one half-width for each column of the gain, which has shape \(1, 2\); got \[0.1\]"),
+        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, r"one half-width for each column.*got \[0.0\]"),
+    ],
+)
+def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
+    dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]} | change)
+    with pytest.raises(ValueError, match=said):
+        dynamics.check(1)
+    with pytest.raises(ValueError, match=said):
+        problem_of(dynamics, Grid([-1.0], [1.0], [9]))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"drift": lambda p: p[:, :1]}, r"drift must have shape \(4, 2\), got \(4, 1\)"),
+        ({"drift": lambda u: [1.0]}, r"drift must have shape \(2,\), got \(1,\)"),
+        ({"drift": lambda p: p * np.nan}, "drift has a NaN"),
+        ({"gain": lambda p: p}, r"gain must have shape \(4, 2, 1\), got \(4, 2\)"),
+        ({"gain": lambda t: [t]}, r"gain must have shape \(2, 1\), got \(1,\)"),
+        ({"bounds": lambda t: [2.0 - t]}, r"half-widths >= 0, got \[-0.5\] at t = 2.5"),
+        ({"bounds": lambda t: 0.1}, "bounds must return a row of half-widths"),
+        ({"bounds": lambda t: [np.nan]}, "bounds has a NaN"),
+        ({"bounds": lambda t: ["a"]}, "bounds must be real numbers"),
+        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, r"bounds must have shape \(1,\), got \(2,\)"),
+    ],
+)
+def test_answers_that_do_not_fit_are_refused_when_they_come(change, said):
+    arrays = {"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]}
+    dynamics, points = Dynamics(**arrays | change), np.ones((4, 2))
+    with pytest.raises(ValueError, match=said):
+        dynamics.drift_at(points, 0, 2.5), dynamics.gain_at(points, 0, 2.5), dynamics.bounds_at(0, 2.5)
+
+
+# ---- what depends on what
+
+
+@pytest.mark.parametrize(
+    ("change", "constant", "stateless", "timed", "alike"),
+    [
+        ({}, True, True, False, True),
+        ({"drift": lambda u: [u[0], 0.0]}, False, True, False, True),
+        ({"drift": lambda u, t: [u[0], t]}, False, True, True, True),
+        ({"drift": lambda points, u: points}, False, False, False, True),
+        ({"gain": lambda points: points[:, :, None]}, False, False, False, True),
+        ({"gain": lambda u: [[u[0]], [1.0]]}, False, True, False, False),
+        ({"bounds": lambda t: [t]}, False, True, True, True),
+        ({"bounds": lambda u, t: [t]}, False, True, True, False),
+    ],
+)
+def test_what_velocities_depend_on(change, constant, stateless, timed, alike):
+    dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change)
+    found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.alike
+    assert found == (constant, stateless, timed, alike) and dynamics.adversaries == 1
+
+
+def test_an_interval_is_made_once_and_for_all_steps_where_nothing_depends_on_time():
+    still = problem_of(Dynamics([[1.0]], lambda points, u: points, [[1.0], [0.0]], [0.1]))
+    assert all(still.interval(step) is still.interval(0) for step in range(3))
+    timed = problem_of(tidal())
+    made = [timed.interval(step) for step in range(3)]
+    assert len(set(map(id, made))) == 3 and all(timed.interval(step) is made[step] for step in range(3))
+    np.testing.assert_allclose([i.begin for i in made], [0.0, 0.3, 0.6], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose([i.end for i in made], [0.3, 0.6, 0.9], rtol=0, atol=ROUNDING)
+    assert made[2].delta == 0.3 and made[2].grid is timed.grid and made[2].dynamics is timed.dynamics
+
+
+READS = [  # dynamics on three axes; whether the velocity along axis i (row) depends on coordinate k (column)
+    (lambda points, u: points[:, [1, 2, 2]], np.ones((3, 1)), [0.0], ["010", "001", "001"]),
+    (lambda points, u: u[0] * points[:, [2, 0, 1]], np.ones((3, 1)), [0.1], ["001", "100", "010"]),
+    (lambda points, u: 0 * points, lambda p: p[:, [2, 0, 0], None], [0.1], ["001", "100", "100"]),
+    (lambda points, u: 0 * points, lambda p: p[:, [2, 0, 0], None], [0.0], ["000", "000", "000"]),
+    (lambda points, u: 0 * points, lambda p, u: p[:, :, None] * (u[0] > 0), [0.1], ["100", "010", "001"]),
+    (lambda points, t: points[:, [1, 2, 0]] * (t > 0.4), np.ones((3, 1)), [0.0], ["010", "001", "100"]),
+    (lambda points, t: points[:, [1, 2, 0]] * (t < 0.4), np.ones((3, 1)), [0.0], ["010", "001", "100"]),
+    (lambda points, t: points[:, [1, 2, 0]] * (t > 0.7), np.ones((3, 1)), [0.0], ["000", "000", "000"]),
+    (lambda points, u: 0 * points, lambda p: p[:, [1, 2, 0], None], lambda t: [max(t - 0.5, 0)], ["010", "001", "100"]),
+]
+
+
+@pytest.mark.parametrize(("drift", "gain", "bounds", "expected"), READS)
+def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
+    """In the interval [0.3, 0.6]: by the values at the nodes, whatever the functions could depend on."""
+    dynamics = Dynamics([[-1.0], [1.0]], drift, gain, bounds)
+    interval = Interval(Grid([-1.0] * 3, [1.0] * 3, [5, 6, 7]), dynamics, 0.3, 0.3)
+    assert ["".join("01"[int(one)] for one in row) for row in interval.reads] == expected
+    for axes in itertools.chain.from_iterable(itertools.combinations(range(3), n) for n in (1, 2, 3)):
+        closed = interval.closed(axes)
+        assert set(axes) <= set(closed) and list(closed) == sorted(closed)
+        assert not any(expected[i][k] == "1" for i in closed for k in range(3) if k not in closed)
+        smaller = [set(c) for n in range(len(closed)) for c in itertools.combinations(closed, n) if set(axes) <= set(c)]
+        assert all(any(expected[i][k] == "1" for i in c for k in range(3) if k not in c) for c in smaller)
+
+
+def test_velocities_that_do_not_depend_on_the_state_read_nothing():
+    interval = problem_of(tidal()).interval(1)
+    assert not interval.reads.any() and interval.closed((1,)) == (1,)
+
+
+def test_what_only_later_intervals_read_counts_for_the_avoid_game():
+    """The third interval alone couples y to x: a wall in y then needs both axes, for every step the same ones."""
+    drift = lambda points, t: np.stack([0 * points[:, 0], points[:, 0] * max(t - 0.65, 0.0)], axis=1)  # noqa: E731
+    wall = UnsafeSet((1,), lambda p, t: 1.5 - p[:, 0])
+    problem = problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.1]), unsafe=(wall,))
+    assert [problem.interval(k).closed((1,)) for k in range(3)] == [(1,), (1,), (0, 1)]
+    assert problem.avoid_axes(wall) == (0, 1) and problem.moves(wall) and not wall.moving
+    assert problem_of(problem.dynamics, steps=2, unsafe=(wall,)).avoid_axes(wall) == (1,)
+
+
+# ---- boxes of displacements: the Hopf-Lax formula and the controller's look-ahead
+
+
+def test_constant_velocities_reach_boxes_in_closed_form():
+    problem = toys.torus_problem(nodes=8)
+    interval, u = problem.interval(0), problem.inputs
+    low, high = interval.reached(0.05, 0.2)
+    np.testing.assert_allclose(low, 0.15 * (u - 0.4), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(high, 0.15 * (u + 0.4), rtol=0, atol=ROUNDING)
+    corners = interval.reachable(np.ones((5, 2)))
+    for corner, sign in zip(corners, (-1, 1), strict=True):
+        np.testing.assert_allclose(corner, 0.2 * (u + sign * 0.4)[None], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(interval.displacements(np.ones((5, 2))), 0.2 * u[None], rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("step", [0, 2])
+def test_velocities_in_time_reach_boxes_in_closed_form(step):
+    """Sines, cosines and a bound that grows with time and with |u|: Gauss's rule is exact to rounding for all of it."""
+    interval = problem_of(tidal()).interval(step)
+    for begin, end in ((0.0, 0.3), (0.1, 0.25), (0.2, 0.2)):
+        corners = interval.reached(begin, end)
+        for j, u in enumerate([-1.0, 0.0, 2.0]):
+            exact = tidal_extremes(u, interval.begin + begin, interval.begin + end)
+            for corner, its in zip(corners, exact, strict=True):
+                np.testing.assert_allclose(corner[j], its, rtol=0, atol=ROUNDING)
+    low, high = interval.reachable(np.ones((4, 2)))
+    assert low.shape == high.shape == (1, 3, 2)
+    np.testing.assert_array_equal([low[0], high[0]], interval.reached(0.0, 0.3))
+
+
+def test_extremes_are_those_of_all_vertices():
+    dynamics, t = tidal(gain=[[1.0, -2.0], [0.5, 1.0]], bounds=lambda u, t: [0.1 + t, abs(u[0])]), 0.37
+    extremes = problem_of(dynamics).interval(1).extremes(t)
+    for j, u in enumerate([-1.0, 0.0, 2.0]):
+        drift = np.array([u + math.sin(3 * t), math.cos(2 * t)])
+        vertices = np.array(list(itertools.product((-0.1 - t, 0.1 + t), (-abs(u), abs(u)))))
+        velocities = drift + vertices @ np.array([[1.0, -2.0], [0.5, 1.0]]).T
+        np.testing.assert_allclose(extremes[0, j], velocities.min(axis=0), rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(extremes[1, j], velocities.max(axis=0), rtol=0, atol=ROUNDING)
+
+
+def test_a_slip_that_grows_with_speed_widens_the_boxes_of_fast_inputs():
+    dynamics = Dynamics([[0.0], [1.0], [2.0]], [[0.0], [1.0], [2.0]], [[1.0]], lambda u: 0.1 + 0.25 * np.abs(u))
+    problem = problem_of(dynamics, Grid([-2.0], [2.0], [9]))
+    low, high = problem.interval(0).reachable(np.zeros((3, 1)))
+    np.testing.assert_allclose((high - low)[0, :, 0] / 0.6, [0.1, 0.35, 0.6], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(problem.interval(2).bounds(np.array([2, 0]), 0.0), [[0.6], [0.1]], rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.6])
+def test_state_dependent_boxes_hold_what_the_adversary_can_do(begin, rng):
+    """A field that turns: 400 paths of switching adversaries for each state and input, integrated by hand.
+
+    The box takes the gain (1 + t) q at the start, which changes by at most 10 a second here: exact to second order.
+    """
+    delta, parts = 0.05, 50
+    interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning(), begin, delta)
+    states = rng.uniform(-1, 1, (6, 2))
+    low, high = interval.reachable(states)
+    assert low.shape == high.shape == (6, 2, 2)
+    np.testing.assert_allclose((low + high) / 2, interval.displacements(states), rtol=0, atol=ROUNDING)
+    for (j, u), (m, start) in itertools.product(enumerate([0.0, 1.0]), enumerate(states)):
+        bound, q = 0.2 + u / 2, np.tile(start, (400, 1))
+        pushes = rng.choice([-bound, bound], (parts // 10, 400, 1))
+        for part in range(parts):
+            pace, half = 1 + begin + (part + 0.5) * delta / parts, q
+            for span in (delta / parts / 2, delta / parts):  # the midpoint rule
+                turned = np.stack([-half[:, 1], half[:, 0]], axis=1) + half * pushes[part // 10]
+                half = q + span * (pace * turned + [u, 0.0])
+            q = half
+        moved, slack = q - start, delta**2 / 2 * 10 * bound
+        assert (moved >= low[m, j] - slack).all() and (moved <= high[m, j] + slack).all()
+        assert (moved.min(axis=0) <= low[m, j] + slack).all() and (moved.max(axis=0) >= high[m, j] - slack).all()
+
+
+def test_displacements_of_turning_fields_are_of_second_order():
+    """The midpoint rule errs by a third power of the duration: half as long, an eighth of the error."""
+    states, errors, durations = np.array([[0.7, -0.3], [0.2, 0.9]]), [], np.array([0.4, 0.2, 0.1])
+    for duration in durations:
+        interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning(), 0.5, duration)
+        angle = duration + ((0.5 + duration) ** 2 - 0.5**2) / 2  # under input 0 the state turns about the origin
+        turned = states @ np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        errors.append(np.abs(interval.displacements(states)[:, 0] - (turned - states)).max())
+    order = np.polyfit(np.log(durations), np.log(errors), 1)[0]
+    print(f"fitted order of the displacements' error {order:.2f}")
+    assert 2.7 < order < 3.4
+
+
+# ---- the plant
+
+
+def test_constant_velocities_move_on_lines_and_stop_at_walls():
+    problem = sdhj.arm_case_study(nodes=7, steps=1)
+    states = np.array([[0.1, 0.2, 0.0, 0.35], [3.1, -3.1, -0.36, 0.0]])
+    v = np.array([[0.3, -0.3, 0.2, 0.2], [0.0, 0.0, -0.2, 0.1]])
+    inputs = np.array([24, 0])  # (3, 3) and (-3, -3) rad/s
+    after = problem.interval(0).advance(states, inputs, v, 0.0, 0.1)
+    expected = [[0.1 + 0.33, 0.2 + 0.27, 0.02, 0.36], [3.1 - 0.3, -3.1 - 0.3, -0.36, 0.01]]
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(problem.grid.held(after), after)
+
+
+def growth_problem():
+    """dq = u q + v q: drift and gain depend on the state; q(t) = q(0) exp((u + v) t)."""
+    dynamics = Dynamics([[-1.0], [1.0]], lambda p, u: u[0] * p, lambda p: p[:, :, None], [0.5])
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
+    return ReachAvoidProblem(Grid([0.1], [9.0], [33]), dynamics, target, (), 0.1, 2)
+
+
+def season_problem():
+    """dq = u q cos t + v q (1 + t): q(t) = q(0) exp(u (sin t - sin t0) + v (t - t0 + (t^2 - t0^2) / 2))."""
+    dynamics = Dynamics(
+        [[-1.0], [1.0]],
+        lambda p, u, t: u[0] * p * math.cos(t),
+        lambda p, t: p[:, :, None] * (1 + t),
+        lambda t: [0.5 + t],
+    )
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.2)
+    return ReachAvoidProblem(Grid([0.1], [40.1], [401]), dynamics, target, (), 0.1, 2)
+
+
+@pytest.mark.parametrize(
+    ("make", "t0", "exact"),
+    [
+        (growth_problem, 0.0, 1.5 * math.exp((1.0 + 0.4) * 1.2)),
+        (season_problem, 0.3, 1.5 * math.exp(math.sin(1.5) - math.sin(0.3) + 0.4 * (1.2 + (1.5**2 - 0.3**2) / 2))),
+    ],
+)
+def test_curved_paths_are_integrated_to_fourth_order(make, t0, exact):
+    problem, counts, errors = make(), np.array([4, 8, 16, 32]), []
+    for count in counts:
+        state, duration = np.array([[1.5]]), 1.2 / count
+        for part in range(count):
+            v = np.array([[0.4]])
+            state = problem.interval(0).advance(state, np.array([1]), v, t0 + part * duration, duration)
+        errors.append(abs(state[0, 0] - exact))
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    print(f"fitted order of the plant {order:.2f}")
+    assert 3.8 < order < 4.2
+
+
+def test_a_car_turns_on_a_circle():
+    """x = x0 + (sin(th0 + 2 t) - sin th0) / 2 + v1 t, and so on; 20 steps of 0.01 s are good to 1e-9."""
+    interval = toys.unicycle_problem().interval(0)
+    start, v, t = np.array([[-0.3, 0.2, 0.4]]), np.array([[0.1, -0.05]]), 0.2
+    turned = 0.4 + 2 * t
+    east, north = (np.sin(turned) - np.sin(0.4)) / 2, (np.cos(0.4) - np.cos(turned)) / 2
+    state = start
+    for part in range(20):
+        state = interval.advance(state, np.array([2]), v, part * t / 20, t / 20)
+    np.testing.assert_allclose(state, start + np.array([[east + 0.1 * t, north - 0.05 * t, 2 * t]]), rtol=0, atol=1e-9)
+
+
+def test_each_run_moves_under_its_own_input():
+    interval = toys.unicycle_problem().interval(0)
+    states = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 1.0]])
+    inputs = np.array([2, 0, 1])
+    together = interval.advance(states, inputs, np.zeros((3, 2)), 0.0, 0.1)
+    for m in range(3):
+        alone = interval.advance(states[m : m + 1], inputs[m : m + 1], np.zeros((1, 2)), 0.0, 0.1)
+        np.testing.assert_array_equal(together[m], alone[0])
+    assert together[0, 2] == pytest.approx(0.2) and together[1, 2] == pytest.approx(-0.2) and together[2, 2] == 1.0
+
+
+def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
+    """Against one state at a time, the user's functions called by hand; periodic coordinates wrapped for them."""
+    dynamics = Dynamics(
+        [[-1.0], [0.5], [2.0]],
+        lambda points, u, t: points * u[0] + t,
+        lambda points, u, t: points[:, :, None] * np.array([1.0, u[0]]) + t,
+        lambda u, t: [abs(u[0]), 0.5 + t],
+    )
+    grid = Grid([-1.0, -1.0], [1.0, 1.0], [8, 8], [True, False])
+    interval, t = Interval(grid, dynamics, 0.2, 0.4), 0.3
+    states, inputs = rng.uniform([1, -1], [3, 1], (20, 2)), rng.integers(0, 3, 20)
+    gain, bounds = interval.gain(states, inputs, t), interval.bounds(inputs, t)
+    drift = interval.undisturbed(states, inputs, t)
+    moved = interval.advance(states, inputs, 0.1 * bounds, t, 1e-6)
+    for m, (q, j) in enumerate(zip(states, inputs, strict=True)):
+        inside, u = q - [2.0, 0.0], [-1.0, 0.5, 2.0][j]
+        own = inside[:, None] * np.array([1.0, u]) + t
+        np.testing.assert_allclose(gain[m], own, rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(bounds[m], [abs(u), 0.5 + t], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(drift[m], inside * u + t, rtol=0, atol=ROUNDING)
+        velocity = inside * u + t + own @ (0.1 * np.array([abs(u), 0.5 + t]))
+        np.testing.assert_allclose((moved[m] - q) / 1e-6, velocity, rtol=0, atol=1e-5)
+    with_array = Interval(grid, replace(dynamics, gain=np.eye(2)), 0.2, 0.4)
+    np.testing.assert_array_equal(with_array.gain(states, inputs, t), np.tile(np.eye(2), (20, 1, 1)))
+
+
+# ---- velocity sets on the grid, for the games
+
+
+def supremum(field, p, index):
+    """H of a velocity set at one node."""
+    if field.lower.ndim == 1:
+        lower, upper = field.lower, field.upper
+    else:
+        lower, upper = field.lower[(..., *index)], field.upper[(..., *index)]
+    if not field.coupled:
+        return np.maximum(lower * p, upper * p).sum()
+    drift, gain = (part[(..., *index)] if part.ndim > 3 else part for part in (field.drift, field.gain))
+    assert (np.abs(drift[:, :, None] + gain).max(axis=(0, 2)) <= np.maximum(-lower, upper) + ROUNDING).all()
+    return max(p @ f + np.abs(p @ b).sum() for f, b in zip(drift, gain, strict=True))
+
+
+FIELDS = {
+    "turning": (turning, [(0, 1), (0,), (1,)]),
+    "two components that pull on both axes": (
+        lambda: turning(gain=lambda points, u: np.stack([points, u[0] - points], axis=2), bounds=lambda t: [t, 0.3]),
+        [(0, 1), (1,)],
+    ),
+    "one axis moved by the other": (
+        lambda: turning(
+            drift=lambda points, u, t: np.stack([t * points[:, 1] + u[0], 0 * points[:, 0]], axis=1),
+            gain=np.eye(2),
+            bounds=lambda u, t: [0.2 + t, abs(u[0])],
+        ),
+        [(0,), (0, 1), (1,)],
+    ),
+}
+
+
+@pytest.mark.parametrize("t", [0.0, 0.45])
+@pytest.mark.parametrize("name", FIELDS)
+def test_velocity_sets_are_the_supremum_over_adversary_and_dropped_nodes(name, t, rng):
+    """The slow twin tries every vertex of the box and every node of the axes that were left out, at that time."""
+    make, subspaces = FIELDS[name]
+    grid = Grid([-1.0, -1.5], [1.0, 1.5], [5, 6], [False, True])
+    interval, nodes = Interval(grid, make(), 0.0, 0.5), [grid.nodes(0), grid.nodes(1)]
+    for axes, j in itertools.product(subspaces, (0, 1)):
+        field = interval.velocities(j, axes, t)
+        for index in itertools.product(*(range(grid.shape[axis]) for axis in axes)):
+            p = rng.normal(size=len(axes))
+            expected = naive.hamiltonian(
+                nodes,
+                axes,
+                {axis: nodes[axis][i] for axis, i in zip(axes, index, strict=True)},
+                p,
+                lambda q, j=j: interval.dynamics.drift_at(q[None], j, t)[0],
+                lambda q, j=j: interval.dynamics.gain_at(q[None], j, t)[0],
+                interval.dynamics.bounds_at(j, t),
+            )
+            assert supremum(field, p, index) == pytest.approx(expected, abs=ROUNDING), (axes, j, index)
+
+
+def test_velocity_sets_without_the_state_are_numbers():
+    interval, t = problem_of(tidal()).interval(1), 0.37
+    for j, u in enumerate([-1.0, 0.0, 2.0]):
+        bound = 0.1 + 0.3 * abs(u) + 0.2 * t
+        field, still = interval.velocities(j, (0, 1), t), interval.velocities(j, (0, 1), t, drift=False)
+        drift, spread = np.array([u + math.sin(3 * t), math.cos(2 * t)]), bound * np.array([1 + u**2 / 4, 0.5])
+        assert field.coupled and field.lower.shape == (2,)  # one v moves both axes
+        np.testing.assert_allclose([field.lower, field.upper], [drift - spread, drift + spread], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose([still.lower, still.upper], [-spread, spread], rtol=0, atol=ROUNDING)
+        alone = interval.velocities(j, (1,), t)
+        assert not alone.coupled
+        np.testing.assert_array_equal([alone.lower[0], alone.upper[0]], [field.lower[1], field.upper[1]])
+
+
+def test_velocity_sets_in_time_are_counted_back_from_the_end():
+    interval = problem_of(tidal()).interval(2)
+    field = interval.velocity_field(1, (0,))
+    for tau in (0.0, 0.1, 0.3):
+        now = interval.velocities(1, (0,), 0.9 - tau)
+        np.testing.assert_allclose(field(tau).lower, now.lower, rtol=0, atol=ROUNDING)
+    still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1])).interval(2)
+    assert still.velocity_field(1, (0,)).upper.tolist() == still.velocities(1, (0,)).upper.tolist()
+
+
+# ---- the digest of a problem knows its functions by their values
+
+
+def digest(**changes):
+    return problem_of(tidal(**changes)).digest
+
+
+def test_the_digest_follows_time_and_input():
+    base = digest()
+    assert base == digest()
+    assert base != digest(drift=lambda u, t: np.array([u[0] + math.sin(3 * t), math.cos(2.01 * t)]))
+    assert base != digest(gain=lambda u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
+    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
+    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
+    states = turning()
+    assert problem_of(states).digest == problem_of(turning()).digest
+    assert problem_of(states).digest != problem_of(turning(bounds=lambda u: [0.2 + abs(u[0]) / 2.01])).digest
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "timeless"),
+    [(tidal(), False), (turning(), False), (tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1]), True)],
+)
+def test_what_depends_on_time_is_told_apart(dynamics, timeless):
+    assert problem_of(dynamics).timeless is timeless

@@ -1,0 +1,207 @@
+"""Methods are objects: one of a user's own, what is refused, and what the short forms stand for."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import naive
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.methods import METHODS, method_of
+from sdhj.recursion import GridSets
+
+# ---- a method of one's own: exact on a ring of nodes where every velocity moves the state by whole nodes
+
+
+class ShiftGames:
+    """The games of an interval: under u_j the state moves by any number of nodes from `low` to `high`."""
+
+    dtype, solved = "float64", 0
+
+    def __init__(self, problem):
+        corners = np.array(problem.interval(0).reached(0.0, problem.delta)) / problem.grid.spacing[0]
+        self.problem, self.moves = problem, np.rint(corners[..., 0]).astype(int)
+
+    def highest(self, values, low, high):
+        return np.max([np.roll(values, -move) for move in range(low, high + 1)], axis=0)
+
+    def reach(self, values, step):
+        for j, (low, high) in enumerate(zip(*self.moves, strict=True)):
+            yield j, self.highest(values, low, high)
+
+    def avoid(self, part, step):
+        wall = -self.problem.unsafe_over(part, self.problem.time(step), self.problem.time(step + 1))
+        return np.stack([self.highest(wall, min(low, 0), max(high, 0)) for low, high in zip(*self.moves, strict=True)])
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Exact shifts on a periodic axis."""
+
+    name = "shift"
+
+    def sets(self, problem, progress=None):
+        if problem.grid.ndim != 1 or not problem.grid.periodic[0]:
+            raise ValueError("shift needs one periodic axis")
+        return GridSets(problem, self.name, ShiftGames, "float64", {"exact": True})
+
+
+def ring_problem(*, rate=0.0, steps=5):
+    """32 nodes, 0.5 apart; u moves the state by 4 nodes and v by one; a target around 4, something unsafe around 10."""
+
+    def around(centre):
+        return lambda p, t: np.abs((p[:, 0] - centre - rate * t + 8) % 16 - 8)
+
+    inputs = np.array([[-2.0], [0.0], [2.0]])
+    return ReachAvoidProblem(
+        Grid([0.0], [16.0], [32], [True]),
+        Dynamics(inputs, inputs, [[1.0]], [0.5]),
+        TargetSet((0,), lambda p, t: around(4.0)(p, t) - 2.0),
+        (UnsafeSet((0,), lambda p, t: around(10.0)(p, t) - 1.0, rate=abs(rate), name="rock"),),
+        1.0,
+        steps,
+    )
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.5])
+def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
+    problem = ring_problem(rate=rate)
+    table, moves = sdhj.solve(problem, Shift(), progress=False), [(-5, -3), (-1, 1), (3, 5)]
+
+    def highest(values, low, high):
+        return np.array([max(values[(i + move) % 32] for move in range(low, high + 1)) for i in range(32)])
+
+    rock = problem.unsafe[0]
+    walls = [-problem.unsafe_over(rock, k, k + 1) for k in range(5)]
+    avoid = [[highest(wall, min(low, 0), max(high, 0)) for low, high in moves] for wall in walls]
+    tubes, marks = naive.recursion(
+        [problem.goal(k) for k in range(6)], lambda values, k: [highest(values, *move) for move in moves], avoid
+    )
+    for (k, n), expected in tubes.items():
+        np.testing.assert_array_equal(table.values(start=k, within=n), expected)
+        if n:
+            own = np.stack([marks[k, n, j] for j in range(3)], axis=-1)
+            np.testing.assert_array_equal(table.inputs(start=k, within=n), own)
+    assert table.method == "shift" and table.details["exact"] is True and table.details["pdes_solved"] == 0
+    assert table.fraction(start=0, within=5) > 2 * table.fraction(start=0, within=0)
+
+
+def test_it_is_the_formula_where_that_is_exact():
+    problem = ring_problem(rate=0.5)
+    own, lax = (sdhj.solve(problem, method, progress=False) for method in (Shift(), HopfLax("linear", "float64")))
+    for start, within in itertools.product(range(6), repeat=2):
+        one, other = (table.values(start=start, within=within) for table in (own, lax))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.5])
+@pytest.mark.parametrize("adversary", ["random", "worst", "aggressive"])
+def test_it_is_controlled_and_simulated(adversary, rate):
+    """Sets with kinks at nodes, so that interpolation is exact as well: no run may fail."""
+    controller = sdhj.Controller(sdhj.solve(ring_problem(rate=rate), Shift(), progress=False))
+    report = sdhj.monte_carlo(controller, 500, adversary, progress=False)
+    assert report.counts["reached"] == 500 and report.method == "shift", str(report)
+    run = sdhj.simulate(controller, [7.2], adversary)
+    assert run.outcome == "reached" and run.inputs[0] == 0
+
+
+def test_its_table_is_saved_and_read(tmp_path):
+    problem = ring_problem()
+    table = sdhj.solve(problem, Shift(), progress=False)
+    table.save(tmp_path / "shift.h5")
+    again = sdhj.load(tmp_path / "shift.h5", problem=problem)
+    assert again.method == "shift" and again.details["exact"] is True
+    np.testing.assert_array_equal(again.values(start=0, within=5), table.values(start=0, within=5))
+
+
+def test_what_a_method_of_ones_own_refuses_reaches_the_user():
+    with pytest.raises(ValueError, match="shift needs one periodic axis"):
+        sdhj.solve(toys.interval_problem(), Shift(), progress=False)
+
+
+# ---- what is no method
+
+
+class Nameless:
+    def sets(self, problem, progress=None):
+        raise AssertionError("solved all the same")
+
+
+class Mute:
+    name, sets = "mute", "many"
+
+
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
+        ("magic", "got 'magic'"),
+        (["hji"], r"got \['hji'\]"),
+        (None, "got None"),
+        (HJI, "got <class '.*HJI'>"),
+        (sdhj.Scheme(), r"got Scheme\("),
+        (HJI().on, "got <bound method"),
+        (Nameless(), "got <.*Nameless object"),
+        (Mute(), "got <.*Mute object"),
+    ],
+    ids=str,
+)
+def test_what_is_no_method_is_refused_with_what_is_one(method, said):
+    expected = r"method must be one of hji, projected, lax, certified, or an object such as sdhj.HJI\(scheme=...\), "
+    with pytest.raises(ValueError, match=expected + said):
+        sdhj.solve(toys.interval_problem(steps=1), method, progress=False)
+
+
+def test_something_else_than_a_problem_is_named():
+    with pytest.raises(ValueError, match="problem must be a ReachAvoidProblem, got None"):
+        sdhj.solve(None)
+
+
+def test_an_option_that_a_method_does_not_have_is_no_option():
+    for method, option in ((HJI, "interpolation"), (HopfLax, "scheme"), (Projected, "games")):
+        with pytest.raises(TypeError, match="unexpected keyword"):
+            method(**{option: "linear"})
+
+
+# ---- short forms
+
+
+def objects():
+    return {"hji": HJI(), "projected": Projected(), "lax": HopfLax(), "certified": sdhj.Certified()}
+
+
+def test_a_short_form_stands_for_the_object_with_its_usual_options():
+    assert list(METHODS) == list(objects())
+    for name, method in objects().items():
+        assert method_of(name) == method and method_of(method) is method and method.name == name
+
+
+@pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")  # dropping x loses the target, dropping y not
+@pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
+def test_a_short_form_gives_the_table_of_its_object(name, method):
+    problem = replace(toys.torus_problem(nodes=9, steps=2), target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.5))
+    short, full = (sdhj.solve(problem, method=given, progress=False) for given in (name, method))
+    assert short.method == full.method == name
+    details = [{key: told for key, told in table.details.items() if key != "seconds"} for table in (short, full)]
+    assert details[0] == details[1]
+    for k, n in itertools.combinations_with_replacement(range(3), 2):
+        np.testing.assert_array_equal(short.values(start=k, within=n - k), full.values(start=k, within=n - k))
+        np.testing.assert_array_equal(short.inputs(start=k, within=n - k), full.inputs(start=k, within=n - k))
+
+
+def test_hji_is_what_solve_does_by_itself():
+    problem = toys.torus_problem(nodes=9, steps=2)
+    np.testing.assert_array_equal(
+        sdhj.solve(problem).values(start=0, within=2), sdhj.solve(problem, HJI()).values(start=0, within=2)
+    )
+
+
+def test_methods_of_equal_options_are_equal_and_cannot_change():
+    assert HJI(sdhj.Scheme(order=3)) == HJI(sdhj.Scheme(order=3)) != HJI()
+    assert Projected([[0, 1]]) == Projected(((0, 1),)) != Projected([[0, 2]])
+    assert len({HopfLax(), HopfLax("limited"), HopfLax("linear")}) == 2
+    for method in (HJI(), HopfLax(), Projected()):
+        with pytest.raises(AttributeError):
+            method.name = "mine"

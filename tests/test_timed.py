@@ -1,0 +1,399 @@
+"""Drift, gain and bounds that depend on time and on the input, from the games to the closed loop.
+
+On one axis dx = f(u, t) + b(u, t) v with |v| <= c(u, t) the sets are intervals, which the slow twin works out in plain
+arithmetic; on a torus whose boxes end at nodes the formula is exact; and a game on two axes whose field turns is, in a
+frame that turns along, one on a single axis. Closed loops are judged without the library (`judge`).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+
+import judge
+import naive
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj import HJI, Dynamics, Grid, HopfLax, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+
+DOUBLE = Scheme(dtype="float64")
+ADVERSARIES = ("up", "down", "switching", "away", "exact")  # exact: knows the twin's tubes
+
+
+@dataclass(frozen=True)
+class Case:
+    """A game on one axis: functions of (u, t) written once for the library, the twin and the judge.
+
+    The target is |x - centre(t)| <= radius; x >= wall + rate t is unsafe.
+    """
+
+    inputs: tuple[float, ...]
+    drift: object
+    gain: object
+    bound: object
+    centre: object
+    radius: float
+    wall: float
+    delta: float
+    steps: int
+    rate: float = 0.0
+
+    def speed(self, u, t, sign):
+        """dx of the adversary that pushes as hard as it can, up or down."""
+        return self.drift(u, t) + sign * abs(self.gain(u, t)) * self.bound(u, t)
+
+    def problem(self, nodes=129):
+        dynamics = Dynamics(
+            [[u] for u in self.inputs],
+            lambda u, t: [self.drift(u[0], t)],
+            lambda u, t: [[self.gain(u[0], t)]],
+            lambda u, t: [self.bound(u[0], t)],
+        )
+        target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - self.centre(t)) - self.radius)
+        wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], rate=abs(self.rate), name="wall")
+        grid, view_time = Grid([-4.0], [4.0], [nodes]), "instantaneous"
+        return ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps, view_time)
+
+    def travels(self, begin, end, parts):
+        """Displacements under each input at several times, the adversary down and up: (2, L, parts + 1)."""
+        rates = [[lambda t, u=u, sign=sign: self.speed(u, t, sign) for u in self.inputs] for sign in (-1, 1)]
+        return np.array([[naive.displacements(rate, begin, end, parts) for rate in row] for row in rates])
+
+    def walls(self, begin, end, parts):
+        return self.wall + self.rate * np.linspace(begin, end, parts + 1)
+
+    def exact(self, parts=1000):
+        """(tubes, marked) of the slow twin."""
+        times, centres = (
+            [k * self.delta for k in range(self.steps)],
+            [self.centre(k * self.delta) for k in range(self.steps + 1)],
+        )
+        moves = [self.travels(t, t + self.delta, parts).tolist() for t in times]
+        walls = [self.walls(t, t + self.delta, parts).tolist() for t in times]
+        goals = [[(centre - self.radius, centre + self.radius)] for centre in centres]
+        return naive.interval_game(goals, [low for low, _ in moves], [high for _, high in moves], walls)
+
+
+CASES = {
+    # the faster, the less certain: the target is too narrow to be hit at full speed
+    "slip": Case(
+        inputs=(-2.0, -1.0, 0.0, 1.0, 2.0),
+        drift=lambda u, t: u,
+        gain=lambda u, t: 1.0,
+        bound=lambda u, t: 0.05 + 0.2 * u**2,
+        centre=lambda t: 0.0,
+        radius=0.4,
+        wall=2.5,
+        delta=0.5,
+        steps=4,
+    ),
+    # a current that turns within an interval and is faster than the robot, the target drifting
+    "tide": Case(
+        inputs=(-1.0, 0.0, 1.0),
+        drift=lambda u, t: u + 2.0 * math.sin(4.0 * t),
+        gain=lambda u, t: 1.0 + 0.5 * math.cos(3.0 * t),
+        bound=lambda u, t: 0.15,
+        centre=lambda t: 0.3 * t,
+        radius=0.7,
+        wall=2.0,
+        delta=0.6,
+        steps=4,
+    ),
+    # everything at once, stronger gusts as time goes on, and a wall that comes in
+    "gusts": Case(
+        inputs=(-1.5, 0.0, 1.0),
+        drift=lambda u, t: u * (1.0 + 0.2 * math.sin(5.0 * t)) - 0.2,
+        gain=lambda u, t: 1.0 + 0.1 * u,
+        bound=lambda u, t: 0.05 + 0.2 * abs(u) * t + 0.1 * t**2,
+        centre=lambda t: -0.5,
+        radius=0.8,
+        wall=2.2,
+        delta=0.4,
+        steps=5,
+        rate=-0.5,
+    ),
+}
+METHODS = {
+    "hji": HJI(DOUBLE),
+    "joint": HJI(DOUBLE, "joint"),
+    "lax": HopfLax("linear", "float64"),
+    "limited": HopfLax(dtype="float64"),
+}
+
+
+@cache
+def exact(name):
+    return CASES[name].exact()
+
+
+@cache
+def table(name, method):
+    return sdhj.solve(CASES[name].problem(), METHODS[method], progress=False)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", CASES)
+def test_tubes_and_marks_are_the_intervals_of_the_twin(name, method):
+    found, (tubes, marked) = table(name, method), exact(name)
+    grid, worst = found.grid, 0.0
+    nodes, count = grid.nodes(0), len(CASES[name].inputs)
+    # the formula is exact for distances; differences spread their kinks over some cells
+    tolerance = {"hji": 0.5, "joint": 1.0}.get(method, 0.1) * grid.spacing[0]
+    for (k, n), intervals in tubes.items():
+        inside = found.values(start=k, within=n) <= 0
+        marks = found.inputs(start=k, within=n)
+        sets = [(intervals, inside)] + [(marked[k, n, j], marks[:, j]) for j in range(count) if n]
+        for its, own in sets:
+            depths = np.array([naive.depth(its, x) for x in nodes])
+            wrong = own != (depths > 0)
+            worst = max(worst, np.abs(depths[wrong]).max(initial=0.0, where=np.isfinite(depths[wrong])))
+            assert not own[depths < -tolerance].any(), (k, n)
+            assert own[depths > tolerance].all(), (k, n)
+    print(f"{name}, {method}: nodes are wrong up to {worst / grid.spacing[0]:.2f} cells from the boundary")
+    assert len(tubes) == (found.steps + 1) * (found.steps + 2) // 2
+
+
+def as_if(name, **parts):
+    """The table of someone who takes some of a case's functions for others."""
+    return sdhj.solve(replace(CASES[name], **parts).problem(), METHODS["lax"], progress=False)
+
+
+def test_fast_inputs_that_slip_serve_from_afar_only():
+    """What the twin says of "slip", seen in the table: u = 2 reaches the first tube, never the target itself."""
+    found, sure = table("slip", "lax"), as_if("slip", bound=lambda u, t: 0.05)
+    fast = [found.inputs(start=0, within=n)[:, [0, 4]].any() for n in range(5)]
+    assert fast == [False, False, True, True, True]
+    assert sure.inputs(start=0, within=1)[:, [0, 4]].any()
+    assert sure.fraction(start=0, within=4) > found.fraction(start=0, within=4) + 0.05
+
+
+# ---- closed loops, judged by plain functions
+
+
+def velocity_of(case):
+    def velocity(states, inputs, signs, t):
+        middle, most = (np.array([case.speed(u, t, sign) for u in case.inputs])[inputs] for sign in (0, 1))
+        return (middle + (most - middle) * signs[:, 0])[:, None]
+
+    return velocity
+
+
+def pushes(name, adversary, rng):
+    """signs(states, inputs, t, end) of one of ADVERSARIES."""
+    case, (tubes, _) = CASES[name], exact(name)
+
+    def signs(states, inputs, t, end):
+        if adversary in ("up", "down"):
+            return np.full(states.shape, 1.0 if adversary == "up" else -1.0)
+        if adversary == "switching":
+            return rng.choice([-1.0, 1.0], states.shape)
+        x, step = states[:, 0], round(end / case.delta)
+        if adversary == "away":
+            return np.where(x > case.centre(end), 1.0, -1.0)[:, None]
+        (down, up), later = case.travels(t, end, 10)[:, inputs], tubes[step, case.steps - step]
+        hits = (x[:, None] + up >= case.walls(t, end, 10)).any(axis=1)
+        depths = [np.array([naive.depth(later, q) for q in x + moves[:, -1]]) for moves in (down, up)]
+        return np.where(hits | (depths[1] < depths[0]), 1.0, -1.0)[:, None]
+
+    return signs
+
+
+def judged(name, controller, adversary, starts, rng):
+    case = CASES[name]
+    return judge.play(
+        lambda states, step: controller.choose(controller.batch(states, step)),
+        velocity_of(case),
+        pushes(name, adversary, rng),
+        lambda states, t: np.abs(states[:, 0] - case.centre(t)) - case.radius,
+        lambda states, t: case.wall + case.rate * t - states[:, 0],
+        np.array(starts)[:, None],
+        delta=case.delta,
+        steps=case.steps,
+    )
+
+
+@pytest.mark.parametrize("adversary", ADVERSARIES)
+@pytest.mark.parametrize("name", CASES)
+def test_no_run_from_within_the_exact_tube_is_lost(name, adversary, rng):
+    """Starts everywhere in the twin's tube but for a cell at its boundary, which the table knows by interpolation."""
+    tubes, _ = exact(name)
+    cell = table(name, "lax").grid.spacing[0]
+    starts = [x for x in rng.uniform(-4, 4, 2000) if naive.depth(tubes[0, CASES[name].steps], x) > cell]
+    for method in METHODS:
+        outcomes = judged(name, sdhj.Controller(table(name, method)), adversary, starts, rng)
+        assert (outcomes == "reached").all(), (method, np.array(starts)[outcomes != "reached"], outcomes)
+    assert len(starts) > 400
+
+
+@pytest.mark.parametrize("name", ["tide", "gusts"])
+def test_who_ignores_time_is_lost(name, rng):
+    """From states that the table of someone who freezes the field at t = 0 calls sure, the adversary wins every run.
+
+    The twin's tubes prove it: outside of them the adversary can stay outside of the next, whatever the input. There the
+    table that knows of time makes no promise, and where it makes one no run is lost.
+    """
+    case, (tubes, _) = CASES[name], exact(name)
+    wrong = as_if(
+        name,
+        drift=lambda u, t: case.drift(u, 0.0),
+        gain=lambda u, t: case.gain(u, 0.0),
+        bound=lambda u, t: case.bound(u, 0.0),
+    )
+    right, cell = table(name, "lax"), wrong.grid.spacing[0]
+    states = rng.uniform(-4, 4, 4000)
+    outside = np.array([naive.depth(tubes[0, case.steps], x) for x in states]) < -cell
+    fooled = wrong.contains(states[:, None], start=0, within=case.steps) & outside
+    assert fooled.mean() > 0.03 and not right.contains(states[fooled, None], start=0, within=case.steps).any()
+    outcomes = judged(name, sdhj.Controller(wrong), "exact", states[fooled], rng)
+    assert not (outcomes == "reached").any()
+    print(f"{name}: {fooled.mean():.1%} of the axis called sure and lost every time")
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("adversary", ["random", "worst", "aggressive"])
+def test_the_librarys_own_plant_and_adversaries_agree(name, adversary):
+    controller = sdhj.Controller(table(name, "lax"))
+    report = sdhj.monte_carlo(controller, 1000, adversary, progress=False)
+    assert report.counts["reached"] == 1000, str(report)
+    assert np.abs(report.starts).max() <= 4.0
+
+
+# ---- two axes
+
+
+def lattice_problem(seed=4):
+    """A torus of 9 x 11 nodes with target values drawn for each step; every box of displacements ends at nodes."""
+    values, shape = np.random.default_rng(seed).normal(size=(4, 9, 11)), (9, 11)
+
+    def target(points, t):
+        index = np.rint(points).astype(int) % shape
+        return values[round(t)][tuple(index.T)]
+
+    dynamics = Dynamics(
+        [[-1.0], [0.0], [1.0]],
+        lambda u, t: [u[0] * (0.5 + t), 2 * t - 1],
+        lambda u: np.diag([abs(u[0]), 1.0]),
+        lambda t: [1.0, 0.5 + t],
+    )
+    grid = Grid([0.0, 0.0], [9.0, 11.0], shape, [True, True])
+    return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), target), (), 1.0, 3), values
+
+
+def test_boxes_that_end_at_nodes_make_the_exact_game_on_a_torus():
+    """Every whole displacement tried: by k + 1 nodes and one more or less along x, by 2 k and k + 1 along y."""
+    problem, values = lattice_problem()
+    low = [[(u * (k + 1) - abs(u), 2 * k - (k + 1)) for u in (-1, 0, 1)] for k in range(3)]
+    high = [[(u * (k + 1) + abs(u), 2 * k + (k + 1)) for u in (-1, 0, 1)] for k in range(3)]
+    tubes = naive.lattice_game(list(values), low, high)
+    tables = [sdhj.solve(problem, METHODS[method], progress=False) for method in ("lax", "limited")]
+    for (k, n), expected in tubes.items():
+        for table in tables:
+            np.testing.assert_allclose(table.values(start=k, within=n), expected, rtol=0, atol=1e-9)
+    assert (tubes[0, 3] < tubes[0, 2]).any() and (tubes[0, 1] < tubes[0, 0]).any()
+
+
+class Turning:
+    """dx = w(t) J x + e(t) (f(u, t) + b(u, t) v) on two axes, e turning at the rate w(t) = 0.8 + t / 2.
+
+    Along e the state moves as in `game`, across it not at all: the tubes are those of `game` times an interval.
+    """
+
+    game = Case(
+        inputs=(-1.0, 0.0, 1.0),
+        drift=lambda u, t: u * (1.0 + 0.3 * math.sin(5.0 * t)),
+        gain=lambda u, t: 1.0 + 0.2 * t,
+        bound=lambda u, t: 0.1 + 0.15 * abs(u),
+        centre=lambda t: 0.2 * t,
+        radius=0.5,
+        wall=99.0,
+        delta=0.4,
+        steps=3,
+    )
+    half_width = 0.6
+
+    @staticmethod
+    def frame(t):
+        """e(t) and the direction across."""
+        angle = 0.8 * t + t**2 / 4
+        return np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+
+    @classmethod
+    def field(cls, points, push, t):
+        turned = np.stack([-points[:, 1], points[:, 0]], axis=1)
+        return (0.8 + t / 2) * turned + np.asarray(push).reshape(-1, 1) * cls.frame(t)[0]
+
+    @classmethod
+    def target(cls, points, t):
+        along, across = (points @ direction for direction in cls.frame(t))
+        return np.maximum(np.abs(along - cls.game.centre(t)) - cls.game.radius, np.abs(across) - cls.half_width)
+
+    @classmethod
+    def problem(cls, nodes):
+        game = cls.game
+        dynamics = Dynamics(
+            [[u] for u in game.inputs],
+            lambda points, u, t: cls.field(points, game.drift(u[0], t), t),
+            lambda u, t: game.gain(u[0], t) * cls.frame(t)[0][:, None],
+            lambda u: [game.bound(u[0], 0.0)],
+        )
+        grid = Grid([-2.5, -2.5], [2.5, 2.5], [nodes, nodes])
+        return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), cls.target), (), game.delta, game.steps)
+
+    @classmethod
+    def depths(cls, intervals, points, t):
+        along, across = (points @ direction for direction in cls.frame(t))
+        return np.minimum([naive.depth(intervals, x) for x in along], cls.half_width - np.abs(across))
+
+
+@cache
+def turning_table(nodes):
+    return sdhj.solve(Turning.problem(nodes), METHODS["hji"], progress=False)
+
+
+def test_a_turning_game_is_the_one_along_a_turning_axis():
+    tubes, _ = Turning.game.exact()
+    wrong = []
+    for nodes in (25, 49):
+        table, deepest, share = turning_table(nodes), 0.0, 0.0
+        points = table.grid.points()
+        for (k, n), intervals in tubes.items():
+            inside = (table.values(start=k, within=n) <= 0).ravel()
+            depths = Turning.depths(intervals, points, k * Turning.game.delta)
+            differ = inside != (depths > 0)
+            deepest, share = max(deepest, np.abs(depths[differ]).max(initial=0.0)), share + differ.mean() / len(tubes)
+        print(f"{nodes} nodes: {share:.2%} of the nodes are wrong, up to {deepest / table.grid.spacing[0]:.2f} cells")
+        wrong.append((deepest, share, table.grid.spacing[0]))
+    assert max(deepest / cell for deepest, _, cell in wrong) < 1.0
+    assert wrong[1][1] < wrong[0][1] / 1.4
+
+
+@pytest.mark.parametrize("adversary", ["up", "down", "switching", "away"])
+def test_no_run_of_the_turning_game_is_lost(adversary, rng):
+    game, table = Turning.game, turning_table(49)
+    tubes, controller = Turning.game.exact()[0], sdhj.Controller(table)
+    starts = rng.uniform(-2.5, 2.5, (8000, 2))
+    starts = starts[Turning.depths(tubes[0, game.steps], starts, 0.0) > table.grid.spacing[0]]
+
+    def signs(states, inputs, t, end):
+        if adversary == "switching":
+            return rng.choice([-1.0, 1.0], (len(states), 1))
+        outward = np.where(states @ Turning.frame(t)[0] > game.centre(end), 1.0, -1.0)
+        return np.broadcast_to({"up": 1.0, "down": -1.0}.get(adversary, outward), len(states))[:, None]
+
+    def velocity(states, inputs, signs, t):
+        return Turning.field(states, velocity_of(game)(states, inputs, signs, t), t)
+
+    outcomes = judge.play(
+        lambda states, step: controller.choose(controller.batch(states, step)),
+        velocity,
+        signs,
+        Turning.target,
+        lambda states, t: np.full(len(states), np.inf),
+        starts,
+        delta=game.delta,
+        steps=game.steps,
+    )
+    told = {outcome: int((outcomes == outcome).sum()) for outcome in np.unique(outcomes)}
+    print(adversary, len(starts), told)
+    assert len(starts) > 400 and set(told) == {"reached"}
