@@ -181,12 +181,16 @@ class Grid:
 
     @cached_property
     def arrays(self) -> Lattice:
-        """(lower, spacing, shape, periodic) as the arrays that compiled code reads."""
+        """The grid as compiled code reads it."""
+        least, most = self.faces("unsafe")
+        slack = SLACK * np.array(self.spacing)
         return Lattice(
             np.array(self.lower),
             np.array(self.spacing),
             np.array(self.shape, dtype=np.int64),
             np.array(self.periodic, dtype=np.bool_),
+            least - slack,
+            most + slack,
         )
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
