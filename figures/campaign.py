@@ -13,15 +13,16 @@ from pathlib import Path
 
 import click
 import numpy as np
+from search import search_losing
 from tqdm import tqdm
 
 import sdhj
-from sdhj.certified.search import search_losing
 from sdhj.checks import whole
 from sdhj.cli import SEED, loaded, plainly
 from sdhj.compiling import hidden
 from sdhj.controller import Controller
-from sdhj.files import replaced_whole, writable_folder
+from sdhj.files import replaced_whole
+from sdhj.plotting.looks import writable_folder
 from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.table import Table

@@ -21,8 +21,8 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
-from sdhj.files import writable_folder
 from sdhj.grid import FloatArray
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import Table
 
 HERE = Path(__file__).parent

@@ -11,7 +11,7 @@ from matplotlib.patches import ConnectionPatch
 from sdhj import plotting
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
-from sdhj.plotting.runs import samples
+from sdhj.plotting.trajectories import samples
 from sdhj.table import Table
 
 CELL = 49  # points along each side of a slice

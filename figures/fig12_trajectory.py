@@ -6,7 +6,7 @@ from common import Context, command_of, set_legend
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.plotting.runs import samples
+from sdhj.plotting.trajectories import samples
 
 
 def draw(context: Context) -> Figure:

@@ -14,7 +14,8 @@ from common import Context, write_all
 
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
-from sdhj.files import replaced_whole, writable_folder
+from sdhj.files import replaced_whole
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import Table
 
 ADVERSARIES = ("random", "aggressive", "worst")

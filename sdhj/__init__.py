@@ -45,7 +45,6 @@ from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
-    from sdhj.certified.search import search_losing
     from sdhj.projections import Projected
     from sdhj.simulation import monte_carlo, simulate
 
@@ -56,7 +55,6 @@ _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what pl
     "simulate": "sdhj.simulation",
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
-    "search_losing": "sdhj.certified.search",
 }
 
 __all__ = [
@@ -78,7 +76,6 @@ __all__ = [
     "evader_case_study",
     "load",
     "monte_carlo",
-    "search_losing",
     "simulate",
     "solve",
 ]

@@ -1,15 +1,51 @@
-"""Many states at once: in chunks that threads share out, neighbouring states together; the best input for each."""
+"""Many states at once: what a table answers for them, shared out among threads, and the best input for each."""
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
+from sdhj.checks import whole
 from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
+from sdhj.problem import ReachAvoidProblem
 
 CHUNK = 4096  # states that one thread takes at a time
+NOT_ADMISSIBLE = -1
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What a table answers for many states at one step.
+
+    Attributes
+    ----------
+    states : (M, ndim) array
+    step : int
+    steps_to_go : (M,) int array
+        Fewest steps in which the target is reached safely; -1 where a state is not admissible.
+    safe : (M, L) bool array
+        Which inputs are safe; none where a state is not admissible and at the last step.
+    margins : (M, L) array
+        The margin of every input; where nothing is promised also at least its avoid tube. +inf where a state is not
+        admissible and at the last step.
+    """
+
+    states: FloatArray
+    step: int
+    steps_to_go: FloatArray
+    safe: FloatArray
+    margins: FloatArray
+
+    @property
+    def promised(self) -> FloatArray:
+        """Where the inputs called safe keep what the tube promises, up to interpolation: (M,) bool.
+
+        Elsewhere the one input called safe is the best of those that fail the look-ahead, or there is none.
+        """
+        return np.logical_or.reduce(self.safe & (self.margins <= 0.0), axis=1)
 
 
 def threads() -> int:
@@ -55,3 +91,20 @@ def take_best(safe, scores, margins, chosen):
             if best < 0 or score < least or (score == least and margins[m, j] < margins[m, best]):
                 chosen[m], least = j, score
             place += 1
+
+
+def batched(
+    problem: ReachAvoidProblem, states: FloatArray, step: int, answer: Callable[[Batch, FloatArray], None]
+) -> Batch:
+    """The batch of states (M, ndim) at a step, checked, that `answer(batch, rows)` fills in on all cores."""
+    grid, step = problem.grid, whole("step", step, least=0, most=problem.steps)
+    states = np.array(states, dtype=np.float64, order="C")  # a copy: rules look at it later
+    if states.ndim != 2 or states.shape[1] != grid.ndim:
+        raise ValueError(f"states must have shape (M, {grid.ndim}), got {states.shape}")
+    if not np.isfinite(states).all():
+        bad = states[~np.isfinite(states).all(axis=1)][0]
+        raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
+    count, shape = len(states), (len(states), len(problem.inputs))
+    batch = Batch(states, step, np.empty(count, np.int64), np.empty(shape, np.bool_), np.empty(shape))
+    share_out(grid, states, lambda rows: answer(batch, rows))
+    return batch

@@ -195,7 +195,7 @@ def verify_command(
     writable_picture(output)
     read = loaded(table)
     if read.method == "certified":
-        from sdhj.certified.check.verify import verify as check
+        from sdhj.certified.check import verify as check
 
         del read  # the check reads the file itself, and both are large
         began = time.perf_counter()
@@ -250,7 +250,7 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
 
 
 def _compile_checker(table: Any) -> None:
-    from sdhj.certified.check.verify import verify as check
+    from sdhj.certified.check import verify as check
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "certified.h5"

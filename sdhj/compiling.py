@@ -41,7 +41,7 @@ def _forced(options: Mapping[str, Any]) -> Any:
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as for `kernel`.
+    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as `kernel`.
 
     It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
     compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)

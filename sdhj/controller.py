@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdhj.batches import take_best
+from sdhj.batches import NOT_ADMISSIBLE, Batch, take_best
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import NOT_ADMISSIBLE, Batch, Table
+from sdhj.table import Table
 
 
 class NotAdmissible(ValueError):

@@ -30,7 +30,7 @@ FORMAT = "sdhj look-up table"
 FORMAT_VERSION = 2
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
-BLOCK = 1 << 24  # bytes by which a file grows in memory
+GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
 RECIPES = dict.fromkeys(("arm_case_study", "evader_case_study"), "sdhj.arm.case_studies:rebuild")  # by the builder
@@ -61,30 +61,13 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         temporary.touch()
     except OSError as error:
-        raise _unwritable(path.parent, error) from error
+        raise unwritable(path.parent, error) from error
     try:
         yield temporary
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-
-
-def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made where it does not exist; checked before long work whose result goes there.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be made or written to, with what to do about it.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    _probe(folder)
-    return folder
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
@@ -96,7 +79,7 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
         Where it cannot be written, with what to do about it.
     """
     path = _regular(path)
-    _probe(path.parent)
+    probed(path.parent)
     return path
 
 
@@ -110,16 +93,16 @@ def _regular(path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _probe(folder: Path) -> None:
+def probed(folder: Path) -> None:
     probe = folder / f".sdhj-{uuid.uuid4().hex}"
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
 
 
-def _unwritable(folder: Path, error: OSError) -> OSError:
+def unwritable(folder: Path, error: OSError) -> OSError:
     return OSError(
         f"cannot write in {folder}: {error.strerror or error}; choose a folder that exists and can be written"
     )
@@ -142,7 +125,7 @@ def written_table(path: str | os.PathLike[str], table: "Table") -> Iterator[h5py
     OSError
         Where the folder does not exist or cannot be written, or the disk is full.
     """
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=BLOCK) as file:
+    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH) as file:
         _write_header(file, table)
         yield file
         file.flush()
@@ -242,7 +225,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         if problem.digest != (digest := str(attrs["digest"])):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
-                f"{problem.name!r} is {problem.digest[:12]}...; {_differences(file, problem)}"
+                f"{problem.name!r} is {problem.digest[:12]}...; {_what_differs(file, problem)}"
             )
         return imported(TABLES.get(attrs["method"], "sdhj.table:LookupTable")).read(file, problem)
 
@@ -276,7 +259,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
 
 
-def _differences(file: h5py.File, problem: ReachAvoidProblem) -> str:
+def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     """What of a problem is not as the file says; its functions are known by their values alone."""
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}

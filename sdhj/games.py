@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sdhj.dynamics import INSTANTS
 from sdhj.grid import FloatArray, Grid
 from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
@@ -24,7 +25,6 @@ from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
-INSTANTS = np.linspace(0.0, 1.0, 9)  # of an interval, at which velocities that depend on time are looked at
 Axes = tuple[int, ...]
 
 

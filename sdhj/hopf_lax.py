@@ -29,11 +29,11 @@ from numba import prange
 
 from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
+from sdhj.stages import MATH, raise_to
 
 INTERPOLATIONS = ("linear", "limited")
-RUN = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
+STRETCH = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 SHORT = 100  # fewer nodes than this behind an axis: turning the array, so that loops are long, pays
-MATH = {"contract", "nsz"}
 
 
 class Intervals(NamedTuple):
@@ -70,12 +70,6 @@ def _between_nodes(out, m, a, b, p, weight, bend):
             out[i] = a[i] + weight * rise + bend * _limited(rise - (a[i] - m[i]), (p[i] - b[i]) - rise)
 
 
-@kernel(fastmath=MATH)
-def _raise_to(out, values):
-    for i in range(out.size):
-        out[i] = out[i] if out[i] > values[i] else values[i]
-
-
 @kernel()
 def _end(out, values, taps, weight, start, stop):
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
@@ -87,7 +81,7 @@ def _end(out, values, taps, weight, start, stop):
 def maximum_of_intervals(values, taps, weight, between, point, out):
     """out[a, i] = max of values[a] over the interval of node i; values, out (A, n, B), the rest as in `Intervals`."""
     before, n, after = values.shape
-    chunks = (after + RUN - 1) // RUN
+    chunks = (after + STRETCH - 1) // STRETCH
     for task in prange(before * n * chunks):
         row, chunk = np.int64(task) // chunks, np.int64(task) % chunks
         a, i = row // n, row % n
@@ -97,9 +91,9 @@ def maximum_of_intervals(values, taps, weight, between, point, out):
         if not point:
             other = np.empty(stop - start, values.dtype)
             _end(other, values[a], taps[i, 1], weight[i, 1], start, stop)
-            _raise_to(target, other)
+            raise_to(target, other)
             for node in range(between[i, 0], between[i, 1]):
-                _raise_to(target, values[a, node % n, start:stop])
+                raise_to(target, values[a, node % n, start:stop])
 
 
 @lru_cache(maxsize=256)  # the recursion asks for the same few intervals hundreds of times

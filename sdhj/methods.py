@@ -4,7 +4,6 @@ A method has a name and `sets(problem, progress)`, which returns what `sdhj.recu
 own is an object with these two, given to `solve` in place of one from here.
 """
 
-import importlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from tqdm import tqdm
 
 from sdhj.checks import option
 from sdhj.compiling import announced, hidden
+from sdhj.files import imported
 from sdhj.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.problem import ReachAvoidProblem
@@ -100,8 +100,8 @@ class HopfLax:
 METHODS: dict[str, Any] = {  # by their short forms; named are those that are imported when they are asked for
     "hji": HJI,
     "lax": HopfLax,
-    "projected": ("sdhj.projections", "Projected"),
-    "certified": ("sdhj.certified", "Certified"),
+    "projected": "sdhj.projections:Projected",
+    "certified": "sdhj.certified:Certified",
 }
 
 
@@ -115,9 +115,7 @@ def method_of(method: str | Method) -> Method:
     """
     if isinstance(method, str) and method in METHODS:
         made = METHODS[method]
-        if isinstance(made, tuple):  # imported when it is asked for
-            made = getattr(importlib.import_module(made[0]), made[1])
-        return made()
+        return (imported(made) if isinstance(made, str) else made)()
     if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
         raise ValueError(
             f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"

@@ -28,7 +28,7 @@ StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
 
 
-def _axes(axes: Any, name: str) -> tuple[int, ...]:
+def _ascending(axes: Any, name: str) -> tuple[int, ...]:
     try:
         given = tuple(axes)
     except TypeError:
@@ -80,7 +80,7 @@ class UnsafeSet:
     name: str = "unsafe"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
         _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
         if self.swept is not None:
             _check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
@@ -117,7 +117,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _axes(self.axes, self.name))
+        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
         _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
 
 

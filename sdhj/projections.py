@@ -31,7 +31,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import get_num_threads, set_num_threads
 
-from sdhj.games import HJIGames, HopfLaxGames, Wall
+from sdhj.games import Axes, HJIGames, HopfLaxGames, Wall
 from sdhj.grid import FloatArray, Grid
 from sdhj.methods import HJI, HopfLax
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
@@ -39,7 +39,6 @@ from sdhj.recursion import GridSets
 from sdhj.table import LookupTable
 
 FEW = 2**16  # nodes of a subspace
-Axes = tuple[int, ...]
 
 
 class ProjectionWarning(UserWarning):

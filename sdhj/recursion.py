@@ -257,7 +257,7 @@ class GridSets:
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table; its details tell the options, the PDEs that Algorithm 1 asks for and those solved."""
         steps = self.problem.steps
-        avoid = sum(steps if part.moving else 1 for part in self.problem.unsafe)
+        avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
         return self.table.finish(self.told | told | dict(details))

@@ -172,27 +172,36 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
-def _field(grid: Grid, layout: Layout, values: FloatArray, leading: int, dtype: str) -> FloatArray:
-    """Arrange a field (leading..., *grid.shape) as (leading..., planes, plane); a constant one as one plane."""
-    plane = (layout.rows + 2 * layout.top) * layout.width
-    if values.ndim == leading:
-        return np.ascontiguousarray(np.broadcast_to(values[..., None, None], (*values.shape, 1, plane)), dtype)
-    out = np.empty((*values.shape[:leading], layout.near.shape[0], plane), dtype)
-    for place in np.ndindex(*values.shape[:leading]):  # none where the adversary has no components
-        out[place] = _padded(grid, layout, values[place], dtype).reshape(out.shape[leading:])
+def _unpadded(grid: Grid, layout: Layout, phi: FloatArray, room: FloatArray) -> FloatArray:
+    """Values as `Layout` has them back on the grid, in memory that was used before: fresh one costs a tenth."""
+    out = room.ravel()[: grid.size]
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    from_planes(planes, out.reshape(-1, layout.rows, layout.nodes), layout)
+    return out.reshape(grid.shape)
+
+
+def _field(
+    grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
+) -> FloatArray:
+    """Arrange parts (leading..., *grid.shape) as (parts, leading..., planes, plane); constant ones as one plane."""
+    plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
+    if parts[0].ndim == leading:
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None, None], (*shape, 1, plane)), dtype)
+    out = np.empty((*shape, layout.near.shape[0], plane), dtype)
+    for place in np.ndindex(shape):  # none where the adversary has no components
+        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).reshape(out.shape[-2:])
     return out
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Arrange velocities as `stage` reads them."""
-    spacing, box = np.array(grid.spacing), np.stack([velocities.lower, velocities.upper])
-    if velocities.drift is None and box.ndim == 2:
-        return ((box / spacing).ravel().astype(dtype),)
-    terms = [(box, 2)]
-    if velocities.drift is not None and velocities.gain is not None:
-        terms += [(velocities.drift, 2), (velocities.gain, 3)]
-    fields = [_field(grid, layout, values, leading, dtype) for values, leading in terms]
-    return fields[0].ravel(), (1.0 / spacing).astype(dtype), *fields[1:]
+    spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
+    if velocities.drift is None and velocities.lower.ndim == 1:
+        return ((np.stack(box) / spacing).ravel().astype(dtype),)
+    field = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
+    if velocities.drift is None or velocities.gain is None:
+        return field
+    return (*field, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
 
 
 Given = TypeVar("Given")
@@ -249,16 +258,13 @@ def evolve(
         steps = velocities.steps(grid, duration, scheme.cfl)
     dtype, dt, layout = np.dtype(scheme.dtype).type, duration / max(steps, 1), layout_of(grid, scheme.order)
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    wall = _over_time(
-        obstacle,
-        lambda g: np.empty((0,) * grid.ndim, dtype) if g is None else _padded(grid, layout, g, scheme.dtype),
-    )
+    nothing = np.empty((0,) * grid.ndim, dtype)
+    wall = _over_time(obstacle, lambda g: nothing if g is None else _padded(grid, layout, g, scheme.dtype))
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
     phi = _padded(grid, layout, np.asarray(values), scheme.dtype)
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
-    stages = STAGES[scheme.integrator]
-    work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
+    stages, work, spare = STAGES[scheme.integrator], np.empty_like(phi), np.empty_like(phi)
     for step in range(steps):
         source, now = phi, step * dt
         for number, (keep, reached) in enumerate(stages, 1):
@@ -270,7 +276,4 @@ def evolve(
             source, now = out, then
         if source is not phi:
             phi, work = work, phi
-    inner = work.ravel()[: grid.size]  # no longer needed: fresh memory would cost a tenth of a solve
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
-    return inner.reshape(grid.shape)
+    return _unpadded(grid, layout, phi, work)

@@ -32,7 +32,7 @@ class Layout(NamedTuple):
     ghost nodes are set afterwards.
     """
 
-    near: FloatArray  # (planes, ndim, 6): where planes moved 1, 2, 3 nodes to the left and to the right of each axis begin
+    near: FloatArray  # (planes, ndim, 6): where planes 1, 2, 3 nodes to the left and to the right of each axis begin
     source: FloatArray  # (rows + 2 top,): the row whose values each padded row holds
     rows: int
     top: int
@@ -70,7 +70,7 @@ def second_order(c, left, right):
 
 @_inlined
 def third_order(c, left, right):
-    """The parabola through the node and the two to one side, or one to each, whichever bends less; its smaller cubic."""
+    """The parabola through the node and two to one side, or one to each, whichever bends less; its smaller cubic."""
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
     minus, plus = c - m1, p1 - c
@@ -234,7 +234,7 @@ def _advance_coupled(out, phi, here, run, axes, velocities, order, step):
 
 
 @kernel(fastmath=MATH)
-def _raise_to(out, wall):
+def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
 
@@ -276,7 +276,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         else:
             _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
         if least.size > 0:
-            _raise_to(ahead[first : first + count], least[first : first + count])
+            raise_to(ahead[first : first + count], least[first : first + count])
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
@@ -305,8 +305,9 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
 def to_planes(values, out, layout):
     """Copy values (planes, rows, nodes) into `out` (planes, padded rows, width), ghost nodes included."""
     for plane in prange(values.shape[0]):
-        inside = out[plane, layout.top : layout.top + layout.rows]
-        inside[:, layout.ghosts : layout.ghosts + layout.nodes] = values[plane]
+        for row in range(layout.rows):
+            for i in range(layout.nodes):
+                out[plane, layout.top + row, layout.ghosts + i] = values[plane, row, i]
         _fill_ghosts(out[plane].ravel(), layout, 0, layout.rows)
 
 
@@ -314,5 +315,6 @@ def to_planes(values, out, layout):
 def from_planes(phi, out, layout):
     """Copy phi (planes, padded rows, width) into `out` (planes, rows, nodes), without the ghost nodes."""
     for plane in prange(out.shape[0]):
-        inside = phi[plane, layout.top : layout.top + layout.rows]
-        out[plane] = inside[:, layout.ghosts : layout.ghosts + layout.nodes]
+        for row in range(layout.rows):
+            for i in range(layout.nodes):
+                out[plane, row, i] = phi[plane, layout.top + row, layout.ghosts + i]

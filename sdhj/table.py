@@ -17,7 +17,7 @@ obstacle from the rules that do not ask for depth. The certified method has a gu
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -25,46 +25,12 @@ from typing import Any, Protocol
 import h5py
 import numpy as np
 
-from sdhj.batches import share_out
+from sdhj.batches import Batch, batched
 from sdhj.checks import whole
 from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Reach, Shelf, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
-
-NOT_ADMISSIBLE = -1
-
-
-@dataclass(frozen=True)
-class Batch:
-    """What a table answers for many states at one step.
-
-    Attributes
-    ----------
-    states : (M, ndim) array
-    step : int
-    steps_to_go : (M,) int array
-        Fewest steps in which the target is reached safely; -1 where a state is not admissible.
-    safe : (M, L) bool array
-        Which inputs are safe; none where a state is not admissible and at the last step.
-    margins : (M, L) array
-        The margin of every input; where nothing is promised also at least its avoid tube. +inf where a state is not
-        admissible and at the last step.
-    """
-
-    states: FloatArray
-    step: int
-    steps_to_go: FloatArray
-    safe: FloatArray
-    margins: FloatArray
-
-    @property
-    def promised(self) -> FloatArray:
-        """Where the inputs called safe keep what the tube promises, up to interpolation: (M,) bool.
-
-        Elsewhere the one input called safe is the best of those that fail the look-ahead, or there is none.
-        """
-        return np.logical_or.reduce(self.safe & (self.margins <= 0.0), axis=1)
 
 
 class Table(Protocol):
@@ -92,23 +58,6 @@ class Table(Protocol):
     def batch(self, states: FloatArray, step: int) -> Batch: ...
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray: ...
     def save(self, path: str | os.PathLike[str]) -> None: ...
-
-
-def batched(
-    problem: ReachAvoidProblem, states: FloatArray, step: int, answer: Callable[[Batch, FloatArray], None]
-) -> Batch:
-    """The batch of states (M, ndim) at a step, checked, that `answer(batch, rows)` fills in on all cores."""
-    grid, step = problem.grid, whole("step", step, least=0, most=problem.steps)
-    states = np.array(states, dtype=np.float64, order="C")  # a copy: rules look at it later
-    if states.ndim != 2 or states.shape[1] != grid.ndim:
-        raise ValueError(f"states must have shape (M, {grid.ndim}), got {states.shape}")
-    if not np.isfinite(states).all():
-        bad = states[~np.isfinite(states).all(axis=1)][0]
-        raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
-    count, shape = len(states), (len(states), len(problem.inputs))
-    batch = Batch(states, step, np.empty(count, np.int64), np.empty(shape, np.bool_), np.empty(shape))
-    share_out(grid, states, lambda rows: answer(batch, rows))
-    return batch
 
 
 def in_a_line(table: Table) -> str:

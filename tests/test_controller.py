@@ -11,10 +11,10 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.batches import CHUNK, take_best
+from sdhj.batches import CHUNK, Batch, batched, take_best
 from sdhj.controller import RULES, Candidates, Controller
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import AvoidTubes, Batch, LookupTable, batched
+from sdhj.table import AvoidTubes, LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
@@ -244,6 +244,18 @@ def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -
         margins = controller.batch(np.array([[0.0]]), step).margins[0]
         spread = 0.05 * (2 * step + 1)
         np.testing.assert_allclose(margins, [spread - 0.5, spread - 1.0, spread - 0.5], rtol=0, atol=1e-12)
+
+
+def test_boxes_that_differ_at_one_end_only_have_margins_of_their_own() -> None:
+    """The faster the input, the more it slips: all boxes begin at q - 0.25 and end at q - 0.25, q + 0.25, q + 0.75."""
+    problem = toys.interval_problem(steps=2, unsafe=False)
+    inputs = np.array([[-0.5], [0.0], [0.5]])
+    slipping = sdhj.Dynamics(inputs, inputs, [[1.0]], lambda u: np.array([u[0] + 0.5]))
+    table = solved(replace(problem, dynamics=slipping))
+    for q, margins in ((0.0, [-0.75, -0.75, -0.25]), (0.3, [-0.95, -0.45, 0.05]), (-0.3, [-0.45, -0.45, -0.45])):
+        batch = Controller(table).batch(np.array([[q]]), 0)
+        np.testing.assert_allclose(batch.margins[0], margins, rtol=0, atol=1e-12)
+        assert batch.safe[0].tolist() == [margin <= 0 for margin in margins]
 
 
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:

@@ -12,7 +12,8 @@ import pytest
 from toys import interval_problem, one_row, torus_problem
 
 import sdhj
-from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file, writable_folder
+from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file
+from sdhj.plotting.looks import writable_folder
 from sdhj.table import entries
 
 

@@ -149,7 +149,7 @@ class Mute:
     ids=str,
 )
 def test_what_is_no_method_is_refused_with_what_is_one(method, said):
-    expected = r"method must be one of hji, projected, lax, certified, or an object such as sdhj.HJI\(scheme=...\), "
+    expected = r"method must be one of hji, lax, projected, certified, or an object such as sdhj.HJI\(scheme=...\), "
     with pytest.raises(ValueError, match=expected + said):
         sdhj.solve(toys.interval_problem(steps=1), method, progress=False)
 
@@ -169,7 +169,7 @@ def test_an_option_that_a_method_does_not_have_is_no_option():
 
 
 def objects():
-    return {"hji": HJI(), "projected": Projected(), "lax": HopfLax(), "certified": sdhj.Certified()}
+    return {"hji": HJI(), "lax": HopfLax(), "projected": Projected(), "certified": sdhj.Certified()}
 
 
 def test_a_short_form_stands_for_the_object_with_its_usual_options():

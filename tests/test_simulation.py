@@ -438,7 +438,7 @@ def test_problem_without_unsafe_sets() -> None:
 
 def test_a_table_is_no_controller() -> None:
     table = sdhj.solve(toys.interval_problem(steps=1), "lax", progress=False)
-    for play in (sdhj.monte_carlo, sdhj.search_losing, lambda it: sdhj.simulate(it, [0.0])):
+    for play in (sdhj.monte_carlo, lambda it: sdhj.simulate(it, [0.0])):
         with pytest.raises(ValueError, match=r"for example Controller\(table\), got LookupTable"):
             play(table)
 

@@ -49,6 +49,7 @@ def test_contains_on_and_off_the_grid(table):
     turned = grid.points() + np.array([2 * np.pi, -4 * np.pi])
     safely = np.abs(table.values(start=0, within=2).ravel()) > 1e-5
     assert np.array_equal(table.contains(turned, start=0, within=2)[safely], inside[safely])
+    assert not table.contains([[1e300, 0.0], [0.0, -np.inf]], start=0, within=2).any()  # no digits left to place it by
     with pytest.raises(ValueError, match="NaN"):
         table.contains([[np.nan, 0.0]], start=0, within=1)
     with pytest.raises(ValueError, match="shape"):

@@ -38,18 +38,21 @@ class Case:
     delta: float
     steps: int
     rate: float = 0.0
+    timed: bool = True
 
     def speed(self, u, t, sign):
         """dx of the adversary that pushes as hard as it can, up or down."""
         return self.drift(u, t) + sign * abs(self.gain(u, t)) * self.bound(u, t)
 
-    def problem(self, nodes=129):
-        dynamics = Dynamics(
-            [[u] for u in self.inputs],
+    def problem(self, nodes=97):
+        functions = (
             lambda u, t: [self.drift(u[0], t)],
             lambda u, t: [[self.gain(u[0], t)]],
             lambda u, t: [self.bound(u[0], t)],
         )
+        if not self.timed:
+            functions = [lambda u, function=function: function(u, 0.0) for function in functions]
+        dynamics = Dynamics([[u] for u in self.inputs], *functions)
         target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - self.centre(t)) - self.radius)
         wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], rate=abs(self.rate), name="wall")
         grid, view_time = Grid([-4.0], [4.0], [nodes]), "instantaneous"
@@ -87,6 +90,7 @@ CASES = {
         wall=2.5,
         delta=0.5,
         steps=4,
+        timed=False,
     ),
     # a current that turns within an interval and is faster than the robot, the target drifting
     "tide": Case(
@@ -112,6 +116,18 @@ CASES = {
         delta=0.4,
         steps=5,
         rate=-0.5,
+    ),
+    # a storm that passes: what the adversary may do at the start of an interval it may not at its end
+    "calming": Case(
+        inputs=(-1.0, -0.5, 0.0, 0.5, 1.0),
+        drift=lambda u, t: u,
+        gain=lambda u, t: 1.0 - 0.2 * u,
+        bound=lambda u, t: 0.05 + 0.8 * math.exp(-2.0 * t),
+        centre=lambda t: 0.1,
+        radius=0.45,
+        wall=1.5,
+        delta=0.5,
+        steps=4,
     ),
 }
 METHODS = {
@@ -154,6 +170,16 @@ def test_tubes_and_marks_are_the_intervals_of_the_twin(name, method):
     assert len(tubes) == (found.steps + 1) * (found.steps + 2) // 2
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_the_table_tells_how_many_equations_were_asked_for_and_solved(name):
+    """Where time matters the avoid games are different ones in every interval; where not, so are no two rows."""
+    case, details = CASES[name], table(name, "hji").details
+    count, rows = len(case.inputs), case.steps * (case.steps + 1) // 2
+    assert details["pdes_of_algorithm"] == count * (rows + (case.steps if case.timed else 1))
+    different = rows + case.steps if case.timed else case.steps + 1
+    assert details["pdes_solved"] == count * (different - details["tubes_shared"])
+
+
 def as_if(name, **parts):
     """The table of someone who takes some of a case's functions for others."""
     return sdhj.solve(replace(CASES[name], **parts).problem(), METHODS["lax"], progress=False)
@@ -166,6 +192,47 @@ def test_fast_inputs_that_slip_serve_from_afar_only():
     assert fast == [False, False, True, True, True]
     assert sure.inputs(start=0, within=1)[:, [0, 4]].any()
     assert sure.fraction(start=0, within=4) > found.fraction(start=0, within=4) + 0.05
+
+
+# ---- the controller looks ahead from its own step
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_margins_are_those_of_the_boxes_of_that_step(name, rng):
+    """The worst interpolated value over all ends of the interval, by the twin's displacements."""
+    case, found = CASES[name], table(name, "lax")
+    controller, nodes, seen = sdhj.Controller(found), found.grid.nodes(0), 0
+    for step in range(case.steps):
+        low, high = case.travels(step * case.delta, (step + 1) * case.delta, 100)[..., -1]
+        batch = controller.batch(rng.uniform(-2.5, 2.5, (60, 1)), step)
+        for x, to_go, safe, margins in zip(
+            batch.states[:, 0], batch.steps_to_go, batch.safe, batch.margins, strict=True
+        ):
+            if not safe.any() or margins[safe].min() > 0:
+                continue  # not admissible, or nothing is promised
+            line, seen = found.values(start=step + 1, within=max(to_go, 1) - 1), seen + 1
+            for j, margin in enumerate(margins):
+                ends = [x + low[j], x + high[j]]
+                reached = [*ends, *nodes[(nodes > ends[0]) & (nodes < ends[1])]]
+                assert margin == pytest.approx(np.interp(reached, nodes, line).max(), abs=1e-9), (step, x, j)
+    assert seen > 60
+
+
+@pytest.mark.parametrize("name", ["tide", "gusts"])
+def test_rules_see_where_inputs_lead_from_that_step(name, rng):
+    case = CASES[name]
+    controller, differ = sdhj.Controller(table(name, "lax"), "target"), 0
+    for step in range(case.steps):
+        middle, centre = (step + 0.5) * case.delta, case.centre((step + 1) * case.delta)
+        batch = controller.batch(rng.uniform(-2.5, 2.5, (200, 1)), step)
+        chosen = controller.choose(batch)
+        moves = case.delta * np.array([case.drift(u, middle) for u in case.inputs])
+        distances = np.where(batch.safe, np.abs(batch.states + moves - centre), np.inf)
+        known = chosen >= 0
+        np.testing.assert_array_equal(known, batch.safe.any(axis=1))
+        np.testing.assert_array_equal(chosen[known], np.argmin(distances, axis=1)[known])
+        differ += (batch.safe[known].sum(axis=1) > 1).sum()
+    assert differ > 20
 
 
 # ---- closed loops, judged by plain functions

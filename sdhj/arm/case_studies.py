@@ -24,7 +24,7 @@ AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
 ALL_AXES = (0, 1, 2, 3)
 MOST = 1_000_000  # of anything that is counted
-KEPT = 64  # times at which the places of the obstacles are remembered
+REMEMBERED = 64  # times at which the places of the obstacles are remembered
 BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
@@ -88,7 +88,7 @@ class ArmScene:
         """Centres and radii of the obstacles at a time; kept, as questions come in numbers for few times."""
         known = self._known.get(t)
         if known is None:
-            if len(self._known) >= KEPT:
+            if len(self._known) >= REMEMBERED:
                 self._known.clear()
             known = np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
             self._known[t] = known

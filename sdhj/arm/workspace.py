@@ -11,16 +11,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sdhj.checks import number, pair
 from sdhj.compiling import kernel
-
-FloatArray = NDArray[Any]
+from sdhj.grid import FloatArray
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
-TINY = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
+POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -38,7 +37,7 @@ def _norm(a: FloatArray) -> FloatArray:
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
     """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
     square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > TINY, square, np.inf)
+    return _dot(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -115,7 +114,7 @@ def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
         to_x, to_y = (elbow_x, elbow_y) if link == 0 else (tip_x, tip_y)
         along_x, along_y = to_x - from_x, to_y - from_y
         square = along_x * along_x + along_y * along_y
-        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > TINY else np.inf)
+        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > POINT else np.inf)
         s = min(max(foot, 0.0), 1.0)
         dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
         distance = math.sqrt(dx * dx + dy * dy)
@@ -222,7 +221,7 @@ class Circle:
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
         square = _dot(along, along)
-        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > TINY, square, np.inf))
+        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
         )

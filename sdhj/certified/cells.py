@@ -11,11 +11,15 @@ answered outward.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sdhj.certified.packed import Cells
+from sdhj.problem import ReachAvoidProblem
 
 IndexArray = NDArray[np.int64]
 
@@ -136,6 +140,27 @@ class CellAxis:
             lap += 1
         inside = math.ceil((offset + self._laps(lap_of_offset - lap)[1]) / self.width)
         return lap * self.count + min(max(inside, 0), self.count)
+
+
+def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
+    """Cells as arrays for compiled code; the first `rows` axes number the blocks."""
+    return Cells(
+        lower=np.array([float(axis.lower) for axis in axes]),
+        width=np.array([float(axis.width) for axis in axes]),
+        length=np.array([float(sum(axis.extent) / 2) for axis in axes]),
+        counts=np.array([axis.count for axis in axes], dtype=np.int64),
+        periodic=np.array([axis.periodic for axis in axes]),
+        rows=rows,
+    )
+
+
+def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
+    """Least and greatest velocity on one axis under input j, exactly, for dynamics that do not depend on the state."""
+    dynamics = problem.dynamics
+    pushes = zip(np.asarray(dynamics.gain)[axis], dynamics.bounds, strict=True)
+    push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
+    drift = measured(np.asarray(dynamics.drift)[j, axis])
+    return drift - push, drift + push
 
 
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:

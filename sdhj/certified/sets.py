@@ -9,13 +9,13 @@ in the tube. The recursion is that of Theorem 2, with sets of cells:
             t_{k+1} from anywhere in the cell, covered by cells of S_{k+1}^{n-1}, and (ii) a tube, everywhere the
             state can be during the interval, clear of G(t) at every time.
 
-The obligations of the proof, where each is met, and the test in tests/test_certified.py that fails without it:
+The obligations of the proof, where each is met, and the test in tests/certified that fails without it:
 
 1.  *The cells cover the state space, and their edges are exact.* `CellAxis`; numbers are the decimals they are written
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For dynamics that do not depend on the state: `CellAxis.image`, in
     fractions, with the adversary's worst velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the
-    others: `sdhj.certified.general.Reach`, by the Lipschitz bounds that the user states.
+    others: `sdhj.certified.general_proof.Growth`, by the Lipschitz bounds that the user states.
     [test_general_reach_box_holds_every_trajectory]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`, `covered`.
     [test_recursion_agrees_with_the_twin]
@@ -39,291 +39,141 @@ makes no difference here. Images lose nothing where cells are aligned (`sdhj.cer
 exact set is a layer of cells along the target, the obstacles and the pursuer.
 """
 
-import json
-import time
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
-import h5py
 import numpy as np
 
-from sdhj.certified.arm import ArmProof, is_arm
-from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds
-from sdhj.certified.general import GeneralProof, LipschitzBounds
-from sdhj.certified.kernels import Cells, contains, count_bits, fewest_steps
+from sdhj.certified.arm_proof import ArmProof, is_arm
+from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds, velocity_bounds
+from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
+from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import FloatArray
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import entry
-
-__all__ = ["CertifiedSets", "LipschitzBounds", "certify"]
 
 ARM_CELLS = (419, 419, 72, 72)
 GENERAL_CELLS = 64  # on each axis
 
 
 @dataclass(frozen=True)
-class CertifiedSets:
-    """Every certified S_k^n, packed. Made by `certify`; all answers are proved.
-
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    axes : tuple of CellAxis
-    index : (entries, rows) uint32
-        For each (start, within) and each cell of the leading axes, which block of the pool holds its cells.
-    pool : (blocks, words) uint64
-        Blocks of packed cells of the remaining axes; block 0 is empty.
-    proof : ArmProof or GeneralProof
-        What one interval does to the cells.
-    details : mapping
-        How it was computed.
-    """
-
-    problem: ReachAvoidProblem
-    axes: tuple[CellAxis, ...]
-    index: FloatArray
-    pool: FloatArray
-    proof: ArmProof | GeneralProof
-    details: Mapping[str, Any]
-
-    @cached_property
-    def cells(self) -> Cells:
-        """The cells as arrays for compiled code."""
-        return cells_of(self.axes, self.proof.rows)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """How many cells each axis has."""
-        return tuple(axis.count for axis in self.axes)
-
-    def _entry(self, start: int, within: int) -> int:
-        steps = self.problem.steps
-        start = whole("start", start, least=0, most=steps)
-        return entry(steps, start, min(whole("within", within, least=0), steps - start))
-
-    def _states(self, states: FloatArray) -> FloatArray:
-        states = np.ascontiguousarray(np.atleast_2d(states), dtype=np.float64)
-        if states.ndim != 2 or states.shape[1] != len(self.axes):
-            raise ValueError(f"states must have shape (M, {len(self.axes)}), got {states.shape}")
-        if not np.isfinite(states).all():
-            raise ValueError("states has a NaN or an infinity; every coordinate must be a number")
-        return states
-
-    def contains(self, states: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `states` (M, ndim) is in a certified cell: bool (M,)."""
-        states = self._states(states)
-        out = np.empty(len(states), np.bool_)
-        contains(states, self.cells, self.index[self._entry(start, within)], self.pool, out)
-        return out
-
-    def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
-        states = self._states(states)
-        first, longest = self._entry(step, 0), self.problem.steps - step
-        out = np.empty(len(states), np.int64)
-        fewest_steps(states, self.cells, self.index[first : first + longest + 1], self.pool, out)
-        return out
-
-    def certified_inputs(self, state: FloatArray, step: int, within: int) -> FloatArray:
-        """Indices of the inputs that are proved to be safe over the interval and to leave `within` - 1 steps to go.
-
-        For a state in a certified cell there is at least one, but for within = 0; for any other state there is none.
-        """
-        place = self._entry(step, within)
-        state = self._states(state)[0]
-        if within == 0 or step == self.problem.steps:
-            return np.empty(0, np.int64)
-        return np.flatnonzero(
-            self.proof.inputs_of(state, step, self.cells, self.index, place, self._following(step, within), self.pool)
-        )
-
-    def certified_inputs_many(self, states: FloatArray, step: int, within: int) -> FloatArray:
-        """`certified_inputs` for states (M, ndim), as bool (M, L)."""
-        place = self._entry(step, within)
-        states = self._states(states)
-        if within == 0 or step == self.problem.steps:
-            return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
-        return self.proof.inputs_of_many(
-            states, step, self.cells, self.index, place, self._following(step, within), self.pool
-        )
-
-    def _following(self, step: int, within: int) -> int:
-        return self._entry(step + 1, min(within, self.problem.steps - step) - 1)
-
-    def bits(self, *, start: int, within: int) -> FloatArray:
-        """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
-        rows, packed = self.shape[: self.proof.rows], self.shape[self.proof.rows :]
-        blocks = self.pool[self.index[self._entry(start, within)]]
-        return unpack(blocks, int(np.prod(packed, dtype=np.int64))).reshape(*rows, *packed)
-
-    def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified."""
-        index = self.index[self._entry(start, within)]
-        shares = product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._block_measure[index] * shares.ravel()))
-
-    @cached_property
-    def _block_measure(self) -> FloatArray:
-        """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
-        return block_measure(self.pool, self.axes[self.proof.rows :])
-
-    def save(self, group: h5py.Group) -> None:
-        """Write everything into a group of an HDF5 file."""
-        group.attrs.update(
-            kind=self.proof.kind,
-            problem=self.problem.name,
-            recipe=json.dumps(dict(self.problem.recipe), sort_keys=True),
-            digest=self.problem.digest,
-            details=json.dumps(dict(self.details), sort_keys=True),
-            shape=self.shape,
-            widths=[str(axis.width) for axis in self.axes],
-            lowers=[str(axis.lower) for axis in self.axes],
-            extents=[[str(bound) for bound in axis.extent] for axis in self.axes],
-            periodic=[axis.periodic for axis in self.axes],
-            rows=self.proof.rows,
-        )
-        for name in ("index", "pool"):
-            data = getattr(self, name)
-            chunks = (1, data.shape[1]) if name == "index" else (min(len(data), 4096), data.shape[1])
-            group.create_dataset(name, data=data, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True)
-        self.proof.save(group)
-
-    @classmethod
-    def load(cls, group: h5py.Group, problem: ReachAvoidProblem) -> "CertifiedSets":
-        """Read what `save` wrote; `problem` is the problem it was computed for.
-
-        Raises
-        ------
-        ValueError
-            Where it is another problem.
-        """
-        if problem.digest != group.attrs["digest"]:
-            raise ValueError(f"these certified sets are of {group.attrs['problem']!r} with other numbers or functions")
-        if json.loads(group.attrs["recipe"]) != dict(problem.recipe):
-            raise ValueError("the certified sets tell another recipe than their table; the file is damaged")
-        axes = read_axes(group)
-        proofs: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}
-        proof = proofs[str(group.attrs["kind"])].load(group, problem, axes)
-        return cls(problem, axes, group["index"][()], group["pool"][()], proof, json.loads(group.attrs["details"]))
-
-
-def read_axes(group: h5py.Group) -> tuple[CellAxis, ...]:
-    """The cells that `CertifiedSets.save` described."""
-    return tuple(
-        CellAxis(Fraction(lower), (Fraction(extent[0]), Fraction(extent[1])), Fraction(width), bool(periodic))
-        for lower, extent, width, periodic in zip(
-            *(group.attrs[name] for name in ("lowers", "extents", "widths", "periodic")), strict=True
-        )
-    )
-
-
-def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
-    """Cells as arrays for compiled code; the first `rows` axes number the blocks."""
-    return Cells(
-        lower=np.array([float(axis.lower) for axis in axes]),
-        width=np.array([float(axis.width) for axis in axes]),
-        length=np.array([float(sum(axis.extent) / 2) for axis in axes]),
-        counts=np.array([axis.count for axis in axes], dtype=np.int64),
-        periodic=np.array([axis.periodic for axis in axes]),
-        rows=rows,
-    )
-
-
-def product(factors: Sequence[FloatArray]) -> FloatArray:
-    """Outer product of vectors, one axis for each."""
-    total = np.ones(())
-    for factor in factors:
-        total = total[..., None] * factor
-    return total
-
-
-def unpack(blocks: FloatArray, bits: int) -> FloatArray:
-    """Blocks (R, W) as bool (R, bits)."""
-    return np.unpackbits(blocks.view(np.uint8), axis=1, count=bits, bitorder="little").view(np.bool_)
-
-
-def block_measure(pool: FloatArray, axes: Sequence[CellAxis]) -> FloatArray:
-    """The share of the volume of `axes` that each block (blocks, words) holds."""
-    if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
-        return count_bits(pool) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
-    shares = product([axis.shares() for axis in axes]).ravel()
-    return np.concatenate(
-        [unpack(chunk, shares.size) @ shares for chunk in np.array_split(pool, 1 + len(pool) // 65536)]
-    )
-
-
-def cell_axes(problem: ReachAvoidProblem, cells: Sequence[int] | None) -> tuple[CellAxis, ...]:
-    """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
-    grid, dynamics = problem.grid, problem.dynamics
-    if cells is None:
-        cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
-    try:
-        cells = [whole("cells", n, least=2) for n in cells]
-        fits = len(cells) == grid.ndim
-    except (ValueError, TypeError):
-        fits = False
-    if not fits:
-        raise ValueError(f"cells must be a whole number of at least 2 for each of the {grid.ndim} axes, got {cells!r}")
-    axes = []
-    for axis, wish in enumerate(cells):
-        lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
-        extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
-        moves = []
-        if dynamics.constant:
-            push = [
-                abs(measured(g)) * measured(b)
-                for g, b in zip(np.asarray(dynamics.gain)[axis], dynamics.bounds, strict=True)
-            ]
-            moves = [measured(f) * measured(problem.delta) for f in set(np.asarray(dynamics.drift)[:, axis])]
-            moves.append(sum(push, Fraction(0)) * measured(problem.delta))
-        width = aligned_width(extent[1], not periodic, moves, int(wish))
-        axes.append(CellAxis(exact(lower), extent, width, periodic))
-    return tuple(axes)
-
-
-def certify(
-    problem: ReachAvoidProblem,
-    *,
-    cells: Sequence[int] | None = None,
-    bounds: LipschitzBounds | None = None,
-    parts: int = 10,
-    progress: bool | None = None,
-) -> CertifiedSets:
-    """Compute certified reach-avoid tubes: every answer holds for every state, adversary and time.
+class Certified:
+    """The method that proves what it says: every answer holds for every state, adversary and time.
 
     Parameters
     ----------
-    problem : ReachAvoidProblem
     cells : sequence of int, optional
         About how many cells each axis gets; the number is moved to one whose cells are aligned with the inputs and the
         disturbance where there is one. More cells, a larger certified set. By default (419, 419, 72, 72) for the arm.
     bounds : LipschitzBounds, optional
-        For a problem of your own: how fast its dynamics and level-set functions can change with the state. The case
-        studies need none.
+        For a problem of your own: how fast its dynamics and level-set functions can change. The case studies need none.
     parts : int
         Into how many parts the interval is cut, for the fastest input, to bound the tube.
-    progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
 
     Raises
     ------
     ValueError
-        Where `cells` or `parts` do not fit, or a bound is missing.
+        Where an option does not fit; in `sets` also where it does not fit the problem, or a bound is missing.
     """
-    parts = whole("parts", parts, least=1)
-    if not isinstance(bounds, LipschitzBounds | None):
-        raise ValueError(f"bounds must be LipschitzBounds, got {bounds!r}")
-    started = time.perf_counter()
-    axes = cell_axes(problem, cells)
-    proof: ArmProof | GeneralProof
-    if bounds is None and is_arm(problem):
-        proof = ArmProof.prepare(problem, axes, parts)
-    else:
-        proof = GeneralProof.prepare(problem, axes, bounds, parts)
-    index, pool = proof.recursion(problem, axes, progress)
-    details = {"parts": parts, "cells": [axis.count for axis in axes], "seconds": time.perf_counter() - started}
-    return CertifiedSets(problem, axes, index, pool, proof, details)
+
+    cells: Sequence[int] | None = None
+    bounds: LipschitzBounds | None = None
+    parts: int = 10
+    name: ClassVar[str] = "certified"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", whole("parts", self.parts, least=1))
+        if not isinstance(self.bounds, LipschitzBounds | None):
+            raise ValueError(f"bounds must be LipschitzBounds, got {self.bounds!r}")
+        if self.cells is not None:
+            try:
+                object.__setattr__(self, "cells", tuple(whole("cells", n, least=2) for n in self.cells))
+            except (ValueError, TypeError):
+                told = f"cells must be whole numbers of at least 2, one for each axis, got {self.cells!r}"
+                raise ValueError(told) from None
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
+        """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
+        axes = self.axes(problem)
+        if self.bounds is None and is_arm(problem):
+            return CellSets(ArmProof.of(problem, axes, self.parts), progress)
+        return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
+
+    def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
+        """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
+        grid, delta, cells = problem.grid, measured(problem.delta), self.cells
+        if cells is None:
+            cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
+        if len(cells) != grid.ndim:
+            raise ValueError(f"cells must be one number for each of the {grid.ndim} axes, got {list(cells)}")
+        axes = []
+        for axis, wish in enumerate(cells):
+            lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
+            extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
+            moves: list[Fraction] = []
+            for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
+                slow, fast = velocity_bounds(problem, axis, j)
+                moves += [delta * (slow + fast) / 2, delta * (fast - slow) / 2]
+            width = aligned_width(extent[1], not periodic, moves, wish)
+            axes.append(CellAxis(exact(lower), extent, width, periodic))
+        return tuple(axes)
+
+
+class CellSets:
+    """Every S_k^n as packed blocks (rows, words); what the recursion asks of them.
+
+    Two sets are kept whole, S_k^n at hand and S_{k+1}^{n-1}; of all others only the rows that they add to the set with
+    a step less.
+    """
+
+    timeless = False  # equal rows cost little: only what a set adds to another is kept
+
+    def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
+        counts = [axis.count for axis in proof.axes]
+        require(proof.needed, f"certifying {math.prod(counts):.1e} cells", "use fewer cells")
+        self.proof, self.prepared = proof, proof.prepare(progress)
+        self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
+        self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
+
+    def goal(self, step: int) -> None:
+        """S_k^N = L(t_k) minus G(t_k)."""
+        self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
+        self._keep(step, 0, self.cells.any(axis=1))
+
+    def extend(self, step: int, within: int) -> None:
+        """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
+        rows, blocks = self.added[step + 1, within - 1]
+        self.following[rows] = blocks
+        before = self.cells.copy()
+        self.proof.add(self.prepared, self.cells, self.following, step, within)
+        self._keep(step, within, (self.cells != before).any(axis=1))
+
+    def stopped(self, step: int, within: int) -> bool:
+        """Whether entry (step, within) is the one of (step, within - 1)."""
+        return not self.added[step, within][0].size
+
+    def share(self, step: int, within: int) -> None:
+        """Entry (step, within) is the one of (step, within - 1)."""
+        self.proof.share(step, within)
+        self._keep(step, within, np.zeros(self.shape[0], np.bool_))
+
+    def _keep(self, step: int, within: int, changed: FloatArray) -> None:
+        rows = np.flatnonzero(changed)
+        self.added[step, within] = rows, self.cells[rows]
+
+    def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
+        """The table; to `details` is added what there is to say of the cells."""
+        told = {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
+        index = np.zeros((len(self.added), self.shape[0]), np.uint32)
+        pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
+        for place, (step, within) in enumerate(sorted(self.added)):
+            rows, blocks = self.added.pop((step, within))
+            index[place] = index[place - 1] if within else 0
+            index[place, rows] = np.arange(used, used + rows.size)
+            pool.append(blocks)
+            used += rows.size
+        return CertifiedTable(self.proof, index, np.concatenate(pool), told | dict(details))

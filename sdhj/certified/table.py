@@ -1,45 +1,76 @@
-"""Certified sets behind the interface of a look-up table."""
+"""The look-up table whose every answer is proved."""
 
-import hashlib
+import json
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from fractions import Fraction
+from functools import cached_property, reduce
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
 
-from sdhj.certified.sets import CertifiedSets
+from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
+from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.cells import CellAxis, cells_of
+from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.packed import Cells, fewest_steps, to_bits
 from sdhj.checks import whole
-from sdhj.files import written_table
+from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import NOT_ADMISSIBLE, Batch, batched, in_a_line
+from sdhj.table import entry, in_a_line
 
-GROUP = "certified"
-SLAB = 2**16  # rows of an array that are read at a time for the checksum
+SLAB = 2**16  # blocks that are unpacked at a time
+PROOFS: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}
 
 
 @dataclass(frozen=True)
 class CertifiedTable:
-    """A look-up table whose every answer is proved (`method="certified"`); used like a `LookupTable`.
+    """Every certified S_k^n, packed; used like a `LookupTable`. Made by `sdhj.solve` with the method `Certified`.
 
     The level-set function of S_k^n that it reports is the number of steps in which the target is certified to be
     reached, N - k + 1 where it is not, minus n: whole numbers, <= 0 inside.
+
+    Attributes
+    ----------
+    proof : ArmProof or GeneralProof
+        What one interval does to the cells.
+    index : (entries, rows) uint32
+        For each (start, within) and each cell of the leading axes, which block of the pool holds its cells.
+    pool : (blocks, words) uint64
+        Blocks of packed cells of the remaining axes; block 0 is empty.
+    details : mapping
+        How it was computed.
     """
 
-    sets: CertifiedSets
-    method = GROUP
+    proof: ArmProof | GeneralProof
+    index: FloatArray
+    pool: FloatArray
+    details: Mapping[str, Any]
+    method: ClassVar[str] = "certified"
 
     def __repr__(self) -> str:
         return in_a_line(self)
 
     @property
     def problem(self) -> ReachAvoidProblem:
-        return self.sets.problem
+        return self.proof.problem
 
     @property
-    def details(self) -> Any:
-        return self.sets.details
+    def axes(self) -> tuple[CellAxis, ...]:
+        return self.proof.axes
+
+    @cached_property
+    def cells(self) -> Cells:
+        """The cells as arrays for compiled code."""
+        return cells_of(self.axes, self.proof.rows)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many cells each axis has."""
+        return tuple(axis.count for axis in self.axes)
 
     @property
     def grid(self) -> Grid:
@@ -51,30 +82,57 @@ class CertifiedTable:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the sets take in memory."""
-        return int(self.sets.index.nbytes + self.sets.pool.nbytes)
+        """Bytes that the sets and what proves them take in memory."""
+        return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
+
+    def _place(self, start: int, within: int) -> int:
+        """Checked place of (start, within) in the index; `within` beyond N - start means N - start."""
+        start = whole("start", start, least=0, most=self.steps)
+        return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
+
+    def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
+        """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
+        states = np.ascontiguousarray(np.atleast_2d(states), dtype=np.float64)
+        if states.ndim != 2 or states.shape[1] != len(self.axes):
+            raise ValueError(f"states must have shape (M, {len(self.axes)}), got {states.shape}")
+        if not np.isfinite(states).all():
+            raise ValueError("states has a NaN or an infinity; every coordinate must be a number")
+        out = np.empty(len(states), np.int64)
+        fewest_steps(states, self.cells, self.index[first : last + 1], self.pool, out)
+        return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
         """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
-        return self.sets.steps_to_go(states, step)
+        return self._fewest(states, self._place(step, 0), self._place(step, self.steps))
+
+    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
+        place = self._place(start, within)
+        return self._fewest(points, place, place) == 0
+
+    def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
+        """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
+
+        For a state in a certified cell there is at least one, but for within = 0; for any other state there is none.
+        """
+        place, within = self._place(step, within), min(within, self.steps - step)
+        if within == 0:
+            return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
+        return self.proof.inputs(self, states, step, (place, self._place(step + 1, within - 1)))
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
-        within = min(whole("within", within, least=0), self.steps - whole("start", start, least=0, most=self.steps))
+        within = self._place(start, within) - self._place(start, 0)
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int, within: int) -> FloatArray:
         """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
-        marked = self.sets.certified_inputs_many(self.grid.points(), start, within)
-        return marked.reshape(*self.grid.shape, len(self.problem.inputs))
+        return self.certified_inputs(self.grid.points(), start, within).reshape(*self.grid.shape, -1)
 
-    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
-        return self.sets.contains(points, start=start, within=within)
-
-    def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified (of cells, not of nodes)."""
-        return self.sets.fraction(start=start, within=within)
+    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
+        to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
+        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
 
     def batch(self, states: FloatArray, step: int) -> Batch:
         """As `LookupTable.batch`, of certified inputs only.
@@ -85,59 +143,86 @@ class CertifiedTable:
         """
         return batched(self.problem, states, step, self._answer)
 
-    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
-        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, self.grid.ndim)
-        to_go = self.steps_to_go(flat, step).reshape(points.shape[:2])
-        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
-
     def _answer(self, batch: Batch, rows: FloatArray) -> None:
         states, step = batch.states[rows], batch.step
-        to_go = self.steps_to_go(states, step)
+        to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        safe = np.zeros((len(rows), len(self.problem.inputs)), dtype=np.bool_)
         ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
         for within in np.unique(ahead[ahead > 0]):
-            same = ahead == within
-            safe[same] = self.sets.certified_inputs_many(states[same], step, int(within))
-        batch.steps_to_go[rows], batch.safe[rows] = to_go, safe
-        batch.margins[rows] = self._margins(states, step, ahead, safe)
-
-    def _margins(self, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray) -> FloatArray:
+            safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))
         margins = np.full(safe.shape, np.inf)
-        rows, inputs = np.nonzero(safe)
-        if rows.size:
+        pairs, inputs = np.nonzero(safe)
+        if pairs.size:
             moves = self.problem.interval(step).displacements(states)
-            moved = states[rows] + moves[rows if len(moves) > 1 else 0, inputs]
-            successors = self.grid.held(moved)
-            margins[rows, inputs] = self.steps_to_go(successors, step + 1) - (ahead[rows] - 1)
-        return margins
+            moved = self.grid.held(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
+            margins[pairs, inputs] = self.steps_to_go(moved, step + 1) - (ahead[pairs] - 1)
+        batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
+
+    def bits(self, *, start: int, within: int) -> FloatArray:
+        """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
+        packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
+        return to_bits(self.pool[self.index[self._place(start, within)]], packed).reshape(self.shape)
+
+    def fraction(self, *, start: int, within: int) -> float:
+        """Share of the volume of the state space that is certified (of cells, not of nodes)."""
+        shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
+        return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))
+
+    @cached_property
+    def _measures(self) -> FloatArray:
+        """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
+        axes = self.axes[self.proof.rows :]
+        if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
+            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(self.pool)]
+            return np.concatenate(counted) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
+        shares = _product([axis.shares() for axis in axes])
+        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
         with written_table(path, self) as file:
-            group = file.create_group(GROUP)
-            self.sets.save(group)
-            group.attrs["checksum"] = _checksum(group)
+            group = file.create_group(self.method)
+            group.attrs.update(
+                kind=self.proof.kind,
+                shape=self.shape,
+                widths=[str(axis.width) for axis in self.axes],
+                lowers=[str(axis.lower) for axis in self.axes],
+                extents=[[str(bound) for bound in axis.extent] for axis in self.axes],
+                periodic=[axis.periodic for axis in self.axes],
+            )
+            group.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
+            chunks = (min(len(self.pool), 4096), self.pool.shape[1])
+            group.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
+            self.proof.save(group)
+            file.attrs["checksum"] = _checksum(group, self.problem, self.details)
 
     @classmethod
     def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file; ValueError where it is damaged."""
-        group = file[GROUP]
-        if group.attrs.get("checksum") != _checksum(group):
+        """The table in an open file of this problem; ValueError where it is damaged."""
+        group, details = file[cls.method], json.loads(file.attrs["details"])
+        if file.attrs["checksum"] != _checksum(group, problem, details):
             raise ValueError("its contents do not have the checksum they were written with")
-        return cls(CertifiedSets.load(group, problem))
+        told = zip(*(group.attrs[name] for name in ("lowers", "extents", "widths", "periodic")), strict=True)
+        axes = tuple(
+            CellAxis(Fraction(lower), (Fraction(extent[0]), Fraction(extent[1])), Fraction(width), bool(periodic))
+            for lower, extent, width, periodic in told
+        )
+        proof = PROOFS[str(group.attrs["kind"])].load(group, problem, axes)
+        return cls(proof, group["index"][()], group["pool"][()], details)
 
 
-def _checksum(group: h5py.Group) -> str:
-    """SHA-256 of all attributes and arrays of a group, but for the checksum itself."""
-    digest, parts = hashlib.sha256(), [("", group)]
-    group.visititems(lambda name, part: parts.append((name, part)))
-    for name, part in parts:
-        told = {key: np.asarray(part.attrs[key]).tolist() for key in sorted(part.attrs) if key != "checksum"}
-        digest.update(repr((name, told)).encode())
-        if isinstance(part, h5py.Dataset):
-            digest.update(repr((part.dtype.str, part.shape)).encode())
-            for begin in range(0, len(part), SLAB):
-                digest.update(np.ascontiguousarray(part[begin : begin + SLAB]).data)
-    return digest.hexdigest()
+def _slabs(array: FloatArray) -> Iterator[FloatArray]:
+    return (array[begin : begin + SLAB] for begin in range(0, len(array), SLAB))
+
+
+def _product(factors: Sequence[FloatArray]) -> FloatArray:
+    """Outer product of vectors, one axis for each, as one row."""
+    return reduce(np.multiply.outer, factors, np.ones(())).ravel()
+
+
+def _checksum(group: h5py.Group, problem: ReachAvoidProblem, details: Mapping[str, Any]) -> str:
+    """SHA-256 of all that a group holds, and of what it was made for."""
+    told = {name: np.asarray(value).tolist() for name, value in group.attrs.items()}
+    names = sorted(group)
+    made_for = [problem.digest, dict(problem.recipe), dict(details)]
+    return checksum([told, names, made_for], *(group[name][()] for name in names))

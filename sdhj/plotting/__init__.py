@@ -26,15 +26,6 @@ if importlib.util.find_spec("matplotlib") is None:
     raise ImportError('pictures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
 
 from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style
-from sdhj.plotting.runs import (
-    Run,
-    draw_frame,
-    draw_frames,
-    draw_moment,
-    draw_run,
-    draw_workspace_run,
-    save_animation,
-)
 from sdhj.plotting.scenes import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
 from sdhj.plotting.slices import (
     Plane,
@@ -52,6 +43,15 @@ from sdhj.plotting.slices import (
     unwrapped,
 )
 from sdhj.plotting.surfaces import draw_isosurface, isosurface
+from sdhj.plotting.trajectories import (
+    Run,
+    draw_frame,
+    draw_frames,
+    draw_moment,
+    draw_run,
+    draw_workspace_run,
+    save_animation,
+)
 
 __all__ = [
     "Plane",

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from sdhj.files import replaced_whole, writable_folder
+from sdhj.files import probed, replaced_whole, unwritable
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
@@ -85,6 +85,23 @@ def patch(name: str, label: str) -> Patch:
 def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
     """A figure of that many inches whose parts make room for each other."""
     return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
+
+
+def writable_folder(folder: str | os.PathLike[str]) -> Path:
+    """The folder, made where it does not exist; checked before long work whose result goes there.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be made or written to, with what to do about it.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    probed(folder)
+    return folder
 
 
 def save(

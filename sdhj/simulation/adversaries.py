@@ -81,9 +81,9 @@ def none(moment: Moment) -> FloatArray:
 
 
 def random(moment: Moment) -> FloatArray:
-    """Drawn uniformly from the box at each sampling time and kept over the interval (Sec. 5.5)."""
+    """Drawn uniformly from the box at each sampling time and kept over the interval, within the box (Sec. 5.5)."""
     if moment.substep > 0:
-        return moment.previous
+        return np.clip(moment.previous, -moment.bounds, moment.bounds)
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 

@@ -17,6 +17,7 @@ from sdhj.arm.case_studies import OBSTACLES
 from sdhj.arm.workspace import Circle, Disk, Line, Still
 from sdhj.controller import Controller
 from sdhj.simulation import SUBSTEPS, simulate
+from sdhj.simulation.runs import admissible_states
 
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)
@@ -43,7 +44,7 @@ def certified_table() -> sdhj.LookupTable:
 
 def longest_run() -> tuple[sdhj.ReachAvoidProblem, object]:
     controller = Controller(table())
-    starts = sdhj.simulation.admissible_states(controller, 60, np.random.default_rng(3))
+    starts = admissible_states(controller, 60, np.random.default_rng(3))
     return table().problem, max((simulate(controller, q, "none") for q in starts), key=lambda run: len(run.times))
 
 
@@ -79,7 +80,7 @@ def test_distances_are_ours(problem, rng) -> None:
 def test_mujoco_moves_as_we_do() -> None:
     controller = Controller(table())
     for adversary, start in (("aggressive", 0), ("worst", 1), ("random", 2)):
-        starts = sdhj.simulation.admissible_states(controller, 40, np.random.default_rng(start))
+        starts = admissible_states(controller, 40, np.random.default_rng(start))
         runs = [simulate(controller, q, adversary, seed=start) for q in starts]
         run = max(runs, key=lambda run: len(run.times))
         seen = replay(World(controller.problem), run, finer=3)

@@ -11,21 +11,19 @@ A lost start refutes a table. A start that is not lost is no proof: `method="cer
 """
 
 import time
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.batches import CHUNK, threads
+from sdhj.batches import CHUNK, NOT_ADMISSIBLE, threads
 from sdhj.checks import whole
 from sdhj.compiling import hidden
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import FloatArray
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
-from sdhj.table import NOT_ADMISSIBLE
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from
@@ -133,45 +131,38 @@ def search_losing(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    size = _Size(whole("population", population, least=len(SCOUTS) + 2), whole("generations", generations, least=1))
-    seed, began = whole("seed", seed, least=0), time.perf_counter()
+    population = whole("population", population, least=len(SCOUTS) + 2)
+    generations, seed = whole("generations", generations, least=1), whole("seed", seed, least=0)
     if whole("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
         raise ValueError(f"switches must divide {SUBSTEPS}, the instants of an interval, got {switches}")
-    shape = (controller.problem.steps, switches, controller.problem.dynamics.bounds.size)
+    began = time.perf_counter()
     drawing, *streams = np.random.SeedSequence(seed).spawn(2)
     states = _starts(controller, starts, np.random.default_rng(drawing))
-    share = max(1, CHUNK // size.population)  # starts that one thread takes at a time
+    share = max(1, CHUNK // population)  # starts that one thread takes at a time
     chunks = [states[begin : begin + share] for begin in range(0, len(states), share)]
     seeds = streams[0].spawn(len(chunks))  # a stream for each chunk: threads change nothing
-    bar = tqdm(
-        total=len(states) * size.population * size.generations,
-        desc="search",
-        unit="run",
-        disable=hidden(progress),
-    )
 
-    def search(number: int) -> _Found:
-        return _search(controller, chunks[number], shape, size, np.random.default_rng(seeds[number]))
+    def search(number: int) -> dict[str, FloatArray]:
+        rng = np.random.default_rng(seeds[number])
+        return _Search(controller, population, switches, rng).run(chunks[number], generations)
 
+    total = len(states) * population * generations
+    bar = tqdm(total=total, desc="search", unit="run", disable=hidden(progress))
     with bar, ThreadPoolExecutor(1 if callable(controller.rule) else threads()) as pool:
         found = []
         for result in pool.map(search, range(len(chunks))):
-            bar.update(len(result.outcomes) * size.population * size.generations)
+            bar.update(len(result["outcomes"]) * population * generations)
             found.append(result)
     return SearchReport(
         method=controller.table.method,
         rule=named(controller.rule),
         seed=seed,
-        population=size.population,
-        generations=size.generations,
+        population=population,
+        generations=generations,
         starts=states,
-        outcomes=np.concatenate([result.outcomes for result in found]),
-        generation=np.concatenate([result.generation for result in found]),
-        plans=np.concatenate([result.plans for result in found]),
-        clearance=np.concatenate([result.clearance for result in found]),
-        depth=np.concatenate([result.depth for result in found]),
-        rollouts=sum(result.rollouts for result in found),
+        rollouts=int(sum(result.pop("rollouts").sum() for result in found)),
         seconds=time.perf_counter() - began,
+        **{name: np.concatenate([result[name] for result in found]) for name in found[0]},
     )
 
 
@@ -195,12 +186,6 @@ def _recorded(name: str, plans: FloatArray) -> Adversary:
         return play(moment)
 
     return recorded
-
-
-@dataclass(frozen=True)
-class _Size:
-    population: int
-    generations: int
 
 
 def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -229,119 +214,98 @@ class _Played:
         """Some of the plans of some of the starts: rows and columns, shapes broadcast."""
         return _Played(*(array[rows, columns] for array in vars(self).values()))
 
-    def beside(self, other: "_Played") -> "_Played":
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return _Played(*(np.concatenate(pair, axis=1) for pair in pairs))
+    def beside(self, *others: "_Played") -> "_Played":
+        arrays = zip(*(vars(one).values() for one in (self, *others)), strict=True)
+        return _Played(*(np.concatenate(each, axis=1) for each in arrays))
+
+    def parents(self) -> "_Played":
+        """The plans that came nearest to a failure: half by clearance, half by depth, the clearer one last."""
+        half = min(PARENTS // 2, self.outcomes.shape[1])
+        near = np.argsort(self.clearance, axis=1, kind="stable")[:, :half]
+        shallow = np.lexsort((self.clearance, self.depth), axis=1)[:, :half]
+        return self.taking(np.arange(len(near))[:, None], np.hstack([near, shallow]))
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What a search in one chunk of starts found; see `SearchReport`."""
+class _Search:
+    """Evolves the plans of a chunk of starts."""
 
-    outcomes: FloatArray
-    generation: FloatArray
-    plans: FloatArray
-    clearance: FloatArray
-    depth: FloatArray
-    rollouts: int
+    def __init__(self, controller: Controller, population: int, switches: int, rng: np.random.Generator) -> None:
+        self.controller, self.population, self.rng = controller, population, rng
+        self.bounds = controller.problem.dynamics.bounds
+        self.shape = (controller.problem.steps, switches, self.bounds.size)
 
+    def run(self, starts: FloatArray, generations: int) -> dict[str, FloatArray]:
+        """Evolve plans for each start (S, ndim) until it is lost or the generations are over; see `SearchReport`."""
+        count = len(starts)
+        outcomes, generation, total = np.full(count, REACHED), np.full(count, NEVER), np.zeros(count, np.int64)
+        plans, (clearance, depth) = np.zeros((count, *self.shape)), np.full((2, count), np.inf)
+        alive, parents = np.arange(count), None
+        for number in range(generations if count else 0):
+            if parents is None:
+                played = self.first(starts)
+            else:
+                played = parents.beside(self.play(starts[alive], self.children(parents)))
+            total[alive] += self.population
+            rows = np.arange(alive.size)
+            failed = played.outcomes != REACHED
+            lost = failed.any(axis=1)
+            best = np.where(lost, failed.argmax(axis=1), played.clearance.argmin(axis=1))
+            plans[alive], outcomes[alive] = played.plans[rows, best], played.outcomes[rows, best]
+            clearance[alive], depth[alive] = played.clearance.min(axis=1), played.depth.min(axis=1)
+            generation[alive[lost]] = number
+            going = ~lost & (played.taken.max(axis=1) > 0)  # where it starts in the target there is nothing to play
+            alive, parents = alive[going], played.taking(rows[going][:, None], np.arange(failed.shape[1])).parents()
+            if not alive.size:
+                break
+        names = {"outcomes": outcomes, "generation": generation, "plans": plans, "clearance": clearance}
+        return names | {"depth": depth, "rollouts": total}
 
-def _search(
-    controller: Controller, starts: FloatArray, shape: Sequence[int], size: _Size, rng: np.random.Generator
-) -> _Found:
-    """Evolve plans for each start (S, ndim) until it is lost or the generations are over."""
-    count = len(starts)
-    outcomes, generation = np.full(count, REACHED), np.full(count, NEVER)
-    plans, (clearance, depth) = np.zeros((count, *shape)), np.full((2, count), np.inf)
-    alive, played, total = np.arange(count), None, 0
-    for number in range(size.generations):
-        if played is None:
-            played = _first(controller, starts, shape, size.population, rng)
-            total += played.outcomes.size
-        else:
-            children = _children(controller, played, size.population, rng)
-            played = played.beside(_play(controller, starts[alive], children, rng))
-            total += children.shape[0] * size.population
-        rows = np.arange(alive.size)
-        failed = played.outcomes != REACHED
-        best = np.where(failed.any(axis=1), failed.argmax(axis=1), played.clearance.argmin(axis=1))
-        plans[alive], outcomes[alive] = played.plans[rows, best], played.outcomes[rows, best]
-        clearance[alive], depth[alive] = played.clearance.min(axis=1), played.depth.min(axis=1)
-        lost = failed.any(axis=1)
-        generation[alive[lost]] = number
-        going = ~lost & (played.taken.max(axis=1) > 0)  # where it starts in the target there is nothing to play
-        alive, played = alive[going], _parents(played.taking(rows[going][:, None], np.arange(failed.shape[1])))
-        if not alive.size:
-            break
-    return _Found(outcomes, generation, plans, clearance, depth, total)
+    def play(self, starts: FloatArray, plans: FloatArray, play: Adversary | None = None) -> _Played:
+        """Play plans (S, P, steps, switches, D) from starts (S, ndim); `play` may write them while it plays."""
+        count, population = plans.shape[:2]
+        flat = plans.reshape(count * population, *plans.shape[2:])  # nothing to play where D = 0
+        margins, repeated = Margins.of(count * population), np.repeat(starts, population, axis=0)
+        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins=margins)
+        arrays = (*results, margins.clearance, margins.depth)
+        return _Played(plans, *(array.reshape(count, population) for array in arrays))
 
+    def first(self, starts: FloatArray) -> _Played:
+        """Random plans, the first half held over intervals, after those of the scouts."""
+        plans = self.decided((len(starts), self.population, *self.shape))
+        held = slice(len(SCOUTS), (self.population + len(SCOUTS)) // 2)
+        plans[:, held] = plans[:, held, :, :1]
+        scouted = [
+            self.play(starts, own, _recorded(name, own[:, 0]))
+            for name, own in zip(SCOUTS, np.split(plans[:, : len(SCOUTS)], len(SCOUTS), axis=1), strict=True)
+        ]
+        return scouted[0].beside(*scouted[1:], self.play(starts, plans[:, len(SCOUTS) :]))
 
-def _play(controller: Controller, starts: FloatArray, plans: FloatArray, rng: np.random.Generator) -> _Played:
-    """Play plans (S, P, steps, switches, D) from starts (S, ndim)."""
-    flat = plans.reshape(plans.shape[0] * plans.shape[1], *plans.shape[2:])  # nothing to play where D = 0
-    return _roll(controller, starts, plans, planned(flat), rng)
+    def decided(self, shape: tuple[int, ...]) -> FloatArray:
+        """New v, the last axis of `shape` its components: most at vertices of the box, some anywhere in it."""
+        anywhere = self.rng.uniform(-1.0, 1.0, shape)
+        interior = self.rng.random((*shape[:-1], 1)) < INTERIOR
+        return np.where(interior, anywhere, np.sign(anywhere)) * self.bounds
 
+    def children(self, parents: _Played) -> FloatArray:
+        """New plans (S, population, steps, switches, D), each of two parents of the same start, mutated.
 
-def _roll(
-    controller: Controller, starts: FloatArray, plans: FloatArray, play: Adversary, rng: np.random.Generator
-) -> _Played:
-    count, population = plans.shape[:2]
-    margins = Margins.of(count * population)
-    outcomes, taken = rollouts(controller, np.repeat(starts, population, axis=0), play, rng, margins=margins)
-    results = (outcomes, taken, margins.clearance, margins.depth)
-    return _Played(plans, *(array.reshape(count, population) for array in results))
-
-
-def _first(
-    controller: Controller, starts: FloatArray, shape: Sequence[int], population: int, rng: np.random.Generator
-) -> _Played:
-    """Random plans, the first half held over intervals, after those of the scouts."""
-    bounds = controller.problem.dynamics.bounds
-    plans = _decided(rng, bounds, (len(starts), population, *shape))
-    held = slice(len(SCOUTS), (population + len(SCOUTS)) // 2)
-    plans[:, held] = plans[:, held, :, :1]
-    played = [
-        _roll(controller, starts, own, _recorded(name, own[:, 0]), rng)
-        for name, own in zip(SCOUTS, np.split(plans[:, : len(SCOUTS)], len(SCOUTS), axis=1), strict=True)
-    ]
-    return played[0].beside(played[1]).beside(_play(controller, starts, plans[:, len(SCOUTS) :], rng))
-
-
-def _decided(rng: np.random.Generator, bounds: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """New v, the last axis of `shape` its components: most at vertices of the box, some anywhere in it."""
-    anywhere = rng.uniform(-1.0, 1.0, shape)
-    interior = rng.random((*shape[:-1], 1)) < INTERIOR
-    return np.where(interior, anywhere, np.sign(anywhere)) * bounds
-
-
-def _parents(played: _Played) -> _Played:
-    """The plans that came nearest to a failure: half of PARENTS by clearance, half by depth, the clearer one last."""
-    half = min(PARENTS // 2, played.outcomes.shape[1])
-    near = np.argsort(played.clearance, axis=1, kind="stable")[:, :half]
-    shallow = np.lexsort((played.clearance, played.depth), axis=1)[:, :half]
-    return played.taking(np.arange(len(near))[:, None], np.hstack([near, shallow]))
-
-
-def _children(controller: Controller, parents: _Played, population: int, rng: np.random.Generator) -> FloatArray:
-    """New plans (S, population, steps, switches, D), each of two parents of the same start, mutated.
-
-    A child has the intervals of its first parent up to a cut and those of the second after it. Then some parts are
-    changed, and always one that the first parent lived to play, or in every other child its whole interval: decided
-    anew in half of the children, and nudged, most by a little, in the other half.
-    """
-    count, pool, steps, switches, _ = parents.plans.shape
-    rows, two = np.arange(count)[:, None], rng.integers(0, pool, (2, count, population))
-    cut = rng.integers(1, steps + 1, (count, population, 1, 1, 1))
-    plans = np.where(np.arange(steps)[:, None, None] < cut, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
-    interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
-    part = rng.integers(0, switches, (count, population, 1, 1))
-    whole = (np.arange(population) % 2 == 0)[:, None, None]
-    changed = (np.arange(steps)[:, None] == interval) & (whole | (np.arange(switches) == part))
-    changed |= rng.random(changed.shape) < CHANGED
-    bounds = controller.problem.dynamics.bounds
-    new = _decided(rng, bounds, plans.shape)
-    new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
-    scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1)) * bounds
-    nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -bounds, bounds)
-    new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)
-    return np.where(changed[..., None], new, plans)
+        A child has the intervals of its first parent up to a cut and those of the second after it. Then some parts are
+        changed, and always one that the first parent lived to play, or in every other child its whole interval: decided
+        anew in half of the children, and nudged, most by a little, in the other half.
+        """
+        rng, population, (count, pool, steps, switches, _) = self.rng, self.population, parents.plans.shape
+        rows, two = np.arange(count)[:, None], rng.integers(0, pool, (2, count, population))
+        cut = rng.integers(1, steps + 1, (count, population, 1, 1, 1))
+        early = np.arange(steps)[:, None, None] < cut
+        plans = np.where(early, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
+        interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
+        part = rng.integers(0, switches, (count, population, 1, 1))
+        whole = (np.arange(population) % 2 == 0)[:, None, None]
+        changed = (np.arange(steps)[:, None] == interval) & (whole | (np.arange(switches) == part))
+        changed |= rng.random(changed.shape) < CHANGED
+        new = self.decided(plans.shape)
+        new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
+        scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1)) * self.bounds
+        nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -self.bounds, self.bounds)
+        new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)
+        return np.where(changed[..., None], new, plans)

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+import search
 import toys
+from search import planned, search_losing
 
 import sdhj
-from sdhj.certified import search
-from sdhj.certified.search import planned, search_losing
 from sdhj.certified.sets import certify
 from sdhj.certified.table import CertifiedTable
 from sdhj.controller import Controller
@@ -166,5 +166,5 @@ def test_with_no_adversary_there_is_nothing_to_find():
     problem = toys.torus_problem(nodes=16, steps=2)
     dynamics = replace(problem.dynamics, gain=np.zeros((2, 0)), bounds=[])
     controller = sdhj.Controller(sdhj.solve(replace(problem, dynamics=dynamics), progress=False))
-    report = sdhj.search_losing(controller, 3, population=6, generations=2, progress=False)
+    report = search_losing(controller, 3, population=6, generations=2, progress=False)
     assert report.plans.shape[-1] == 0 and report.lost.shape == (3,)

@@ -1,0 +1,242 @@
+"""What the file of a certified table says, every number of it checked: what follows believes them."""
+
+import math
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.separation import DIRECTIONS, World
+
+AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
+KINEMATICS = ("relative", "printed")
+PATHS = {
+    "still": {"centre": 2},
+    "line": {"start": 2, "velocity": 2},
+    "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
+}
+ABSURD = 1e6
+MOST_COUNTED = 1000  # steps, and levels of an input
+LONGEST_LENGTH = 10.0  # also of moves and places: the bound on rounding rests on it
+LARGEST_ANGLE = 100.0  # of a disk on its circle
+MOST_PARTS = 64  # that an interval is cut into at once
+
+
+def decimal(value: float) -> Fraction:
+    """The decimal that a number is written as."""
+    return Fraction(str(value))
+
+
+def expect(fits: bool, what: str, given: Any) -> None:
+    if not fits:
+        raise ValueError(f"{what}, got {reprlib.repr(given)}")
+
+
+def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most
+
+
+def check_numbers(name: str, given: Any, count: int = 1, least: float = 0.0) -> None:
+    """ValueError where that is no number, or no list of `count` of them, from `least` to what no robot exceeds."""
+    values = [given] if count == 1 else given
+    expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", given)
+    for value in values:
+        fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= ABSURD
+        expect(fits, f"{name} must be a number from {least:g} to {ABSURD:g}", value)
+
+
+def check_disk(name: str, given: Any) -> None:
+    """ValueError where a disk of a recipe is none."""
+    path = given["path"]
+    expect(path["kind"] in PATHS, f"the path of {name} must be one of {', '.join(PATHS)}", path["kind"])
+    check_numbers(f"radius of {name}", given["radius"])
+    for part, count in PATHS[path["kind"]].items():
+        check_numbers(f"{part} of {name}", path[part], count, 0.0 if part == "radius" else -ABSURD)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Numbers of a case study, from its recipe."""
+
+    given: Mapping[str, Any]
+    agent: str  # "pursuer" or "evader"
+
+    @classmethod
+    def of(cls, recipe: Mapping[str, Any]) -> "Scene":
+        """The scene of a recipe.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            Where something in it is missing or makes no sense.
+        """
+        given, builder = recipe["arguments"], recipe["builder"]
+        expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
+        agent = AGENTS[builder]
+        for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
+            check_numbers(name, given[name])
+        for name, least in (("steps", 1), ("input_levels", 2)):
+            fits = is_whole(given[name], least, MOST_COUNTED)
+            expect(fits, f"{name} must be a whole number from {least} to {MOST_COUNTED}", given[name])
+        check_numbers("lengths", list(given["lengths"]), 2)
+        expect(given["kinematics"] in KINEMATICS, f"kinematics must be {' or '.join(KINEMATICS)}", given["kinematics"])
+        expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
+        for number, obstacle in enumerate(given["obstacles"]):
+            check_disk(f"obstacle {number}", obstacle)
+        if agent == "pursuer":
+            check_disk("the target", given["target"])
+        return cls(given, agent)
+
+    @property
+    def agent_speed(self) -> float:
+        return float(self.given[f"v_{self.agent[0]}_max"])
+
+    @property
+    def box(self) -> Fraction:
+        """Half the side of the square that the agent stays in."""
+        return decimal(self.given[f"{self.agent}_box"])
+
+    def inputs(self) -> list[tuple[Fraction, Fraction]]:
+        """All inputs, exactly, the first component slowest."""
+        top, n = decimal(self.given["u_max"]), self.given["input_levels"]
+        values = [-top + 2 * top * i / (n - 1) for i in range(n)]
+        return [(a, b) for a in values for b in values]
+
+    def world(self, edges: Sequence[Array]) -> World:
+        """What the compiled kernels read.
+
+        Raises
+        ------
+        ValueError
+            Where a number is too large for the bound on rounding.
+        """
+        given, chased = self.given, self.agent == "pursuer"
+        (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
+        width, radius = given["half_width"], given[f"{self.agent}_radius"]
+        goal = disk(given["target"]) if chased else np.array([0.0] * 7 + [radius])
+        inputs = np.array(self.inputs(), dtype=np.float64)
+        arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
+        travel = (np.abs(inputs) + given["v_d_max"]) @ [arm[0] + arm[1], arm[1]] * given["delta"]
+        angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+        world = World(
+            arm=arm,
+            inputs=inputs,
+            push=float(given["v_d_max"]),
+            chased=chased,
+            agent=np.array([self.agent_speed, radius + width]),
+            delta=float(given["delta"]),
+            disks=np.array([disk(each, width) for each in given["obstacles"]]).reshape(-1, 8),
+            goal=goal,
+            q1=edges[0],
+            q2=edges[1],
+            x=edges[2],
+            y=edges[3],
+            compass=np.stack([np.cos(angles), np.sin(angles)], axis=1),
+            parts=np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64),
+        )
+        refuse_large(world, given["steps"])
+        return world
+
+
+def disk(given: Mapping[str, Any], width: float = 0.0) -> Array:
+    """A disk as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
+    path = {name: given["path"][name] for name in PATHS[given["path"]["kind"]]}
+    place, velocity = path.get("centre", path.get("start")), path.get("velocity", (0.0, 0.0))
+    circle = (path.get(name, 0.0) for name in ("radius", "rate", "phase"))
+    return np.array([*place, *velocity, *circle, given["radius"] + width], dtype=np.float64)
+
+
+def refuse_large(world: World, steps: int) -> None:
+    """ValueError where a number breaks what the bound on rounding supposes: see `sdhj.certified.check.separation`."""
+    end = world.delta * steps
+    disks = np.vstack([world.disks, world.goal[None]])
+    moves = [(float(np.abs(world.inputs).max()) + world.push) * world.delta, world.agent[0] * world.delta]
+    edges = [float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)]
+    places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
+    angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
+    sizes = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
+    least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
+    if not (sizes <= LONGEST_LENGTH).all() or not least >= 0.0:
+        raise ValueError(
+            f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
+            f"interval from 0 to {LONGEST_LENGTH:g} (metres, radians); this file has links of {world.arm[0]:g} and "
+            f"{world.arm[1]:g} m and numbers up to {sizes.max():g}"
+        )
+
+
+class File:
+    """Cells and bits of a file.
+
+    Raises
+    ------
+    ValueError
+        Where its parts do not fit together.
+    """
+
+    def __init__(self, group: h5py.Group, recipe: Mapping[str, Any]) -> None:
+        self.scene = Scene.of(recipe)
+        self.steps = self.scene.given["steps"]
+        self.shape = tuple(int(n) for n in group.attrs["shape"])
+        expect(len(self.shape) == 4 and min(self.shape) >= 2, "shape must be four numbers of cells", self.shape)
+        self.widths = [Fraction(w) for w in group.attrs["widths"]]
+        self.lowers = [Fraction(w) for w in group.attrs["lowers"]]
+        self.extents = [(Fraction(a), Fraction(b)) for a, b in group.attrs["extents"]]
+        for name, kind in (("index", np.uint32), ("pool", np.uint64), ("allowed", np.uint8)):
+            expect(group[name].dtype == kind, f"{name} must be of {np.dtype(kind)}", group[name].dtype)
+        self.index, self.pool, packed = (group[name][()] for name in ("index", "pool", "allowed"))
+        n1, n2, nx, ny = self.shape
+        flags, bits = (self.steps, len(self.scene.inputs()), n1, n2), nx * ny
+        fits = (
+            {len(part) for part in (self.widths, self.lowers, self.extents)} == {4}
+            and len(self.pool) > 0
+            and packed.ndim == 1
+            and self.index.shape == ((self.steps + 1) * (self.steps + 2) // 2, n1 * n2)
+            and self.pool.shape[1:] == (-(-bits // 64),)
+            and packed.size == -(-math.prod(flags) // 8)
+            and self.index.max() < len(self.pool)
+            and (bits % 64 == 0 or not (self.pool[:, -1] >> np.uint64(bits % 64)).any())
+        )
+        if not fits:
+            raise ValueError("the arrays of the certified sets do not fit their numbers; the file is damaged")
+        self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
+
+    def edges(self) -> list[Array]:
+        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number."""
+        axes = zip(self.shape, self.widths, self.lowers, self.extents, strict=True)
+        return [
+            np.array([*(float(lower + i * width) for i in range(n)), float(lower + extent[1])])
+            for n, width, lower, extent in axes
+        ]
+
+    def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
+        """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""
+        push = decimal(self.scene.given["v_d_max"] if axis < 2 else self.scene.agent_speed)
+        lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
+        most = max(len(found) for of_drift in lists.values() for found in of_drift)
+        return np.array([[found + found[-1:] * (most - len(found)) for found in lists[drift]] for drift in drifts])
+
+
+def overlapped(axis: int, file: File, slow: Fraction, fast: Fraction) -> list[list[int]]:
+    """For each cell of an axis the cells that its image may overlap after one interval, slow <= 0 <= fast at walls.
+
+    What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
+    """
+    n, width, delta = file.shape[axis], file.widths[axis], decimal(file.scene.given["delta"])
+    out = []
+    for cell in range(n):
+        found: set[int] = set()
+        for period in file.extents[axis]:
+            low = cell * width + slow * delta
+            high = (period if cell == n - 1 else (cell + 1) * width) + fast * delta
+            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
+                start, stop = low - lap * period, high - lap * period
+                if stop > 0 and start < period:
+                    first, last = max(start // width, 0), min(-(-stop // width) - 1, n - 1)
+                    found |= set(range(min(int(first), n - 1), int(last) + 1))
+        out.append(sorted(found))
+    return out

@@ -1,0 +1,246 @@
+"""Whether the arm stays clear of one body, for every state of a cell and every time.
+
+Range of the arm along a direction (`farthest`). Let E be the elbow and F the vector from it to the tip in the middle of
+a box of joint angles, d1 and d2 the box's half widths, E' and F' the vectors turned by a right angle. Off the middle E
+is turned by s, |s| <= d1, and F by t = s + u, |u| <= d2 (or t = u where the second link does not turn with the first:
+then E' and F' are not added, and d1 + d2 is d2). Along a unit vector n the tip is at
+
+    n.E cos s + n.F cos t + n.E' sin s + n.F' sin t.
+
+A cosine is in [1 - s^2 / 2, 1], so the first two terms exceed n.E + n.F by at most max(0, -n.E) d1^2 / 2 +
+max(0, -n.F) (d1 + d2)^2 / 2. The others are n.(E' + F') sin s + n.F' (sin t - sin s), at most |n.(E' + F')| d1 +
+|n.F'| d2, since |sin t - sin s| <= |t - s|. The elbow alone is alike, and a link does not extend beyond its ends.
+
+Rounding. `refuse_large` refuses files with a length, a joint's move in one interval or a place of a disk above 10
+(metres, radians), or the angle of a disk on its path above 100. Compared are sums of fewer than 50 products of such
+numbers, none of which matters above 100 (to n.E and n.F only positive terms are added, so where one is larger nothing
+is proved): off by less than 50 * 100 * 2^-53 < 1e-12. Angles are sums of at most ten numbers below 100, off by 2e-13,
+and sine and cosine are within 4 units in the last place: times lengths below 10 that is 3e-12, for E and F together and
+for a disk. Directions have length 1 within 1e-14. `ROUNDING` = 1e-11 is more than all of it. No fast-math.
+"""
+
+import math
+from typing import NamedTuple
+
+from sdhj.certified.check.bits import Array, compiled
+
+ROUNDING = 1e-11  # m: see above
+STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
+DIRECTIONS = 24  # tried for a whole row, beside the links' normals
+TURNS = 8
+GRANTED = 2000  # boxes for one question; then it is not proved
+STACK = 160
+
+
+class World(NamedTuple):
+    """The problem as numbers; lengths in metres, angles in radians, seconds."""
+
+    arm: Array  # (3,) l1, l2, and 1.0 where the second link turns with the first
+    inputs: Array  # (L, 2) joint velocities
+    push: float  # the disturbance adds up to this to each of them
+    chased: bool  # whether the agent must not touch the arm: a pursuer, not an evader
+    agent: Array  # (2,) greatest speed on each axis; distance of its centre from a link at contact
+    delta: float
+    disks: Array  # (D, 8) obstacles as `disk_at` reads them, the distance at contact last
+    goal: Array  # (8,) target likewise, its radius last; moves with the agent where that is an evader
+    q1: Array  # (n + 1,) edges of the cells of each axis
+    q2: Array
+    x: Array
+    y: Array
+    compass: Array  # (DIRECTIONS, 2) unit vectors
+    parts: Array  # (L,) into how many parts `sweep` cuts the interval
+
+
+# ---- where the arm, the agent and the disks can be
+#
+# A *part* (10,) holds bounds of both joints and of the agent's coordinates at the start of an interval, and in its last
+# two entries of tau, a time since then. A *box* (10,) holds bounds of where they are at those times.
+
+
+@compiled()
+def moved(part, velocity, world, box):
+    """The box of everything that can be reached from a part; the middle of one can be reached from the other's."""
+    tau0, tau1 = part[8], part[9]
+    for joint in range(2):
+        slow, fast = velocity[joint] - world.push, velocity[joint] + world.push
+        box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - STATE_ERROR
+        box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + STATE_ERROR
+    for side in (4, 6):
+        box[side] = part[side] - world.agent[0] * tau1 - STATE_ERROR
+        box[side + 1] = part[side + 1] + world.agent[0] * tau1 + STATE_ERROR
+    box[8], box[9] = tau0, tau1
+
+
+@compiled()
+def pose_of(box, arm):
+    """Elbow E, forearm F and half widths (d1, d2) of the joints of a box."""
+    q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
+    e, f, phi = arm[0], arm[1], arm[2] * q1 + q2
+    widths = (box[1] - box[0]) / 2, (box[3] - box[2]) / 2
+    return e * math.cos(q1), e * math.sin(q1), f * math.cos(phi), f * math.sin(phi), widths[0], widths[1]
+
+
+@compiled()
+def farthest(nx, ny, link, pose, turn):
+    """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
+    ex, ey, fx, fy, d1, d2 = pose
+    a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
+    bend = max(-a, 0.0) * d1 * d1 / 2
+    elbow = a + abs(side_a) * d1 + bend
+    if link == 0:
+        return max(elbow, 0.0)
+    b, side_b = nx * fx + ny * fy, ny * fx - nx * fy
+    tip = a + b + abs(side_a + turn * side_b) * d1 + abs(side_b) * d2
+    return max(elbow, tip + bend + max(-b, 0.0) * (turn * d1 + d2) ** 2 / 2)
+
+
+@compiled()
+def disk_at(disk, t):
+    """Centre and velocity at time t of a disk whose centre is (x, y) + (vx, vy) t + radius (cos, sin)(rate t + phase).
+
+    `disk` holds x, y, vx, vy, radius, rate, phase and a distance that is not used here.
+    """
+    c, s = disk[4] * math.cos(disk[5] * t + disk[6]), disk[4] * math.sin(disk[5] * t + disk[6])
+    return disk[0] + disk[2] * t + c, disk[1] + disk[3] * t + s, disk[2] - disk[5] * s, disk[3] + disk[5] * c
+
+
+@compiled()
+def body_of(box, body, start, world):
+    """What a link must not meet: centre, half sizes of the box it is in, moves around it, and distance at contact.
+
+    body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the
+    one in the middle of the time, h being half its length, v the velocity there and bend = h^2 / 2 times the
+    acceleration on a circle.
+    """
+    if body == len(world.disks):
+        x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
+        return x, y, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2, 0.0, 0.0, 0.0, world.agent[1]
+    disk, half = world.disks[body], (box[9] - box[8]) / 2
+    x, y, vx, vy = disk_at(disk, start + (box[8] + box[9]) / 2)
+    return x, y, 0.0, 0.0, half * vx, half * vy, abs(disk[4]) * (disk[5] * half) ** 2 / 2, disk[7]
+
+
+# ---- questions: does the arm stay clear of a body, is its tip inside the target?
+
+
+@compiled()
+def ahead(nx, ny, link, pose, body, turn):
+    """How far a body is at least ahead of a link along n, for everything in the box."""
+    x, y, hx, hy, move_x, move_y, bend, _ = body
+    behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend
+    return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
+
+
+@compiled()
+def separated(link, pose, body, turn):
+    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box.
+
+    The first direction is that of the gap, which is then turned while that helps.
+    """
+    ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
+    s = ((body[0] - ax) * fx + (body[1] - ay) * fy) / (fx * fx + fy * fy)
+    s = min(max(s, 0.0), 1.0)
+    gx, gy = body[0] - ax - s * fx, body[1] - ay - s * fy
+    gap = math.sqrt(gx * gx + gy * gy)
+    nx, ny = (gx / gap, gy / gap) if gap > 1e-6 else (1.0, 0.0)
+    best, step = ahead(nx, ny, link, pose, body, turn), 0.2
+    for _ in range(TURNS):
+        if best > body[7] + ROUNDING:
+            break
+        length = math.sqrt(1.0 + step * step)
+        tx, ty = (nx - step * ny) / length, (ny + step * nx) / length
+        further = ahead(tx, ty, link, pose, body, turn)
+        if further > best:
+            nx, ny, best = tx, ty, further
+        else:  # try the other way, less far
+            step *= -0.6
+    return best > body[7] + ROUNDING, gap
+
+
+@compiled()
+def halve(part, weights, first, second):
+    """Cut a part where it is widest, its coordinates and the time taken by their weights."""
+    axis, widest = 0, 0.0
+    for k in range(5):
+        size = (part[2 * k + 1] - part[2 * k]) * weights[k]
+        if size > widest:
+            axis, widest = k, size
+    first[:], second[:] = part, part
+    first[2 * axis + 1] = second[2 * axis] = (part[2 * axis] + part[2 * axis + 1]) / 2
+
+
+@compiled()
+def link_clear(link, body, part, velocity, start, world, stack):
+    """Whether it is proved that a link stays clear of a body, from anywhere in a part, at all its times.
+
+    velocity (2,) : the input. start : of the interval. stack (STACK, 10) : scratch.
+    """
+    l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1], 1.0 if body == len(world.disks) else 0.0
+    fastest = (abs(velocity[0]) + world.push) * l1 + (abs(velocity[1]) + world.push) * l2 + agent * world.agent[0]
+    if body < len(world.disks):
+        disk = world.disks[body]
+        fastest += abs(disk[2]) + abs(disk[3]) + abs(disk[4] * disk[5])
+    weights, size, box, piece = (l1, l2, agent, agent, fastest), 1, stack[STACK - 1], stack[STACK - 2]
+    stack[0] = part
+    for _ in range(GRANTED):
+        if size == 0:
+            return True
+        size -= 1
+        piece[:] = stack[size]
+        moved(piece, velocity, world, box)
+        bounds = body_of(box, body, start, world)
+        proved, gap = separated(link, pose_of(box, world.arm), bounds, world.arm[2])
+        if proved:
+            continue
+        if gap <= bounds[7] or size + 4 >= STACK:  # they touch in the middle of the box: no halving will help
+            return False
+        halve(piece, weights, stack[size], stack[size + 1])
+        size += 2
+    return False
+
+
+@compiled()
+def clear(bodies, part, velocity, start, world, stack):
+    """`link_clear` for both links and some bodies: the first of them, and the one after the last."""
+    for body in range(bodies[0], bodies[1]):
+        for link in range(2):
+            if not link_clear(link, body, part, velocity, start, world, stack):
+                return False
+    return True
+
+
+@compiled()
+def tip_inside(part, t, world, stack):
+    """Whether every tip of a part is inside the target at time t.
+
+    The tip is off T + (linear terms) by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest at a corner
+    of a parallelogram, or of the agent's cell where that is the target.
+    """
+    moved(part, world.inputs[0], world, stack[0])  # by the error of states
+    l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
+    size, box, weights = 1, stack[STACK - 1], (l1 + l2, l2, 0.0, 0.0, 0.0)
+    for _ in range(GRANTED):
+        if size == 0:
+            return True
+        size -= 1
+        box[:] = stack[size]
+        ex, ey, fx, fy, d1, d2 = pose_of(box, world.arm)
+        x, y, _, _ = disk_at(world.goal, t)
+        hx, hy = 0.0, 0.0
+        if not world.chased:
+            x, y, hx, hy = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2
+        furthest = 0.0
+        for turned in (-d1, d1):
+            for bent in (-d2, d2):
+                off_x = ex + fx - x - (ey + turn * fy) * turned - fy * bent
+                off_y = ey + fy - y + (ex + turn * fx) * turned + fx * bent
+                furthest = max(furthest, math.hypot(abs(off_x) + hx, abs(off_y) + hy))
+        rest = (l1 * d1 * d1 + l2 * (turn * d1 + d2) ** 2) / 2
+        if furthest + rest + ROUNDING <= world.goal[7]:
+            continue
+        outside = math.hypot(abs(ex + fx - x) + hx, abs(ey + fy - y) + hy) > world.goal[7]
+        if outside or size + 2 >= STACK:
+            return False
+        halve(box, weights, stack[size], stack[size + 1])
+        size += 2
+    return False

@@ -1,0 +1,420 @@
+"""What one interval does to the cells of any problem, by bounds that its author states.
+
+Growth boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
+g(x, u_j, t) v, v any share of the adversary's box, change with the state by at most A |x - y| and with time by at most
+B |t - s| (A a matrix and B a row of non-negative numbers, the same for every input and share). Let |g v| <= w hold at c
+and at s, the middle of a time of length T. Over that time the state moves away from c by at most r with
+
+    r = h + T (|f(c, u_j, s)| + w + B T / 2 + A r),
+
+so its velocity is within A r + w + B T / 2 of f(c, u_j, s) throughout, and the box moves with it. The interval is cut
+into parts so that A r stays small. Nothing is integrated and no step is approximate. Walls only hold the state back: a
+box is cut at them.
+"""
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified.cells import CellAxis, measured, velocity_bounds
+from sdhj.certified.packed import STATE_SLACK, cell_masks, covered, to_bits, to_words
+from sdhj.compiling import hidden
+from sdhj.grid import FloatArray
+from sdhj.memory import require
+from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.table import entry
+
+if TYPE_CHECKING:
+    from sdhj.certified.table import CertifiedTable
+
+SEAM = 1e-6  # a larger difference across the seam of a periodic axis, relative to the values, is a jump
+PAIRS = 2000  # of states, by which the bounds along an axis are tried
+ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one
+
+
+@dataclass(frozen=True)
+class LipschitzBounds:
+    """How fast a problem's functions can change with the state, and the dynamics with time.
+
+    Parameters
+    ----------
+    dynamics : (ndim, ndim) array, optional
+        dynamics[i, k] >= |d/dx_k (drift_i + sum_d gain_id v_d)| everywhere, for every input and |v_d| <= bounds_d. Not
+        needed (zero) where the dynamics do not depend on the state.
+    sets : mapping from the name of a set to a sequence of float
+        For the target and each unsafe set: a bound on |d(level set)/dx| for each of its axes.
+    time : (ndim,) array, optional
+        time[i] >= |d/dt (drift_i + sum_d gain_id r_d bounds_d)| everywhere, for every input and |r_d| <= 1: a bound on
+        |d velocity/dt| for each axis. Not needed (zero) where the dynamics do not depend on time.
+    """
+
+    dynamics: FloatArray | None = None
+    sets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    time: FloatArray | None = None
+
+    def checked(self, problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
+        """`dynamics` (ndim, ndim), `time` (ndim,) and `sets` by name; ValueError where they do not fit the problem."""
+        ndim, names = problem.grid.ndim, [part.name for part in known_sets(problem)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
+        if missing := [name for name in names if name not in self.sets]:
+            raise ValueError(
+                f"no Lipschitz bounds for the sets {', '.join(map(repr, missing))}: give bounds=LipschitzBounds(sets="
+                "{name: [a bound on |d(level set)/dx| for each axis of the set]}), from sdhj.certified"
+            )
+        if unknown := sorted(set(self.sets) - set(names)):
+            raise ValueError(
+                f"Lipschitz bounds for {', '.join(map(repr, unknown))}, but the problem's sets are "
+                f"{', '.join(map(repr, names))}"
+            )
+        dynamics, time = self.dynamics, self.time
+        if dynamics is None:
+            if not problem.dynamics.stateless:
+                raise ValueError(
+                    f"the dynamics of {problem.name!r} depend on the state: give LipschitzBounds(dynamics=...), how fast"
+                )
+            dynamics = np.zeros((ndim, ndim))
+        if time is None:
+            if problem.dynamics.timed:
+                raise ValueError(
+                    f"the dynamics of {problem.name!r} depend on time: give LipschitzBounds(time=...), a bound on "
+                    "|d velocity/dt| for each axis"
+                )
+            time = np.zeros(ndim)
+        matrix = _bounds("dynamics of LipschitzBounds", dynamics, (ndim, ndim))
+        axes = {part.name: (len(part.axes),) for part in known_sets(problem)}
+        sets = {name: _bounds(f"the bounds of the set {name!r}", self.sets[name], axes[name]) for name in names}
+        return matrix, _bounds("time of LipschitzBounds", time, (ndim,)), sets
+
+
+def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
+    bounds = np.asarray(given, dtype=np.float64)
+    if bounds.shape != shape or not np.isfinite(bounds).all() or (bounds < 0).any():
+        raise ValueError(f"{name} must be {' x '.join(map(str, shape))} finite numbers >= 0, got {bounds.tolist()}")
+    return bounds
+
+
+def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
+    """The target and the unsafe sets."""
+    return [problem.target, *problem.unsafe]
+
+
+def velocity_terms(
+    problem: ReachAvoidProblem, points: FloatArray, j: int, t: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Drift (M, ndim), gain (M, ndim, D) and the adversary's bounds (D,) at points (M, ndim) under u_j at a time."""
+    dynamics, points = problem.dynamics, problem.grid.wrapped(points)
+    return dynamics.drift_at(points, j, t), dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t)
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes with centres and half-widths, each (M, ndim), over a time [begin, end] of the interval."""
+
+    centre: FloatArray
+    half: FloatArray
+    begin: float
+    end: float
+
+    def least(self, problem: ReachAvoidProblem, part: UnsafeSet, bounds: FloatArray, start: float) -> FloatArray:
+        """Lower bound of an unsafe set's level-set function over the boxes and their times of the interval, (M,)."""
+        middle = start + (self.begin + self.end) / 2
+        value = np.asarray(problem.value_of(part, self.centre, middle), dtype=np.float64)
+        change = self.half[:, list(part.axes)] @ bounds
+        return value - change - part.rate * (self.end - self.begin) / 2 - ALLOWANCE * (1.0 + np.abs(value))
+
+
+class Growth:
+    """What can be reached from boxes within one interval: the boxes of each part, and the last one."""
+
+    def __init__(self, problem: ReachAvoidProblem, matrix: FloatArray, drifting: FloatArray, parts: int) -> None:
+        self.problem, self.matrix, self.drifting, self.parts = problem, matrix, drifting, parts
+        self.time = problem.delta / parts
+        system = np.eye(len(matrix)) - self.time * matrix
+        if (self.time * matrix).sum(axis=1).max() > 0.5:  # the inverse is non-negative below 1
+            raise ValueError("the dynamics change too fast for this interval: use more parts")
+        self.inverse = np.linalg.inv(system)
+
+    def run(
+        self, low: FloatArray, high: FloatArray, j: int, start: float = 0.0
+    ) -> tuple[list[Boxes], FloatArray, FloatArray]:
+        """Tube (a `Boxes` for each part) and image (low, high) of boxes low..high (M, ndim) under input j from `start`.
+
+        The interval begins at the time `start`.
+        """
+        tube = []
+        for part in range(self.parts):
+            middle = start + (part + 0.5) * self.time
+            slow, fast = self._velocities((low + high) / 2, (high - low) / 2, j, middle)
+            after_low, after_high = self._held(low + self.time * slow), self._held(high + self.time * fast)
+            least, most = np.minimum(low, after_low), np.maximum(high, after_high)
+            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * self.time, (part + 1) * self.time))
+            low, high = after_low, after_high
+        return tube, low, high
+
+    def _velocities(self, centre: FloatArray, half: FloatArray, j: int, t: float) -> tuple[FloatArray, FloatArray]:
+        """Bounds on the velocity over one part, t its middle, from boxes; each (M, ndim)."""
+        drift, gain, bounds = velocity_terms(self.problem, centre, j, t)
+        push = np.abs(gain) @ bounds + self.drifting * (self.time / 2)
+        push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
+        away = (half + self.time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
+        slack = away @ self.matrix.T + push
+        return drift - slack, drift + slack
+
+    def _held(self, points: FloatArray) -> FloatArray:
+        """Points cut at the walls of bounded axes."""
+        low, high = self.problem.grid.walls
+        return np.clip(points, low, high)
+
+
+@dataclass(frozen=True)
+class GeneralProof:
+    """What one interval does to the cells, for the recursion and for questions about states.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    axes : tuple of CellAxis
+    parts : int
+        Parts of the interval.
+    matrix, drifting, sets : what `LipschitzBounds.checked` returns
+    masks : (entries, bytes, cells) uint8
+        Bit j % 8 of byte j // 8: the input u_j is certified for the cell. Filled by the recursion.
+    """
+
+    problem: ReachAvoidProblem
+    axes: tuple[CellAxis, ...]
+    parts: int
+    matrix: FloatArray
+    drifting: FloatArray
+    sets: Mapping[str, FloatArray]
+    masks: FloatArray
+    kind = "general"
+
+    @classmethod
+    def of(
+        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, bounds: LipschitzBounds
+    ) -> "GeneralProof":
+        """Check the bounds and make room."""
+        told, size = bounds.checked(problem), math.prod(axis.count for axis in axes)
+        masks = (entry(problem.steps, problem.steps, 0) + 1, -(-len(problem.inputs) // 8), size)
+        require(math.prod(masks), f"certifying {size:.1e} cells", "use fewer cells")
+        proof = cls(problem, axes, parts, *told, np.zeros(masks, np.uint8))
+        check_bounds(proof)
+        return proof
+
+    @property
+    def rows(self) -> int:
+        """Leading axes that number the blocks of the packed sets: all but the last."""
+        return len(self.axes) - 1
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the masks take in memory."""
+        return int(self.masks.nbytes)
+
+    def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
+        """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
+        out = np.empty((len(states), self.masks.shape[1]), np.uint8)
+        cell_masks(states, table.cells, self.masks[places[0]], out)
+        return np.unpackbits(out, axis=1, count=len(self.problem.inputs), bitorder="little").view(np.bool_)
+
+    def save(self, group: h5py.Group) -> None:
+        """Write the inputs and the bounds that they rest on."""
+        group.attrs["parts"] = self.parts
+        group["matrix"], group["drifting"] = self.matrix, self.drifting
+        # a name may be anything, also what is a path to HDF5
+        group.attrs["sets"] = json.dumps({name: bounds.tolist() for name, bounds in self.sets.items()})
+        group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
+
+    @classmethod
+    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "GeneralProof":
+        """Read what `save` wrote."""
+        sets = {name: np.array(bounds) for name, bounds in json.loads(group.attrs["sets"]).items()}
+        matrix, drifting, masks = (group[name][()] for name in ("matrix", "drifting", "masks"))
+        return cls(problem, axes, int(group.attrs["parts"]), matrix, drifting, sets, masks)
+
+    # ---- the recursion; sets are (rows, W) uint64
+
+    @cached_property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends of all cells, the last axis fastest, each (cells, ndim)."""
+        edges = [axis.edges() for axis in self.axes]
+        low, high = (np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij") for side in (0, 1))
+        return np.stack([own.ravel() for own in low], axis=1), np.stack([own.ravel() for own in high], axis=1)
+
+    @property
+    def starts(self) -> range:
+        """Steps whose intervals differ in what the dynamics do."""
+        return range(self.problem.steps if self.problem.dynamics.timed else 1)
+
+    @property
+    def needed(self) -> int:
+        """Bytes that the recursion takes: where each input is clear, images, the tube of one input."""
+        count, images = len(self.problem.inputs), len(self.problem.inputs) * len(self.starts)
+        return self.masks.shape[2] * (self.problem.steps * count + 16 * len(self.axes) * (images + self.parts + 2))
+
+    def prepare(self, progress: bool | None) -> tuple[dict[tuple[int, int], Any], FloatArray]:
+        """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
+        problem, (low, high), images = self.problem, self.ends, {}
+        clear = np.ones((problem.steps, len(problem.inputs), len(low)), np.bool_)
+        reach = Growth(problem, self.matrix, self.drifting, self.parts)
+        pairs = list(itertools.product(self.starts, range(len(problem.inputs))))
+        for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
+            tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
+            images[start, j] = self._cover(*image, j)
+            for step in [start] if problem.dynamics.timed else range(problem.steps):
+                for boxes in tube:
+                    clear[step, j] &= self._clear(boxes, problem.time(step))
+        return images, clear
+
+    def _clear(self, boxes: Boxes, begin: float) -> FloatArray:
+        """Whether boxes are outside every unsafe set at all their times, (M,)."""
+        out = np.ones(len(boxes.centre), np.bool_)
+        for part in self.problem.unsafe:
+            out &= boxes.least(self.problem, part, self.sets[part.name], begin) > 0.0
+        return out
+
+    def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+        """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
+        first, number = np.empty((2, len(self.axes), len(low)), np.int64)
+        own, delta = np.indices([axis.count for axis in self.axes]), measured(self.problem.delta)
+        for axis, cells in enumerate(self.axes):
+            if self.problem.dynamics.constant:  # exactly
+                tables = cells.image(*velocity_bounds(self.problem, axis, j), delta)
+                first[axis], number[axis] = (table[own[axis].ravel()] for table in tables)
+            else:
+                first[axis], number[axis] = cover(low[:, axis], high[:, axis], cells)
+        return first, number
+
+    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
+        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
+        (images, clear), shape = prepared, np.array([axis.count for axis in self.axes])
+        inside = to_bits(following, shape[-1]).ravel()
+        reached, new = np.empty_like(inside), np.zeros_like(inside)
+        masks = self.masks[entry(self.problem.steps, step, within)]
+        for j in range(len(self.problem.inputs)):
+            covered(inside, *images[min(step, self.starts[-1]), j], shape, clear[step, j], reached)
+            masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
+            new |= reached
+        cells |= to_words(new.reshape(-1, shape[-1]))
+
+    def goal(self, step: int) -> FloatArray:
+        """Cells inside the target and outside the unsafe set at t_k."""
+        (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
+        axes, half = list(target.axes), (high - low) / 2 + STATE_SLACK
+        boxes = Boxes((low + high) / 2, half, 0.0, 0.0)
+        value = np.asarray(target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
+        most = value + half[:, axes] @ self.sets[target.name] + ALLOWANCE * (1.0 + np.abs(value))
+        return to_words(((most <= 0.0) & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
+
+    def share(self, step: int, within: int) -> None:
+        """The inputs of entry (step, within) are those of (step, within - 1)."""
+        place = entry(self.problem.steps, step, within)
+        self.masks[place] = self.masks[place - 1]
+
+
+# ---- what of the bounds can be refuted by looking at the functions
+
+
+class Known(NamedTuple):
+    """A function that has bounds, of states (M, ndim) and a time: (M, rows, terms), whose changes add up."""
+
+    names: list[str]  # of the rows
+    function: Callable[[FloatArray, float], FloatArray]
+    bounds: FloatArray  # (rows, ndim)
+    drifting: FloatArray | None  # (rows,) bounds in time, where they are not looked at elsewhere
+    moving: bool
+    seamless: bool  # whether it may not jump where a periodic axis closes
+
+
+def known_functions(proof: GeneralProof) -> Iterator[Known]:
+    """The level sets, and the velocity under each input."""
+    problem, ndim = proof.problem, proof.problem.grid.ndim
+    for part in known_sets(problem):
+        bounds, unsafe = np.zeros((1, ndim)), isinstance(part, UnsafeSet)
+        bounds[0, list(part.axes)] = proof.sets[part.name]
+
+        def level(points: FloatArray, t: float, part: Any = part) -> FloatArray:
+            return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
+
+        moving = part.moving if isinstance(part, UnsafeSet) else True
+        yield Known([f"the level set of {part.name!r}"], level, bounds, None, moving, unsafe)
+    for j in range(0 if problem.dynamics.constant else len(problem.inputs)):
+
+        def velocity(points: FloatArray, t: float, j: int = j) -> FloatArray:
+            drift, gain, most = velocity_terms(problem, points, j, t)
+            return np.concatenate([drift[..., None], gain * most], axis=2)
+
+        names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
+        yield Known(names, velocity, proof.matrix, proof.drifting, problem.dynamics.timed, True)
+
+
+def check_bounds(proof: GeneralProof) -> None:
+    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others.
+
+    And functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump. Boxes of
+    tubes reach across that seam; cells of the goal do not, so the target may jump there. What moves may jump at some
+    times only: it is tried at the middles of all parts, where it is evaluated, and between them.
+    """
+    problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
+    span, halves = problem.steps * problem.delta, 2 * proof.parts * problem.steps
+    for known in known_functions(proof):
+        for axis in np.flatnonzero(grid.periodic) if known.seamless else ():
+            points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
+            other = points.copy()
+            other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
+            for t in np.linspace(0.0, span, halves + 1).tolist() if known.moving else (0.0,):
+                _refuse_jump(known, points, other, t, grid.names[axis])
+        for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
+            step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower
+            room[axis] -= step  # the target may jump at the seam
+            points = grid.lower + rng.random((PAIRS, grid.ndim)) * room
+            beside = points + step * np.eye(grid.ndim)[axis]
+            told, later = f"over {step:.3g} along the axis {grid.names[axis]!r}", share * problem.delta
+            for t in (0.0, 0.37 * span, span - later) if known.moving else (0.0,):
+                _refute(known, (points, t), (beside, t), known.bounds[:, axis], step, told)
+                if known.drifting is not None and known.moving:
+                    _refute(known, (points, t), (points, t + later), known.drifting, later, f"over {later:.3g} s")
+
+
+def _refuse_jump(known: Known, points: FloatArray, other: FloatArray, t: float, axis: str) -> None:
+    here, there = known.function(points, t), known.function(other, t)
+    jumps = np.abs(here - there).sum(axis=2).max(axis=0)
+    if (jump := jumps.max()) > SEAM * (1.0 + np.abs(here).max()):
+        raise ValueError(
+            f"{known.names[jumps.argmax()]} at t = {t:g} jumps by {jump:.3g} where the periodic axis {axis!r} closes, "
+            "so no Lipschitz bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
+        )
+
+
+def _refute(known: Known, one: Any, other: Any, bounds: FloatArray, step: float, told: str) -> None:
+    here, there = known.function(*one), known.function(*other)
+    change = np.abs(there - here).sum(axis=2)
+    over = change - bounds * step * (1 + ALLOWANCE) - ALLOWANCE * (1.0 + np.abs(here[:, :, 0]))
+    worst, row = np.unravel_index(np.argmax(over), over.shape)
+    if over[worst, row] > 0.0:
+        raise ValueError(
+            f"{known.names[row]} changes by {change[worst, row]:.3g} {told}, and its Lipschitz bound {bounds[row]:g} "
+            f"allows {bounds[row] * step:.3g}; give a bound of at least {change[worst, row] / step:.3g}"
+        )
+
+
+def cover(low: FloatArray, high: FloatArray, axis: CellAxis) -> tuple[FloatArray, FloatArray]:
+    """First cell and number of cells that hold [low, high] with room for rounding; int64 each."""
+    width, length, count = float(axis.width), float(sum(axis.extent) / 2), axis.count
+    low, high = low - float(axis.lower) - ALLOWANCE, high - float(axis.lower) + ALLOWANCE
+    laps = (np.floor(low / length), np.floor(high / length)) if axis.periodic else (0.0, 0.0)
+    least = -np.inf if axis.periodic else 0
+    begin = laps[0] * count + np.clip(np.floor((low - laps[0] * length) / width), least, count - 1)
+    end = laps[1] * count + np.minimum(np.ceil((high - laps[1] * length) / width), count)
+    begin, end = begin.astype(np.int64), np.maximum(end, begin + 1).astype(np.int64)
+    return begin % count, np.minimum(end - begin, count)
