@@ -23,8 +23,8 @@ from sdhj.compiling import hidden
 from sdhj.controller import Controller
 from sdhj.files import replaced_whole
 from sdhj.plotting.looks import writable_folder
-from sdhj.simulation import OUTCOMES, monte_carlo
 from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import OUTCOMES, monte_carlo
 from sdhj.table import Table
 
 SEARCH = "search"

@@ -23,6 +23,7 @@ from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import writable_folder
+from sdhj.simulation.runs import Trajectory
 from sdhj.table import Table
 
 HERE = Path(__file__).parent
@@ -84,7 +85,7 @@ class Context:
         return [self.table(method).fraction(start=0, within=n) for n in range(self.problem.steps + 1)]
 
     @cached_property
-    def run(self) -> plotting.Run:
+    def run(self) -> Trajectory:
         """A run of the controller against the paper's random adversary: of STARTS many, the one with the most steps."""
         table = self.table("hji")
         controller = sdhj.Controller(table)

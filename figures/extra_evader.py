@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.projections import ProjectionWarning
-from sdhj.simulation import OUTCOMES, Report
+from sdhj.simulation.runs import OUTCOMES, Report
 from sdhj.table import Table
 
 STUDY = True

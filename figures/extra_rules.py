@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sdhj import plotting
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.simulation import simulate
+from sdhj.simulation.runs import simulate
 from sdhj.table import Table
 
 STUDY = True

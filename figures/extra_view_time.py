@@ -13,7 +13,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Line
 from sdhj.problem import VIEW_TIMES
-from sdhj.simulation import SUBSTEPS
+from sdhj.simulation.runs import SUBSTEPS
 
 STUDY = True
 INSTANTS = 400  # of each interval, at which collisions are looked for

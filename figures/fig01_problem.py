@@ -23,7 +23,7 @@ def draw(context: Context) -> Figure:
 def draw_names(ax: Axes, scene: ArmScene) -> None:
     """What is what, and arrows about the agent, which may go anywhere."""
     state = np.array(SHOWN_STATE)
-    pursuer, radius = scene.agent_disk(state)
+    pursuer, radius = state[2:], scene.agent_radius
     for angle in np.deg2rad((20, 65, 110, 155, 200, 245, 290, 335)):
         way = np.array([np.cos(angle), np.sin(angle)])
         arrow = {"arrowstyle": "->", "color": INK, "linewidth": 0.8}

@@ -11,7 +11,7 @@ from matplotlib.patches import ConnectionPatch
 from sdhj import plotting
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
-from sdhj.plotting.trajectories import samples
+from sdhj.simulation.runs import Trajectory
 from sdhj.table import Table
 
 CELL = 49  # points along each side of a slice
@@ -32,24 +32,24 @@ def draw(context: Context) -> Figure:
     return figure
 
 
-def draw_lookup(figure: Figure, table: Table, run: plotting.Run) -> None:
+def draw_lookup(figure: Figure, table: Table, run: Trajectory) -> None:
     """The look-up table as small C-space slices and a run's way through it, for a figure of 7 by 7 inches.
 
     Row k is the step, column n the steps to go. Each row is sliced at where the agent was then in the run, so the dot,
     the joint angles at step k, lies in the framed set and in none to its left.
     """
-    at = samples(run, table.problem)
+    samples = run.samples
     promised = [int(n) for n in run.steps_to_go]
     if run.outcome == "reached":  # by the true target: S_k^N on the grid may miss its rim
         promised.append(0)
     framed = []
     for k in range(table.steps + 1):
-        state = run.states[at[min(k, len(at) - 1)]]
+        state = samples[min(k, len(samples) - 1)]
         for n in range(table.steps + 1):
             x, y = LEFT + n * (SIZE + GAP), TOP - (k + 1) * SIZE - k * GAP
             ax = figure.add_axes((x, y, SIZE, SIZE))
             draw_cell(ax, table, state, k, n)
-            if k < len(at) and n <= table.steps - k:
+            if k < len(samples) and n <= table.steps - k:
                 chosen = k < len(promised) and n == promised[k]
                 draw_joints(ax, table, state, chosen)
                 framed += [ax] if chosen else []

@@ -1,6 +1,10 @@
 """Fig. 10: reach-avoid tubes from step 0."""
 
+import numpy as np
 from common import PURSUER_AT, Context, command_of, set_legend
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from sdhj import plotting
@@ -22,9 +26,21 @@ def draw_two_slices(table: Table) -> Figure:
         ax.set_title(f"pursuer at ({state[2]:.2f}, {state[3]:.2f}) m")
     parts["right"].set_ylabel("")
     label = r"steps to go, $n$:  the set $\mathcal{S}_0^{N-n}$"
-    plotting.draw_steps_bar(parts["bar"], table.steps, label, horizontal=True)
+    draw_steps_bar(parts["bar"], table.steps, label)
     set_legend(figure, target=False)
     return figure
+
+
+def draw_steps_bar(ax: Axes, steps: int, label: str) -> None:
+    """A bar of the colours of 0 to `steps` steps to go, filling `ax`."""
+    colours = ListedColormap(plotting.step_colours(steps))
+    norm = BoundaryNorm(np.arange(-0.5, steps + 1), steps + 1)
+    bar = ax.figure.colorbar(ScalarMappable(norm, colours), cax=ax, orientation="horizontal", drawedges=True)
+    bar.dividers.set(color="#333333", linewidth=0.45)
+    bar.outline.set_linewidth(0.6)
+    bar.set_ticks(list(range(steps + 1)))
+    bar.set_label(label)
+    bar.ax.tick_params(length=0)
 
 
 if __name__ == "__main__":

@@ -1,31 +1,85 @@
 """Fig. 12: a run in workspace and configuration space."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from common import Context, command_of, set_legend
+from matplotlib.animation import PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.plotting.trajectories import samples
+from sdhj.arm.case_studies import scene
+from sdhj.files import replaced_whole
+from sdhj.plotting.looks import OUTCOME_INK, PURSUER_LOOKS
+from sdhj.plotting.scenes import draw_arm, draw_workspace
+from sdhj.plotting.trajectories import WAY, draw_frame, draw_moment
+from sdhj.problem import ReachAvoidProblem
+from sdhj.simulation.runs import SUBSTEPS, Trajectory
+from sdhj.table import Table
 
 
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 7.4)
     above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
     left, right = above.subplots(1, 2)
-    plotting.draw_workspace_run(left, context.problem, context.run)
+    draw_workspace_run(left, context.problem, context.run)
     plotting.draw_run(right, context.table("hji"), context.run)
     left.set_title(r"(a) end-effector in $\mathcal{W}$")
     right.set_title(r"(b) robot in $\mathcal{C}^r$")
-    columns = max(3, -(-len(samples(context.run, context.problem)) // 2))
-    plotting.draw_frames(below.subplots(2, columns).ravel(), context.problem, context.run)
+    columns = max(3, -(-len(context.run.samples) // 2))
+    draw_frames(below.subplots(2, columns).ravel(), context.problem, context.run)
     set_legend(figure)
     return figure
 
 
 def also(context: Context, folder: Path) -> list[Path]:
     """The run as an animation."""
-    return [plotting.save_animation(context.table("hji"), context.run, folder / "fig12_trajectory.gif")]
+    return [save_animation(context.table("hji"), context.run, folder / "fig12_trajectory.gif")]
+
+
+def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Trajectory) -> None:
+    """The end-effector's way in the workspace, the arm faintly at sampling times, the sets at the end (Fig. 12a)."""
+    view = scene(problem)
+    draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]), arrows=False)
+    for state in run.samples[:-1]:
+        draw_arm(ax, view, state, alpha=0.25, zorder=3.0)
+    tips = view.arm.tip(run.states[:, :2])
+    ax.plot(*tips.T, zorder=6, gid="tip-path", **WAY)
+    ax.plot(*tips[::SUBSTEPS].T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5)
+    ax.plot(*run.states[:, 2:4].T, color=PURSUER_LOOKS["edgecolor"], linestyle=":", linewidth=1.0, zorder=4)
+
+
+def draw_frames(axes: Sequence[Axes], problem: ReachAvoidProblem, run: Trajectory) -> None:
+    """A strip of workspace frames at the sampling times; axes that are left over are switched off."""
+    times = run.times[::SUBSTEPS]
+    for place, ax in enumerate(axes):
+        if place >= len(times):
+            ax.axis("off")
+            continue
+        draw_frame(ax, problem, run, index=place * SUBSTEPS)
+        ax.set(xlabel="", ylabel="", xticks=[], yticks=[])
+        ax.set_title(f"$t = {times[place]:.1f}$ s", fontsize=8, loc="center", pad=2)
+        for spine in ax.spines.values():
+            spine.set_visible(True)
+
+
+def save_animation(
+    table: Table, run: Trajectory, path: Path, *, frames: int = 41, rate: int = 12, dpi: int = 90
+) -> Path:
+    """Write a run as an animated GIF: slower than life, and still for a moment at its end."""
+    shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
+
+    with replaced_whole(path) as temporary, plotting.style():
+        figure = plotting.new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
+        writer = PillowWriter(fps=rate)
+        with writer.saving(figure, str(temporary), dpi=dpi):
+            for index in [*shown, *[shown[-1]] * (rate // 2)]:
+                draw_moment(figure, table, run, index=int(index))
+                figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
+                writer.grab_frame()
+    return path
 
 
 if __name__ == "__main__":

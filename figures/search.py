@@ -1,11 +1,12 @@
 """A search for adversaries that win: what random play does not find, gradient-free optimisation may.
 
-A *plan* is all that an adversary does in one run, decided in advance: (steps, switches, D), the v it plays in each of
-the equal parts of each interval. For every start a small population of plans plays against the closed loop. Those that
-come nearest to a failure are the parents of the next generation: half of them by clearance (the least level-set value
-of the unsafe sets), half by depth (how near the state was to leaving the largest tube). The first plans are random
-vertices of the box, some held over whole intervals, and what the adversaries "aggressive" and "worst" play where they
-decide once in each part. A start is *lost* when a plan makes its run fail: collide, leave the tubes, or come late.
+A *plan* is all that an adversary does in one run, decided in advance: (steps, switches, D), which share of its bounds,
+from -1 to 1, it plays in each of the equal parts of each interval. For every start a small population of plans plays
+against the closed loop. Those that come nearest to a failure are the parents of the next generation: half of them by
+clearance (the least level-set value of the unsafe sets), half by depth (how near the state was to leaving the largest
+tube). The first plans are random vertices of the box, some held over whole intervals, and what the adversaries
+"aggressive" and "worst" play where they decide once in each part. A start is *lost* when a plan makes its run fail:
+collide, leave the tubes, or come late.
 
 A lost start refutes a table. A start that is not lost is no proof: `method="certified"` is for that.
 """
@@ -13,6 +14,7 @@ A lost start refutes a table. A start that is not lost is no proof: `method="cer
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -23,7 +25,7 @@ from sdhj.compiling import hidden
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.grid import FloatArray
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, admissible_states, check_controller, named, rollouts
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, check_controller, named, rollouts
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from
@@ -36,40 +38,21 @@ NEVER = -1
 
 @dataclass(frozen=True)
 class SearchReport:
-    """Which starts an adversary was found to win from; `str()` is a summary.
-
-    Attributes
-    ----------
-    method, rule : str
-    seed, population, generations : int
-    starts : (S, ndim) array
-    outcomes : (S,) int array
-        Places in `OUTCOMES`: how the run failed, or "reached" where no plan made it fail.
-    generation : (S,) int array
-        The generation that won, 0 for the first; -1 where none did.
-    plans : (S, steps, switches, D) array
-        The plan that won, or that came nearest to a collision.
-    clearance, depth : (S,) array
-        The least that any plan achieved; see `Margins`.
-    rollouts : int
-        Closed-loop runs played in all.
-    seconds : float
-        Wall-clock time.
-    """
+    """Which starts an adversary was found to win from; `str()` is a summary."""
 
     method: str
     rule: str
     seed: int
     population: int
     generations: int
-    starts: FloatArray = field(repr=False)
-    outcomes: FloatArray = field(repr=False)
-    generation: FloatArray = field(repr=False)
-    plans: FloatArray = field(repr=False)
-    clearance: FloatArray = field(repr=False)
-    depth: FloatArray = field(repr=False)
-    rollouts: int
-    seconds: float
+    starts: FloatArray = field(repr=False)  # (S, ndim)
+    outcomes: FloatArray = field(repr=False)  # (S,) places in OUTCOMES: how a run failed; "reached" where none did
+    generation: FloatArray = field(repr=False)  # (S,) the one that won, 0 for the first; -1 where none did
+    plans: FloatArray = field(repr=False)  # (S, steps, switches, D) which won, or came nearest to a collision
+    clearance: FloatArray = field(repr=False)  # (S,) the least that any plan achieved; see `Margins`
+    depth: FloatArray = field(repr=False)  # (S,) likewise
+    rollouts: int  # closed-loop runs played in all
+    seconds: float  # of wall-clock time
 
     @property
     def lost(self) -> FloatArray:
@@ -86,14 +69,12 @@ class SearchReport:
 
     def __str__(self) -> str:
         failed = ", ".join(f"{self.count(outcome)} {outcome}" for outcome in OUTCOMES[1:])
-        return "\n".join(
-            [
-                f"search for losing adversaries, {self.method} table, rule {self.rule}, seed {self.seed}",
-                f"{self.rollouts} runs: {self.population} plans in each of {self.generations} generations",
-                f"lost {int(self.lost.sum())} of {len(self.starts)} starts ({self.lost.mean():.3%}): {failed}",
-                f"least clearance {self.clearance.min():.3g}, least depth {self.depth.min():.3g}",
-                f"took {self.seconds:.1f} s",
-            ]
+        return (
+            f"search for losing adversaries, {self.method} table, rule {self.rule}, seed {self.seed}\n"
+            f"{self.rollouts} runs: {self.population} plans in each of {self.generations} generations\n"
+            f"lost {int(self.lost.sum())} of {len(self.starts)} starts ({self.lost.mean():.3%}): {failed}\n"
+            f"least clearance {self.clearance.min():.3g}, least depth {self.depth.min():.3g}\n"
+            f"took {self.seconds:.1f} s"
         )
 
 
@@ -135,8 +116,7 @@ def search_losing(
     generations, seed = whole("generations", generations, least=1), whole("seed", seed, least=0)
     if whole("switches", switches, least=1) > SUBSTEPS or SUBSTEPS % switches:
         raise ValueError(f"switches must divide {SUBSTEPS}, the instants of an interval, got {switches}")
-    began = time.perf_counter()
-    drawing, *streams = np.random.SeedSequence(seed).spawn(2)
+    began, (drawing, *streams) = time.perf_counter(), np.random.SeedSequence(seed).spawn(2)
     states = _starts(controller, starts, np.random.default_rng(drawing))
     share = max(1, CHUNK // population)  # starts that one thread takes at a time
     chunks = [states[begin : begin + share] for begin in range(0, len(states), share)]
@@ -146,24 +126,18 @@ def search_losing(
         rng = np.random.default_rng(seeds[number])
         return _Search(controller, population, switches, rng).run(chunks[number], generations)
 
-    total = len(states) * population * generations
-    bar = tqdm(total=total, desc="search", unit="run", disable=hidden(progress))
+    runs = population * generations
+    bar = tqdm(total=len(states) * runs, desc="search", unit="run", disable=hidden(progress))
     with bar, ThreadPoolExecutor(1 if callable(controller.rule) else threads()) as pool:
         found = []
         for result in pool.map(search, range(len(chunks))):
-            bar.update(len(result["outcomes"]) * population * generations)
+            bar.update(len(result["outcomes"]) * runs)
             found.append(result)
-    return SearchReport(
-        method=controller.table.method,
-        rule=named(controller.rule),
-        seed=seed,
-        population=population,
-        generations=generations,
-        starts=states,
-        rollouts=int(sum(result.pop("rollouts").sum() for result in found)),
-        seconds=time.perf_counter() - began,
-        **{name: np.concatenate([result[name] for result in found]) for name in found[0]},
-    )
+    played = int(sum(result.pop("rollouts").sum() for result in found))
+    arrays = {name: np.concatenate([result[name] for result in found]) for name in found[0]} | {"starts": states}
+    told = {"method": controller.table.method, "rule": named(controller.rule), "seed": seed, "rollouts": played}
+    told |= {"population": population, "generations": generations, "seconds": time.perf_counter() - began}
+    return SearchReport(**told, **arrays)
 
 
 def planned(plans: FloatArray) -> Adversary:
@@ -171,7 +145,7 @@ def planned(plans: FloatArray) -> Adversary:
     switches = plans.shape[2]
 
     def planned(moment: Moment) -> FloatArray:
-        return np.asarray(plans[moment.runs, moment.step, moment.substep * switches // SUBSTEPS])
+        return plans[moment.runs, moment.step, moment.substep * switches // SUBSTEPS] * moment.bounds
 
     return planned
 
@@ -182,7 +156,8 @@ def _recorded(name: str, plans: FloatArray) -> Adversary:
 
     def recorded(moment: Moment) -> FloatArray:
         if moment.substep % length == 0:
-            plans[moment.runs, moment.step, moment.substep // length] = decide(moment)
+            v, bounds = decide(moment), moment.bounds
+            plans[moment.runs, moment.step, moment.substep // length] = v / np.where(bounds > 0.0, bounds, 1.0)
         return play(moment)
 
     return recorded
@@ -200,8 +175,44 @@ def _starts(controller: Controller, starts: int | FloatArray, rng: np.random.Gen
     return states
 
 
-@dataclass(frozen=True)
-class _Played:
+class Margins:
+    """How near each of M runs that start together came to failing; filled while `rollouts` calls `watch`.
+
+    Attributes
+    ----------
+    clearance : (M,) array
+        Least true level-set value of the unsafe sets at the instants looked at; <= 0 for a collision.
+    depth : (M,) array
+        Least depth in the largest tube of a sampling time, minus its level-set value, before the target was reached:
+        how near the run was to having no answer. +inf where it was reached at once.
+    """
+
+    def __init__(self, controller: Controller, starts: FloatArray) -> None:
+        self.problem, self.table = controller.problem, controller.table
+        self.clearance = np.array(self.problem.unsafe_value(starts, 0.0))
+        self.depth = np.full(len(starts), np.inf)
+        self.sample(0, np.arange(len(starts)), starts)
+
+    def watch(self, moment: Moment, v: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
+        """Lower the margins of the runs that are going."""
+        self.clearance[moment.runs] = np.minimum(self.clearance[moment.runs], clearance)
+        if moment.substep == SUBSTEPS - 1:
+            self.sample(moment.step + 1, moment.runs, states)
+
+    def sample(self, step: int, runs: FloatArray, states: FloatArray) -> None:
+        """Lower the depth, at a sampling time, of the runs that have neither collided nor reached the target."""
+        going = self.clearance[runs] > 0
+        runs, states = runs[going], states[going]
+        if runs.size:
+            outside = self.problem.target_value(states, self.problem.time(step)) > 0
+            runs, states = runs[outside], states[outside]
+        if runs.size:
+            largest = np.full(runs.size, self.problem.steps - step)
+            depth = 0.0 - self.table.values_at(states[:, None], step, largest)[:, 0]
+            self.depth[runs] = np.minimum(self.depth[runs], depth)
+
+
+class _Played(NamedTuple):
     """Plans (S, P, steps, switches, D) of S starts, and how their runs went, each (S, P)."""
 
     plans: FloatArray
@@ -212,11 +223,10 @@ class _Played:
 
     def taking(self, rows: FloatArray, columns: FloatArray) -> "_Played":
         """Some of the plans of some of the starts: rows and columns, shapes broadcast."""
-        return _Played(*(array[rows, columns] for array in vars(self).values()))
+        return _Played(*(array[rows, columns] for array in self))
 
     def beside(self, *others: "_Played") -> "_Played":
-        arrays = zip(*(vars(one).values() for one in (self, *others)), strict=True)
-        return _Played(*(np.concatenate(each, axis=1) for each in arrays))
+        return _Played(*(np.concatenate(each, axis=1) for each in zip(self, *others, strict=True)))
 
     def parents(self) -> "_Played":
         """The plans that came nearest to a failure: half by clearance, half by depth, the clearer one last."""
@@ -231,8 +241,7 @@ class _Search:
 
     def __init__(self, controller: Controller, population: int, switches: int, rng: np.random.Generator) -> None:
         self.controller, self.population, self.rng = controller, population, rng
-        self.bounds = controller.problem.dynamics.bounds
-        self.shape = (controller.problem.steps, switches, self.bounds.size)
+        self.shape = (controller.problem.steps, switches, controller.problem.dynamics.adversaries)
 
     def run(self, starts: FloatArray, generations: int) -> dict[str, FloatArray]:
         """Evolve plans for each start (S, ndim) until it is lost or the generations are over; see `SearchReport`."""
@@ -240,7 +249,7 @@ class _Search:
         outcomes, generation, total = np.full(count, REACHED), np.full(count, NEVER), np.zeros(count, np.int64)
         plans, (clearance, depth) = np.zeros((count, *self.shape)), np.full((2, count), np.inf)
         alive, parents = np.arange(count), None
-        for number in range(generations if count else 0):
+        for number in range(generations):
             if parents is None:
                 played = self.first(starts)
             else:
@@ -257,15 +266,16 @@ class _Search:
             alive, parents = alive[going], played.taking(rows[going][:, None], np.arange(failed.shape[1])).parents()
             if not alive.size:
                 break
-        names = {"outcomes": outcomes, "generation": generation, "plans": plans, "clearance": clearance}
-        return names | {"depth": depth, "rollouts": total}
+        found = {"outcomes": outcomes, "generation": generation, "plans": plans, "clearance": clearance}
+        return found | {"depth": depth, "rollouts": total}
 
     def play(self, starts: FloatArray, plans: FloatArray, play: Adversary | None = None) -> _Played:
         """Play plans (S, P, steps, switches, D) from starts (S, ndim); `play` may write them while it plays."""
         count, population = plans.shape[:2]
         flat = plans.reshape(count * population, *plans.shape[2:])  # nothing to play where D = 0
-        margins, repeated = Margins.of(count * population), np.repeat(starts, population, axis=0)
-        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins=margins)
+        repeated = np.repeat(starts, population, axis=0)
+        margins = Margins(self.controller, repeated)
+        results = rollouts(self.controller, repeated, play or planned(flat), self.rng, margins.watch)
         arrays = (*results, margins.clearance, margins.depth)
         return _Played(plans, *(array.reshape(count, population) for array in arrays))
 
@@ -281,10 +291,9 @@ class _Search:
         return scouted[0].beside(*scouted[1:], self.play(starts, plans[:, len(SCOUTS) :]))
 
     def decided(self, shape: tuple[int, ...]) -> FloatArray:
-        """New v, the last axis of `shape` its components: most at vertices of the box, some anywhere in it."""
+        """New shares, the last axis the components of v: most at vertices of the box, some anywhere in it."""
         anywhere = self.rng.uniform(-1.0, 1.0, shape)
-        interior = self.rng.random((*shape[:-1], 1)) < INTERIOR
-        return np.where(interior, anywhere, np.sign(anywhere)) * self.bounds
+        return np.where(self.rng.random((*shape[:-1], 1)) < INTERIOR, anywhere, np.sign(anywhere))
 
     def children(self, parents: _Played) -> FloatArray:
         """New plans (S, population, steps, switches, D), each of two parents of the same start, mutated.
@@ -295,8 +304,7 @@ class _Search:
         """
         rng, population, (count, pool, steps, switches, _) = self.rng, self.population, parents.plans.shape
         rows, two = np.arange(count)[:, None], rng.integers(0, pool, (2, count, population))
-        cut = rng.integers(1, steps + 1, (count, population, 1, 1, 1))
-        early = np.arange(steps)[:, None, None] < cut
+        early = np.arange(steps)[:, None, None] < rng.integers(1, steps + 1, (count, population, 1, 1, 1))
         plans = np.where(early, parents.plans[rows, two[0]], parents.plans[rows, two[1]])
         interval = rng.integers(0, np.maximum(parents.taken[rows, two[0]], 1))[..., None, None]
         part = rng.integers(0, switches, (count, population, 1, 1))
@@ -305,7 +313,7 @@ class _Search:
         changed |= rng.random(changed.shape) < CHANGED
         new = self.decided(plans.shape)
         new = np.where(whole[..., None], new[..., :1, :], new)  # one v for a whole interval
-        scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1)) * self.bounds
-        nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -self.bounds, self.bounds)
+        scale = NUDGES[0] * (NUDGES[1] / NUDGES[0]) ** rng.random((count, population, 1, 1, 1))
+        nudged = np.clip(plans + scale * rng.standard_normal(plans.shape), -1.0, 1.0)
         new = np.where((np.arange(population) % 4 < 2)[:, None, None, None], new, nudged)
         return np.where(changed[..., None], new, plans)

@@ -16,12 +16,13 @@ from live_slices import (
 )
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from paper import draw_isosurface
 from widgets import Explorer, Numbers, agent_sliders, angle, slider, step_sliders
 
 import sdhj
 from sdhj.arm.case_studies import OBSTACLES, scene
 from sdhj.arm.workspace import Disk, Still
-from sdhj.plotting import draw_arm, draw_isosurface, draw_workspace
+from sdhj.plotting import draw_arm, draw_workspace
 from sdhj.table import Table
 
 

@@ -11,6 +11,7 @@ import boat
 from charts import draw_fractions, draw_sweep
 from common import PAPER_NODES, Context, draw, starts_of_runs, title
 from fig14_timing import PAPER_SECONDS
+from surfaces import draw_isosurface
 
 __all__ = [
     "PAPER_NODES",
@@ -18,6 +19,7 @@ __all__ = [
     "Context",
     "boat",
     "draw_fractions",
+    "draw_isosurface",
     "draw_sweep",
     "paper_figure",
     "starts_of_runs",

@@ -46,13 +46,13 @@ from sdhj.table import LookupTable
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
     from sdhj.projections import Projected
-    from sdhj.simulation import monte_carlo, simulate
+    from sdhj.simulation.runs import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",
     "Projected": "sdhj.projections",
-    "monte_carlo": "sdhj.simulation",
-    "simulate": "sdhj.simulation",
+    "monte_carlo": "sdhj.simulation.runs",
+    "simulate": "sdhj.simulation.runs",
     "arm_case_study": "sdhj.arm.case_studies",
     "evader_case_study": "sdhj.arm.case_studies",
 }

@@ -44,10 +44,8 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
                 command(*args, **kwargs)
         except BrokenPipeError:  # whoever read has seen enough; click ends without a word
             raise
-        except (ValueError, OSError, MemoryError) as error:
+        except (ValueError, OSError, MemoryError, ImportError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
-        except ImportError as error:
-            raise Refusal(str(error)) from error
 
     return wrapped
 
@@ -100,12 +98,7 @@ def main() -> None:
 @click.option("--steps", default=8, help="N, the number of sampling intervals.")
 @click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
 @click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles enter an interval.")
-@click.option(
-    "--kinematics",
-    default="relative",
-    type=READINGS,
-    help="Textbook arm, or Eq. (8) as printed.",
-)
+@click.option("--kinematics", default="relative", type=READINGS, help="Textbook arm, or Eq. (8) as printed.")
 @click.option("--cells", help="With --method certified: cells of each axis, separated by commas.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
 @plainly
@@ -113,6 +106,8 @@ def solve_command(
     nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
 ) -> None:
     """Solve the arm case study and write its look-up table."""
+    if cells is not None and method != "certified":
+        raise ValueError(f"--cells goes with --method certified, got --method {method}")
     counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)

@@ -36,10 +36,6 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-def _forced(options: Mapping[str, Any]) -> Any:
-    return {"forceinline": True, **options}
-
-
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function into each compiled one that calls it, anew for all types of arguments; options as `kernel`.
 
@@ -47,14 +43,16 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
     """
 
+    inside: Any = {"forceinline": True, **options}
+
     def compiled(function: Callable[..., Any]) -> Any:
-        overload(function, strict=False, jit_options=_forced(options))(lambda *types: function)
+        overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
     return compiled
 
 
-def chosen(table: Mapping[Any, Callable[..., Any]], **options: Any) -> Callable[..., Any]:
+def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
     """A function that is one of a table of `inlined` ones: its first argument is `choice(table, name)`, others follow.
 
     Which one it is, is known when compiling: the length of a tuple is part of its type.
@@ -68,7 +66,7 @@ def chosen(table: Mapping[Any, Callable[..., Any]], **options: Any) -> Callable[
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
-    overload(call, strict=False, jit_options=_forced(options))(compiled)
+    overload(call, strict=False, jit_options={"forceinline": True})(compiled)
     return call
 
 

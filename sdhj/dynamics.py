@@ -21,7 +21,8 @@ from sdhj.schemes import Velocities
 
 MOST_INPUTS = 256
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # means over time, where velocities depend on nothing else
-INSTANTS = np.linspace(0.0, 1.0, 9)  # of an interval, at which velocities that depend on time are compared
+# of an interval, at which velocities that depend on time are compared: evenly spaced ones would miss what vibrates
+INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
 USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
 

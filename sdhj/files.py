@@ -40,11 +40,6 @@ class TableFileError(ValueError):
     """A file that is not a whole look-up table of a known version."""
 
 
-# --------------------------------------------------------------------------------------------------------------------
-# Any file
-# --------------------------------------------------------------------------------------------------------------------
-
-
 @contextmanager
 def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path beside `path` to write to; what stands there takes the name at the end, or is gone after an error.
@@ -106,11 +101,6 @@ def unwritable(folder: Path, error: OSError) -> OSError:
     return OSError(
         f"cannot write in {folder}: {error.strerror or error}; choose a folder that exists and can be written"
     )
-
-
-# --------------------------------------------------------------------------------------------------------------------
-# Tables
-# --------------------------------------------------------------------------------------------------------------------
 
 
 @contextmanager

@@ -18,10 +18,10 @@ from typing import Protocol
 import numpy as np
 
 from sdhj.dynamics import INSTANTS
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray
 from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.schemes import MOST_STEPS, Scheme, Velocities, evolve, too_fast
+from sdhj.schemes import Scheme, Velocities, checked_travel, evolve, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
@@ -68,14 +68,6 @@ class Wall:
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
         return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
-
-
-def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
-    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
-    if max(cells) > MOST_STEPS:
-        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
-    return np.array(cells)
 
 
 class _OnAxes:
@@ -171,9 +163,17 @@ class HJIGames(_OnAxes):
         if key in self._fields:
             return self._fields[key]
         field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
-        if not callable(field) and sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
+        if callable(field):
+            return lambda tau: self._stable(field(tau), axes, step)
+        if sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
             self._fields[key] = field
         return field
+
+    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
+        """The same, where the time steps of the interval are short enough for them; else ValueError."""
+        if velocities.steps(self.problem.grid.subgrid(axes), self.problem.delta / self.steps(axes, step), 1.0) > 1:
+            raise too_restless(self.problem.delta)
+        return velocities
 
     def steps(self, axes: Axes, step: int) -> int:
         """Time steps of an interval that are enough for every input."""
@@ -182,8 +182,9 @@ class HJIGames(_OnAxes):
             grid, delta, cfl = self.problem.grid.subgrid(axes), self.problem.delta, self.scheme.cfl
             most = 1
             for j in range(self.count):
-                field = self.velocities(j, axes, step)
-                fields = [field(delta * instant) for instant in INSTANTS] if callable(field) else [field]
+                field, interval = self.velocities(j, axes, step), self.problem.interval(step)
+                times = interval.begin + delta * INSTANTS
+                fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
                 most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
             self._steps[key] = most
         return self._steps[key]
@@ -235,6 +236,10 @@ class HopfLaxGames(_OnAxes):
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
             for t in interval.begin + problem.delta * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
+            end = problem.delta
+            whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
+            if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
+                raise too_restless(problem.delta)
         self.cells = checked_travel(problem.grid, speed, problem.delta)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:

@@ -18,19 +18,19 @@ Time is discretised by the total-variation-diminishing Runge-Kutta schemes of or
 `sdhj.stages` does the work, on planes of the last two axes; the differences and the numerical Hamiltonians are there.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
+from sdhj.checks import option
 from sdhj.compiling import choice
 from sdhj.grid import FloatArray, Grid
 from sdhj.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 
-FLUXES, ORDERS = tuple(HAMILTONIANS), tuple(DIFFERENCES)
-INTEGRATORS = ("euler", "rk2", "rk3")
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 MOST_STEPS = 100_000  # of one PDE; what needs more is a unit mistaken, not a problem
@@ -39,6 +39,13 @@ STAGES = {
     "euler": ((0.0, 1.0),),
     "rk2": ((0.0, 1.0), (0.5, 1.0)),
     "rk3": ((0.0, 1.0), (0.75, 0.5), (1 / 3, 1.0)),
+}
+OPTIONS: dict[str, tuple[Any, ...]] = {
+    "flux": tuple(HAMILTONIANS),
+    "order": tuple(DIFFERENCES),
+    "integrator": tuple(STAGES),
+    "frame": ("moving", "fixed"),
+    "dtype": DTYPES,
 }
 
 
@@ -72,15 +79,8 @@ class Scheme:
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        for name, allowed in (
-            ("flux", FLUXES),
-            ("order", ORDERS),
-            ("integrator", INTEGRATORS),
-            ("frame", ("moving", "fixed")),
-            ("dtype", DTYPES),
-        ):
-            if (given := getattr(self, name)) not in allowed or type(given) is not type(allowed[0]):
-                raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {given!r}")
+        for name, allowed in OPTIONS.items():
+            option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
         if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {cfl!r}: a larger step is unstable")
@@ -135,26 +135,41 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
     )
 
 
+def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
+    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
+    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
+    if max(cells) > MOST_STEPS:
+        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
+    return np.array(cells)
+
+
+def too_restless(delta: float) -> ValueError:
+    """The error for velocities that change more within an interval than the instants looked at tell."""
+    return ValueError(
+        f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
+        "shorter delta, or put what vibrates into the adversary's bounds"
+    )
+
+
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
     """The layout of a grid's functions for differences of some order."""
-    leading, ghosts = max(grid.ndim - 2, 0), min(order, REACH)
-    rows, nodes = (1, *grid.shape)[-2:]
-    top = ghosts if grid.ndim > 1 else 0
-    width = nodes + 2 * ghosts
-    places = np.indices(grid.shape[:leading]).reshape(leading, int(np.prod(grid.shape[:leading])))
-    near = np.empty((places.shape[1], grid.ndim, 2, REACH), np.int64)
+    *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
+    ghosts = min(order, REACH)
+    top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
+    begins = np.arange(math.prod(leading)).reshape(leading) * (rows + 2 * top) * width  # of each plane
+    near = np.empty((begins.size, grid.ndim, 2, REACH), np.int64)
     for axis, side, o in np.ndindex(near.shape[1:]):
-        shift, there = (2 * side - 1) * min(o + 1, ghosts), places.copy()  # a low order reads less than it is handed
-        if axis < leading:
-            there[axis] = _neighbour(there[axis] + shift, grid, axis)
-        plane = np.ravel_multi_index(tuple(there), grid.shape[:leading]) if leading else np.zeros(1, np.int64)
-        within = 0 if axis < leading else shift if axis == grid.ndim - 1 else shift * width
-        near[:, axis, side, o] = plane * (rows + 2 * top) * width + within
-    source = _neighbour(np.arange(-top, rows + top), grid, -2) if grid.ndim > 1 else np.zeros(1, np.int64)
+        shift = (2 * side - 1) * min(o + 1, ghosts)  # a low order reads less than it is handed
+        if axis < len(leading):
+            moved = begins.take(_neighbour(np.arange(grid.shape[axis]) + shift, grid, axis), axis=axis)
+        else:
+            moved = begins + shift * (1 if axis == grid.ndim - 1 else width)
+        near[:, axis, side, o] = moved.ravel()
+    source = _neighbour(np.arange(-top, rows + top), grid, -2) if top else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
     return Layout(
-        near.reshape(*near.shape[:2], 2 * REACH), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+        near.reshape(begins.size, grid.ndim, -1), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
     )
 
 
@@ -172,46 +187,32 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
-def _unpadded(grid: Grid, layout: Layout, phi: FloatArray, room: FloatArray) -> FloatArray:
-    """Values as `Layout` has them back on the grid, in memory that was used before: fresh one costs a tenth."""
-    out = room.ravel()[: grid.size]
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    from_planes(planes, out.reshape(-1, layout.rows, layout.nodes), layout)
-    return out.reshape(grid.shape)
-
-
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
-    """Arrange parts (leading..., *grid.shape) as (parts, leading..., planes, plane); constant ones as one plane."""
+    """Arrange parts (leading..., *grid.shape) as (parts, leading..., nodes); constant ones as one plane for all."""
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None, None], (*shape, 1, plane)), dtype)
-    out = np.empty((*shape, layout.near.shape[0], plane), dtype)
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None], (*shape, plane)), dtype)
+    out = np.empty((*shape, layout.near.shape[0] * plane), dtype)
     for place in np.ndindex(shape):  # none where the adversary has no components
-        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).reshape(out.shape[-2:])
+        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).ravel()
     return out
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Arrange velocities as `stage` reads them."""
     spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
-    if velocities.drift is None and velocities.lower.ndim == 1:
+    if velocities.lower.ndim == 1 and not velocities.coupled:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
-    field = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
+    terms = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is None or velocities.gain is None:
-        return field
-    return (*field, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
+        return terms
+    return (*terms, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
 
 
-Given = TypeVar("Given")
-Arranged = TypeVar("Arranged")
-
-
-def _over_time(
-    given: Given | Callable[[float], Given], arrange: Callable[[Given], Arranged]
-) -> Callable[[float], Arranged]:
-    """What is given, or given as a function of tau, arranged: a function of tau that remembers the last."""
+def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
+    """`given`, or what it is as a function of tau, arranged: a function of tau that remembers its last answer."""
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
     arranged = arrange(given)
@@ -235,13 +236,14 @@ def evolve(
     values : (shape) array
         Level-set function at the end of the sampling interval.
     velocities : Velocities, or callable tau -> Velocities
-        tau counted back from the interval's end.
+        tau counts back from the interval's end.
     duration : float
         Length of the interval, s.
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
-        Number of time steps; by default what the CFL condition asks for.
+        Number of time steps; by default what the CFL condition asks for, which velocities that depend on tau do not
+        say: they need it.
 
     Returns
     -------
@@ -250,21 +252,40 @@ def evolve(
     Raises
     ------
     ValueError
-        Where velocities depend on time and `steps` is not given, or is more than `MOST_STEPS`.
+        Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
     """
     if steps is None:
         if callable(velocities):
-            raise ValueError("velocities that depend on time need `steps`: as many as the fastest of them ask for")
+            raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
         steps = velocities.steps(grid, duration, scheme.cfl)
-    dtype, dt, layout = np.dtype(scheme.dtype).type, duration / max(steps, 1), layout_of(grid, scheme.order)
-    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    nothing = np.empty((0,) * grid.ndim, dtype)
-    wall = _over_time(obstacle, lambda g: nothing if g is None else _padded(grid, layout, g, scheme.dtype))
+    layout, dt = layout_of(grid, scheme.order), duration / max(steps, 1)
+    phi, none = _padded(grid, layout, np.asarray(values), scheme.dtype), np.empty((0,) * grid.ndim, scheme.dtype)
+    wall = _over_time(obstacle, lambda g: none if g is None else _padded(grid, layout, np.asarray(g), scheme.dtype))
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
-    phi = _padded(grid, layout, np.asarray(values), scheme.dtype)
+    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
+    kind = np.dtype(scheme.dtype).type
+
+    def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
+        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
-    stages, work, spare = STAGES[scheme.integrator], np.empty_like(phi), np.empty_like(phi)
+    phi, free = _integrate(phi, euler, STAGES[scheme.integrator], steps, dt)
+    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    return inner.reshape(grid.shape)
+
+
+def _integrate(
+    phi: FloatArray, euler: Callable[..., None], stages: tuple[tuple[float, float], ...], steps: int, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Phi after some steps of `STAGES`, from `phi`, which may be written over, and an array that is free.
+
+    euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
+        result being that at `then`.
+    """
+    work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):
         source, now = phi, step * dt
         for number, (keep, reached) in enumerate(stages, 1):
@@ -272,8 +293,8 @@ def evolve(
             if keep and out is not phi:
                 np.copyto(out, phi)
             then = (step + reached) * dt
-            stage(source, out, wall(then), terms(now), order, flux, layout, (dtype(dt), dtype(keep)))
+            euler(source, out, now, then, keep)
             source, now = out, then
         if source is not phi:
             phi, work = work, phi
-    return _unpadded(grid, layout, phi, work)
+    return phi, work

@@ -32,7 +32,7 @@ class Layout(NamedTuple):
     ghost nodes are set afterwards.
     """
 
-    near: FloatArray  # (planes, ndim, 6): where planes 1, 2, 3 nodes to the left and to the right of each axis begin
+    near: FloatArray  # (planes, ndim, 6): where a plane begins when moved 1, 2, 3 nodes left or right along each axis
     source: FloatArray  # (rows + 2 top,): the row whose values each padded row holds
     rows: int
     top: int
@@ -70,7 +70,7 @@ def second_order(c, left, right):
 
 @_inlined
 def third_order(c, left, right):
-    """The parabola through the node and two to one side, or one to each, whichever bends less; its smaller cubic."""
+    """The parabola through the node and two on one side, or one on each, whichever bends less; the smaller cubic."""
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
     minus, plus = c - m1, p1 - c
@@ -131,20 +131,21 @@ def _velocity(velocities, axis, ndim, first):
     if len(velocities) == 1:
         return box[axis], box[ndim + axis]
     size = box.size // (2 * ndim)
-    return np.uint64(axis * size + first), np.uint64((ndim + axis) * size + first), velocities[1][axis]
+    at = first % size  # there may be one plane for all
+    return np.uint64(axis * size + at), np.uint64((ndim + axis) * size + at), velocities[1][axis]
 
 
 @_inlined
-def _upwind(phi, axis, order, c, i):
-    """dx p- and dx p+ at node i of a run, where phi is c."""
-    (l1, l2, l3), (r1, r2, r3), _ = axis
-    return _differences(order, c, (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i]))
+def _upwind(phi, axis, box, order, c, i):
+    """p-, p+ and the velocities of one axis at node i of a run, where phi is c."""
+    (l1, l2, l3), (r1, r2, r3), velocity = axis
+    left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
+    return _scaled(*_differences(order, c, left, right), velocity, box, i)
 
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """p- and p+, and the velocities at node i. What is constant has been divided by dx already."""
-    if len(velocity) == 2:
+    if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
     low, high, inverse = velocity
     return inverse * minus, inverse * plus, box[low + i], box[high + i]
@@ -156,8 +157,17 @@ def _sum(axes, total, phi, box, scheme, c, i):
     if len(axes) == 0:
         return total
     order, flux = scheme
-    minus, plus, low, high = _scaled(*_upwind(phi, axes[0], order, c, i), axes[0][2], box, i)
-    return _sum(axes[1:], total + _hamiltonian(flux, minus, plus, low, high), phi, box, scheme, c, i)
+    total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
+    return _sum(axes[1:], total, phi, box, scheme, c, i)
+
+
+@_inlined
+def _dot(rest, total, p, field, at, stride, i):
+    """`total` and the products p * field of the axes at node i; `rest` has those to come, `stride` lies between two."""
+    if len(rest) == 0:
+        return total
+    total += p[len(p) - len(rest), i] * field[at + i]
+    return _dot(rest[1:], total, p, field, at + stride, stride, i)
 
 
 @_inlined
@@ -186,57 +196,47 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
         i = np.uint64(node)
-        minus, plus, low, high = _scaled(*_upwind(phi, axis, order, phi[here + i], i), axis[2], box, i)
+        minus, plus, low, high = _upwind(phi, axis, box, order, phi[here + i], i)
         mean[i] = half * (minus + plus)
         rhs[i] += half * _larger(abs(low), abs(high)) * (plus - minus)
-
-
-@kernel(fastmath=MATH)
-def _add_product(total, x, y):
-    for i in range(total.size):
-        total[i] += x[i] * y[i]
-
-
-@kernel(fastmath=MATH)
-def _add_coupled(rhs, p, drift, gain, plane, start):
-    """Add max over modes of p . drift + sum_d |p . gain_d|, p (ndim, nodes). Slices are of one row: contiguous."""
-    stop = start + rhs.size
-    drift_plane, gain_plane = min(plane, drift.shape[2] - 1), min(plane, gain.shape[3] - 1)
-    best, value, push = np.full_like(rhs, -np.inf), np.empty_like(rhs), np.empty_like(rhs)
-    for mode in range(drift.shape[0]):
-        value[:] = 0.0
-        for axis in range(len(p)):
-            _add_product(value, p[axis], drift[mode, axis, drift_plane, start:stop])
-        for d in range(gain.shape[2]):
-            push[:] = 0.0
-            for axis in range(len(p)):
-                _add_product(push, p[axis], gain[mode, axis, d, gain_plane, start:stop])
-            for i in range(rhs.size):
-                value[i] += abs(push[i])
-        for i in range(rhs.size):
-            best[i] = _larger(best[i], value[i])
-    for i in range(rhs.size):
-        rhs[i] += best[i]
-
-
-@kernel(fastmath=MATH)
-def _advance_coupled(out, phi, here, run, axes, velocities, order, step):
-    """As `_advance_box`, for coupled velocities: run by run, as there are too many of them to stay in registers."""
-    dt, keep = step
-    plane, start, count = run
-    p, rhs, rest = np.empty((len(axes), count), phi.dtype), np.zeros(count, phi.dtype), phi.dtype.type(1.0) - keep
-    for axis in range(len(axes)):
-        _mean_and_dissipation(p[axis], rhs, phi, here, axes[axis], velocities[0], order)
-    _add_coupled(rhs, p, velocities[2], velocities[3], plane, start)
-    for node in range(count):
-        i = np.uint64(node)
-        out[here + i] = _kept(keep, out[here + i]) + rest * (phi[here + i] + dt * rhs[i])
 
 
 @kernel(fastmath=MATH)
 def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
+
+
+@kernel(fastmath=MATH)
+def _raise_to_mode(best, p, axes, drift, gain, first):
+    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on; drift (ndim, nodes) and so on."""
+    value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
+    at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
+    for node in range(value.size):
+        i = np.uint64(node)
+        value[i] = _dot(axes, zero, p, flat, at, stride, i)
+    for d in range(gain.shape[1]):
+        size, flat = gain.shape[2], gain.ravel()
+        at, stride = np.uint64(d * size + first % size), np.uint64(gain.shape[1] * size)
+        for node in range(value.size):
+            i = np.uint64(node)
+            value[i] += abs(_dot(axes, zero, p, flat, at, stride, i))
+    raise_to(best, value)
+
+
+@kernel(fastmath=MATH)
+def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
+    """As `_advance_box`, for coupled velocities: loop by loop, as there are too many of them for the registers."""
+    (dt, keep), (box, _, drift, gain) = step, velocities
+    rest, like = phi.dtype.type(1.0) - keep, phi[:count]
+    p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
+    for axis in range(len(axes)):
+        _mean_and_dissipation(p[axis], rhs, phi, here, axes[axis], box, order)
+    for mode in range(len(drift)):
+        _raise_to_mode(best, p, axes, drift[mode], gain[mode], np.int64(here))
+    for node in range(count):
+        i = np.uint64(node)
+        out[here + i] = _kept(keep, out[here + i]) + rest * (phi[here + i] + dt * (rhs[i] + best[i]))
 
 
 @kernel()
@@ -268,11 +268,9 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
-        own = min(first, velocities[0].size // (2 * phi.ndim) - size + start)  # it may have one plane for all
-        axes = _axes(phi.shape, layout.near[plane], start, own, velocities)
+        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
-            run = plane, start, count
-            _advance_coupled(ahead, flat, np.uint64(first), run, axes, velocities, scheme[0], step)
+            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
         else:
             _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
         if least.size > 0:
@@ -290,8 +288,8 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     velocities : as many as there are say what they are when this is compiled:
         (box,): the lower velocities of all axes and the upper ones, divided by dx;
         (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
-        (box, inverse, drift, gain): coupled ones, (modes, ndim, planes, plane) and (modes, ndim, D, planes, plane);
-        H = max over modes of p . drift + sum_d |p . gain_d|, by Lax-Friedrichs, to which the box gives the dissipation.
+        (box, inverse, drift, gain): coupled ones, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs:
+        H = max over modes of p . drift + sum_d |p . gain_d|, the box gives the dissipation.
         Any of the three has one plane instead of all where it does not depend on the state.
     order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
     step : dt and keep.

@@ -16,7 +16,7 @@ LIBRARY = TESTS.parent / "sdhj"
 def started(request, mutations, tests, folders, *, compiled=()):
     """The runs of all cases of a module that are asked for, by name, as many at a time as there are cores.
 
-    mutations : name -> (file, what is taken out, what is left, the tests that must fail). tests : their file.
+    mutations : name -> (file, what is taken out, what is left, the tests that must fail). tests : their file or folder.
     compiled : names of the cases whose tests run compiled.
     """
     chosen = [item.callspec.params["name"] for item in request.session.items if item.module is request.module]
@@ -42,7 +42,7 @@ def _run(file, old, new, test, tests, folder, *, compiled):
         "PYTHONPATH": str(folder),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
     command += [f"-c{TESTS.parent / 'pyproject.toml'}", str(TESTS / tests), "-k", test]
     return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
 

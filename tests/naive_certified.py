@@ -1,7 +1,33 @@
-"""Slow twins of the certified kernels, in plain Python, and the arm's geometry by sampling. Imports nothing of sdhj."""
+"""Slow twins of the certified kernels, in plain Python, and the arm's geometry by sampling. Imports nothing of sdhj.
+
+Also the numbers of the small case studies that the tests of proof and checker share, and runs from certified states.
+"""
 
 import itertools
 import math
+
+import numpy as np
+
+# A case study of two long steps, with strong disturbances, for coarse cells: arguments of `sdhj.arm_case_study`.
+TARGET = {"radius": 0.14, "path": {"kind": "line", "start": [0.05, 0.2], "velocity": [0.1, -0.05]}}
+SMALL = {"nodes": 9, "steps": 2, "u_max": 4.0, "v_d_max": 2.0, "v_p_max": 0.6, "input_levels": 3, "target": TARGET}
+
+STILL = {"path": {"kind": "still", "centre": [-0.22, 0.1]}, "radius": 0.06}
+LINE = {"path": {"kind": "line", "start": [0.24, -0.02], "velocity": [-0.6, 0.7]}, "radius": 0.04}
+CIRCLE = {
+    "path": {"kind": "circle", "centre": [0.0, -0.22], "radius": 0.07, "rate": 9.0, "phase": -1.0},
+    "radius": 0.04,
+}
+
+
+def pairs(steps):
+    """Every (start, within) in the order in which files have them: (entries, 2)."""
+    return np.array([(start, within) for start in range(steps + 1) for within in range(steps - start + 1)])
+
+
+def place_of(steps, start, within):
+    """Where that order has (start, within)."""
+    return pairs(steps).tolist().index([start, within])
 
 
 def elbow_and_tip(q1, q2, arm):
@@ -84,3 +110,152 @@ def one_step(following, first, number, window, allowed, clear):
                     ):
                         found.append((i1, i2, x, y))
     return found
+
+
+# ---- packed sets
+
+
+def packed(cells):
+    """Bool (..., nx, ny) as blocks (..., words)."""
+    flat = cells.reshape(*cells.shape[:-2], -1)
+    words = -(-flat.shape[-1] // 64)
+    out = np.zeros((*flat.shape[:-1], words * 64), np.bool_)
+    out[..., : flat.shape[-1]] = flat
+    return np.packbits(out, axis=-1, bitorder="little").view(np.uint64)
+
+
+def unpacked(blocks, shape):
+    """Blocks (..., words) as bool (..., nx, ny)."""
+    flat = np.unpackbits(blocks.view(np.uint8), axis=-1, count=shape[0] * shape[1], bitorder="little")
+    return flat.astype(np.bool_).reshape(*blocks.shape[:-1], *shape)
+
+
+def erosion(cells, along_x, along_y):
+    """Cells (nx, ny) for which all of along_x[x] times along_y[y] are in `cells`."""
+    nx, ny = cells.shape
+    return np.array([[all(cells[a, b] for a in along_x[x] for b in along_y[y]) for y in range(ny)] for x in range(nx)])
+
+
+def neighbours(shape):
+    """For each cell of two axes itself and the cells beside it, along each axis, held at the walls."""
+    return [np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in shape]
+
+
+def sets_of(steps, shape, rng, shares):
+    """Random sets that grow by a share for each start: bool (entries, n1, n2, nx, ny), index and pool."""
+    cells = []
+    for k in range(steps + 1):
+        grown = np.zeros(shape, np.bool_)
+        for _ in range(steps - k + 1):
+            grown = grown | (rng.random(shape) < shares[k])
+            cells.append(grown)
+    blocks = packed(np.array(cells)).reshape(len(cells), shape[0] * shape[1], -1)
+    pool, index = np.unique(blocks.reshape(-1, blocks.shape[-1]), axis=0, return_inverse=True)
+    return np.array(cells), index.reshape(blocks.shape[:2]).astype(np.uint32), np.ascontiguousarray(pool)
+
+
+# ---- disks, and where a cell's states can get
+
+
+def disk_centre(disk, t):
+    """Where a disk is, from its description."""
+    path = disk["path"]
+    if path["kind"] == "still":
+        return np.array(path["centre"])
+    if path["kind"] == "line":
+        return np.array(path["start"]) + t * np.array(path["velocity"])
+    angle = path["rate"] * t + path["phase"]
+    return np.array(path["centre"]) + path["radius"] * np.array([math.cos(angle), math.sin(angle)])
+
+
+def states_during(world, cell, j, duration, rng, count):
+    """Random states (count, 4) that can be reached from a cell, with extreme starts and moves among them; the times."""
+
+    def extreme(shape):
+        kind = rng.integers(0, 3, shape)
+        return np.where(kind == 2, rng.uniform(0, 1, shape), kind)
+
+    low, high = cell[::2], cell[1::2]
+    tau = duration * extreme(count)
+    speed = np.array([world.push, world.push, world.agent[0], world.agent[0]])
+    drift = np.array([*world.inputs[j], 0.0, 0.0])
+    start = low + extreme((count, 4)) * (high - low)
+    return start + (drift + speed * (2 * extreme((count, 4)) - 1)) * tau[:, None], tau
+
+
+def smallest_gap(world, cell, j, body, start, duration, rng, count=150):
+    """The least distance, over samples, between the arm and a body, less that at contact; body 3 is the agent."""
+    states, taus = states_during(world, cell, j, duration, rng, count)
+    known = [STILL, LINE, CIRCLE]
+    contact = world.agent[1] if body == 3 else known[body]["radius"] + 0.01
+    points = states[:, 2:] if body == 3 else [disk_centre(known[body], start + tau) for tau in taus]
+    arm = tuple(world.arm)
+    return min(arm_distance(p, q1, q2, arm) for p, (q1, q2) in zip(points, states[:, :2], strict=True)) - contact
+
+
+# ---- runs from certified states
+
+
+def states_in(table, rng, count, within=None):
+    """Random states of S_0."""
+    grid = table.problem.grid
+    within = table.problem.steps if within is None else within
+    found = []
+    while sum(map(len, found)) < count:
+        states = rng.uniform(grid.lower, grid.upper, (20000, grid.ndim))
+        found.append(states[table.contains(states, start=0, within=within)])
+    return np.concatenate(found)[:count]
+
+
+def steps_to_go(table, states, step):
+    """From `contains` alone: the fewest steps, 99 where there are none."""
+    out = np.full(len(states), 99)
+    for within in range(table.problem.steps - step, -1, -1):
+        out[table.contains(states, start=step, within=within)] = within
+    return out
+
+
+def held(problem, states):
+    """States after the walls and the period of the grid."""
+    for axis, (lower, upper, periodic) in enumerate(
+        zip(problem.grid.lower, problem.grid.upper, problem.grid.periodic, strict=True)
+    ):
+        if periodic:
+            states[:, axis] = lower + np.mod(states[:, axis] - lower, upper - lower)
+        else:
+            states[:, axis] = np.clip(states[:, axis], lower, upper)
+    return states
+
+
+def chosen_inputs(table, states, step, rng):
+    """For each state one of the inputs certified for its steps to go, at random; there is one."""
+    left, safe = steps_to_go(table, states, step), np.empty((len(states), len(table.problem.inputs)), np.bool_)
+    for n in np.unique(left):
+        safe[left == n] = table.certified_inputs(states[left == n], step, int(n))
+    assert safe.any(axis=1).all()
+    return (safe * rng.random(safe.shape)).argmax(axis=1)
+
+
+def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
+    """From every state a certified input leads, against adversaries that switch within the step, one step nearer."""
+    problem, dynamics = table.problem, table.problem.dynamics
+    for step in range(problem.steps + 1):
+        left = steps_to_go(table, states, step)
+        assert left.max(initial=0) <= problem.steps - step
+        there = left == 0
+        assert (problem.target_value(states[there], problem.time(step)) <= 0).all()
+        states, left = states[~there], left[~there]
+        if not len(states):
+            return
+        chosen, velocity = chosen_inputs(table, states, step, rng), np.empty_like(states)
+        for piece in range(pieces):
+            sign = rng.choice([-1.0, 1.0], (len(states), dynamics.adversaries))
+            for part in range(fine):
+                for j in np.unique(chosen):
+                    own = chosen == j
+                    push = np.einsum("mid,md->mi", dynamics.gain_at(states[own], j), sign[own] * dynamics.bounds_at(j))
+                    velocity[own] = dynamics.drift_at(states[own], j) + push
+                states = held(problem, states + problem.delta / pieces / fine * velocity)
+                t = problem.time(step) + problem.delta * (piece + (part + 1) / fine) / pieces
+                assert (problem.unsafe_value(states, t) > 0).all()
+        assert (steps_to_go(table, states, step + 1) < left).all()

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from toys import torus_problem
 
 import sdhj
-from sdhj.certified.check import verify
+from sdhj.certified import check
 from sdhj.cli import WARM_CELLS, main
 
 
@@ -156,8 +156,8 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
 
 def test_warmup_covers_every_method(monkeypatch):
     """The tubes of its certified table grow, so that their kernels run too; it is played and verified."""
-    verified, check = [], verify.verify
-    monkeypatch.setattr(verify, "verify", lambda *args, **options: verified.append(check(*args, **options)))
+    verified, verify = [], check.verify
+    monkeypatch.setattr(check, "verify", lambda *args, **options: verified.append(verify(*args, **options)))
     result = run("warmup")
     assert result.exit_code == 0, result.output
     for method in ("hji", "projected", "lax", "certified"):

@@ -238,6 +238,30 @@ def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method
     assert error.min() > -0.05 * problem.grid.spacing[0] and error.max() < 0.25 * problem.grid.spacing[0]
 
 
+def gusty(waves):
+    """Gusts of up to 6 m/s, some to an interval of 1 s: they carry the state 3 m."""
+    gusts = Dynamics([[0.0]], lambda u, t: [6.0 * math.sin(waves * math.pi * t) ** 2], [[1.0]], [0.0])
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
+    return sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), gusts, target, (), 1.0, 1)
+
+
+@pytest.mark.parametrize("method", ["fixed", "lax"])
+@pytest.mark.parametrize("waves", [1, 2])
+def test_gusts_within_an_interval_are_followed(waves, method):
+    problem = gusty(waves)
+    q = problem.grid.nodes(0)
+    (phi,) = dict(every_game(problem)[method].reach(np.abs(q) - 1.0, 0)).values()
+    smooth = (q < 0.5) & (np.abs(q + 3.0) > 0.5)  # the kink is carried 60 cells, and spreads
+    assert np.abs(phi - (np.abs(q + 3.0) - 1.0))[smooth].max() < 0.2 * problem.grid.spacing[0]
+
+
+@pytest.mark.parametrize("method", ["hji", "lax"])
+def test_gusts_too_many_to_be_followed_are_refused(method):
+    """Eight to an interval and none at its eighths: a few instants could take them for stillness."""
+    with pytest.raises(ValueError, match="velocities change too fast within a sampling interval of delta = 1 to be"):
+        sdhj.solve(gusty(8), method, progress=False)
+
+
 def without_adversary(problem):
     """The problem with an adversary of no components, and with one that may do nothing."""
     dynamics, ndim = problem.dynamics, problem.grid.ndim

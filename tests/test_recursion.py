@@ -215,12 +215,14 @@ def test_lax_reproduces_the_published_shares(arm):
     np.testing.assert_allclose(shares, LAX_SHARES, rtol=0, atol=SHARE_TOLERANCE)
 
 
+@pytest.mark.slow
 def test_lax_friedrichs_reproduces_the_published_shares(plain):
     shares = node_shares(plain)
     print("Lax-Friedrichs", shares.round(4))
     np.testing.assert_allclose(shares, LAX_FRIEDRICHS_SHARES, rtol=0, atol=SHARE_TOLERANCE)
 
 
+@pytest.mark.slow
 def test_the_sharper_default_lies_between_them_and_contains_plain_lax_friedrichs(arm, plain):
     default = sdhj.solve(arm)
     assert node_shares(default)[-1] >= 0.38
@@ -230,6 +232,7 @@ def test_the_sharper_default_lies_between_them_and_contains_plain_lax_friedrichs
     assert missed < 1e-3
 
 
+@pytest.mark.slow
 def test_hji_and_lax_close_in_on_each_other_as_the_grid_refines():
     """On the case study with fewer steps, so that 31^4 stays quick: the sets must differ on fewer and fewer nodes.
 

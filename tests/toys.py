@@ -1,9 +1,11 @@
 """Small problems with answers one can work out by hand, shared by the tests."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
+import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 
 
@@ -77,3 +79,19 @@ def one_row(table):
     )
     index = [within for start in range(table.steps + 1) for within in range(table.steps - start + 1)]
     return replace(table, index=np.array(index), tubes=tubes, masks=masks)
+
+
+@cache
+def interval_table():
+    """Exact but for rounding: tubes are piecewise linear with kinks at nodes."""
+    return sdhj.solve(interval_problem(), sdhj.HopfLax("linear", "float64"), progress=False)
+
+
+@cache
+def torus_table():
+    return sdhj.solve(torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
+
+
+@cache
+def arm_table():
+    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)

@@ -9,7 +9,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,6 @@ AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
 ALL_AXES = (0, 1, 2, 3)
 MOST = 1_000_000  # of anything that is counted
-REMEMBERED = 64  # times at which the places of the obstacles are remembered
 BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
@@ -37,12 +36,14 @@ OBSTACLES = (
 
 def _in_blocks(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
     """function(points) (M,) for points (M, n), in blocks of rows so that intermediate results stay small."""
-    if len(points) <= BLOCK:
-        return function(points)
-    out = np.empty(len(points))
-    for start in range(0, len(points), BLOCK):
-        out[start : start + BLOCK] = function(points[start : start + BLOCK])
-    return out
+    blocks = [points[start : start + BLOCK] for start in range(0, len(points), BLOCK)]
+    return np.concatenate([function(block) for block in blocks]) if blocks else np.empty(0)
+
+
+@lru_cache(maxsize=64)  # questions come in numbers for few times
+def _placed(disks: tuple[Disk, ...], t: float) -> tuple[FloatArray, FloatArray]:
+    """Centres (D, 2) and radii (D,) of disks at a time."""
+    return np.array([disk.centre(t) for disk in disks]), np.array([disk.radius for disk in disks])
 
 
 @dataclass(frozen=True)
@@ -70,42 +71,15 @@ class ArmScene:
     agent_box: float
     target: Disk | None
 
-    def agent_disk(self, state: Sequence[float] | FloatArray) -> tuple[FloatArray, float]:
-        """Centre (2,) and radius of the pursuer or evader in one state (4,)."""
-        return np.asarray(state, dtype=np.float64)[2:4], self.agent_radius
-
-    def target_disk(self, state: Sequence[float] | FloatArray, t: float) -> tuple[FloatArray, float]:
-        """Centre (2,) and radius of the disk the end-effector has to be in, in one state (4,) at time t."""
-        return self.agent_disk(state) if self.target is None else (self.target.centre(t), self.target.radius)
-
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
         elbow, tip = self.arm.joints(q)  # once for all obstacles: the costly part
-        centres, radii = self._disks(t)
-        return skeleton_clearance(elbow, tip, centres, radii) - self.arm.half_width
-
-    def _disks(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Centres and radii of the obstacles at a time; kept, as questions come in numbers for few times."""
-        known = self._known.get(t)
-        if known is None:
-            if len(self._known) >= REMEMBERED:
-                self._known.clear()
-            known = np.array([disk.centre(t) for disk in self.obstacles]), np.array([d.radius for d in self.obstacles])
-            self._known[t] = known
-        return known
-
-    @cached_property
-    def _known(self) -> dict[float, tuple[FloatArray, FloatArray]]:
-        return {}
+        return skeleton_clearance(elbow, tip, *_placed(self.obstacles, t)) - self.arm.half_width
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""
-        return np.minimum.reduce(
-            [
-                self.arm.swept_distance(q, disk.path, t0, t1) - disk.radius - self.arm.half_width
-                for disk in self.obstacles
-            ]
-        )
+        gaps = [self.arm.swept_distance(q, disk.path, t0, t1) - disk.radius for disk in self.obstacles]
+        return np.minimum.reduce(gaps) - self.arm.half_width
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm to the pursuer's disk in states (M, 4); shape (M,), m. The same at every t."""
@@ -254,8 +228,8 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
     ValueError
         Where the builder is unknown, or its arguments are not the ones this version of the library takes.
     """
-    builder, arguments = _checked_recipe(recipe)
-    return BUILDERS[builder](**arguments)
+    given = _known_recipe(recipe)
+    return BUILDERS[given["builder"]](**given["arguments"])
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
@@ -268,28 +242,23 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
     """
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: no case study built it")
-    return _scene(dict(zip(("builder", "arguments"), _checked_recipe(problem.recipe), strict=True)))
+    return _scene(_known_recipe(problem.recipe))
 
 
-@cache
-def _parameters(builder: str) -> frozenset[str]:
-    return frozenset(inspect.signature(BUILDERS[builder]).parameters)
-
-
-def _checked_recipe(recipe: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
-    """Builder and arguments of a recipe, complete and known."""
+def _known_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The recipe, if its builder and all its arguments are known."""
     if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
         raise ValueError(f"a recipe must be {{'builder': name, 'arguments': {{...}}}}, got {recipe!r}")
     builder, arguments = recipe["builder"], recipe["arguments"]
     if builder not in BUILDERS:
         raise ValueError(f"unknown builder {builder!r}; this version knows {', '.join(BUILDERS)}")
-    odd = set(arguments) ^ _parameters(builder)
+    odd = set(arguments) ^ set(inspect.signature(BUILDERS[builder]).parameters)
     if odd:
         raise ValueError(
             f"the recipe and {builder} disagree about {', '.join(sorted(odd))}: it was written by another version; "
             "solve the problem again with this one"
         )
-    return builder, arguments
+    return recipe
 
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -297,7 +266,12 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
-            plain[name] = _node_counts(value)
+            counts = [value] * len(AXES) if np.ndim(value) == 0 else list(value)
+            if len(counts) != len(AXES):
+                raise ValueError(
+                    f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {value!r}"
+                )
+            plain[name] = [whole("nodes", n, least=1, most=MOST) for n in counts]
         elif name in ("steps", "input_levels"):
             plain[name] = whole(name, value, least=1 if name == "steps" else 2, most=MOST)
         elif name in ("view_time", "kinematics"):
@@ -315,14 +289,6 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
         else:
             plain[name] = number(name, value, least=0.0)
     return {"builder": builder, "arguments": plain}
-
-
-def _node_counts(nodes: int | Sequence[int]) -> list[int]:
-    """Nodes on each of the four axes; `Grid` says how few are too few."""
-    counts = [nodes] * len(AXES) if np.ndim(nodes) == 0 else list(nodes)  # type: ignore[arg-type]
-    if len(counts) != len(AXES):
-        raise ValueError(f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {nodes!r}")
-    return [whole("nodes", n, least=1, most=MOST) for n in counts]
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:

@@ -22,7 +22,7 @@ TURN = 2.0 * np.pi
 POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def _dot_product(a: FloatArray, b: FloatArray) -> FloatArray:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
@@ -31,13 +31,13 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _norm(a: FloatArray) -> FloatArray:
-    return np.sqrt(_dot(a, a))
+    return np.sqrt(_dot_product(a, a))
 
 
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
     """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
-    square = _dot(along, along)
-    return _dot(points - start, along) / np.where(square > POINT, square, np.inf)
+    square = _dot_product(along, along)
+    return _dot_product(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -62,20 +62,14 @@ def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: Flo
     return np.where(splits_cd & splits_ab, 0.0, nearest)
 
 
-def skeleton_distance(elbow: FloatArray, tip: FloatArray, points: FloatArray) -> FloatArray:
-    """Distance from points, one (2,) or one for each row (M, 2), to the arm's links, origin-elbow and elbow-tip (M, 2).
+def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
+    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks; shape (M,).
 
-    The smaller `point_segment_distance` of the two to the last bit, in one pass: runs spend most of their time here.
+    Their centres are (D, 2), or (M, D, 2) where each row has its own; radii (D,). The distance to a centre is the
+    smaller `point_segment_distance` to the last bit, in one pass: runs spend most of their time here.
     """
     out = np.empty(len(elbow))
-    _skeleton_distance(elbow, tip, points if points.ndim == 2 else np.broadcast_to(points, elbow.shape), out)
-    return out
-
-
-def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
-    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks (D, 2), (D,); shape (M,)."""
-    out = np.empty(len(elbow))
-    _skeleton_clearance(elbow, tip, centres, radii, out)
+    _skeleton_clearance(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
     return out
 
 
@@ -88,19 +82,12 @@ def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
 
 
 @kernel(nogil=True)
-def _skeleton_distance(elbow, tip, points, out):
-    """`skeleton_distance` into out (M,), overwritten."""
-    for m in range(out.size):
-        out[m] = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], points[m, 0], points[m, 1])
-
-
-@kernel(nogil=True)
 def _skeleton_clearance(elbow, tip, centres, radii, out):
     """`skeleton_clearance` into out (M,), overwritten."""
     for m in range(out.size):
         out[m] = np.inf
         for d in range(radii.size):
-            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[d, 0], centres[d, 1])
+            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[m, d, 0], centres[m, d, 1])
             if not distance - radii[d] >= out[m]:  # so that a NaN comes out as one
                 out[m] = distance - radii[d]
 
@@ -220,7 +207,7 @@ class Circle:
         centre = np.asarray(self.centre)
         foot = _foot(start, along, centre)
         depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
-        square = _dot(along, along)
+        square = _dot_product(along, along)
         reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
         nearest = np.minimum(
             point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
@@ -334,7 +321,7 @@ class Arm:
         points = np.asarray(points, dtype=np.float64)
         if points.shape not in ((2,), elbow.shape):
             raise ValueError(f"points must have shape (2,) or {elbow.shape}, got {points.shape}")
-        return skeleton_distance(elbow, tip, points)
+        return skeleton_clearance(elbow, tip, points[..., None, :], np.zeros(1))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to everywhere a point on `path` is during [t0, t1]; shape (M,), m.

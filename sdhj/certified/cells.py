@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,28 +49,15 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
 class CellAxis:
     """The cells of one axis: [lower + i * width, lower + (i + 1) * width], the last one cut at the upper end.
 
-    Parameters
-    ----------
-    lower : Fraction
-        Where the first cell begins.
-    extent : (Fraction, Fraction)
-        Bounds on the length of the axis; equal where the length is known exactly.
-    width : Fraction
-    periodic : bool
+    A periodic axis may have a length that is known up to an interval only, a bounded one has not.
     """
 
     lower: Fraction
-    extent: tuple[Fraction, Fraction]
+    extent: tuple[Fraction, Fraction]  # bounds on the length of the axis
     width: Fraction
     periodic: bool
 
     def __post_init__(self) -> None:
-        if not 0 < self.width <= self.extent[0]:
-            raise ValueError(
-                f"cells of width {float(self.width):g} do not fit an axis of length {float(self.extent[0]):g}"
-            )
-        if not self.periodic and self.extent[0] != self.extent[1]:
-            raise ValueError("the length of a bounded axis must be known exactly")
         if (self.count - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
@@ -100,45 +88,39 @@ class CellAxis:
             Cell i ends up inside the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`. At
             the ends of a bounded axis the velocity is clipped.
         """
-        covers = [self._cover(i, slow * duration, fast * duration) for i in range(self.count)]
-        first = np.array([start % self.count for start, _ in covers], dtype=np.int64)
-        number = np.array([min(stop - start, self.count) for start, stop in covers], dtype=np.int64)
-        return first, number
+        covers = np.array([self._cover(i, slow * duration, fast * duration) for i in range(self.count)], dtype=np.int64)
+        first, stop = covers.T
+        return first % self.count, np.minimum(stop - first, self.count)
 
     def _cover(self, cell: int, back: Fraction, ahead: Fraction) -> tuple[int, int]:
         """First and last + 1 of the cells, counted on over laps, that cover cell + [back, ahead]."""
-        low, high = cell * self.width + back, (cell + 1) * self.width + ahead
+        low, high, length = cell * self.width + back, (cell + 1) * self.width + ahead, self.extent[0]
         if self.periodic:
             # the seam cell ends at the period, that is at 0 of the next lap
             end = (ahead, 1) if cell == self.count - 1 else (high, 0)
             return self._edge_below(low), self._edge_above(*end)
-        length = self.extent[0]
-        low, high = (
-            min(max(low, Fraction(0)), length),
-            min(max(min((cell + 1) * self.width, length) + ahead, Fraction(0)), length),
-        )
+        high = min(high, length + ahead)
+        low, high = (min(max(end, Fraction(0)), length) for end in (low, high))
         start = min(math.floor(low / self.width), self.count - 1)
         return start, max(math.ceil(high / self.width), start + 1)
 
-    def _laps(self, laps: int) -> tuple[Fraction, Fraction]:
-        """Bounds on the length of some laps, which may be negative."""
-        ends = (laps * self.extent[0], laps * self.extent[1])
-        return min(ends), max(ends)
+    def _most(self, laps: int) -> Fraction:
+        """The greatest length of some laps, which may be negative."""
+        return max(laps * self.extent[0], laps * self.extent[1])
 
     def _edge_below(self, offset: Fraction) -> int:
         """The greatest edge that is surely not above `offset`, counted on over laps of `count` edges."""
         lap = math.floor(offset / self.extent[0]) + 1
-        while self._laps(lap)[1] > offset:
+        while self._most(lap) > offset:
             lap -= 1
-        inside = math.floor((offset - self._laps(lap)[1]) / self.width)
-        return lap * self.count + min(inside, self.count - 1)
+        return lap * self.count + min(math.floor((offset - self._most(lap)) / self.width), self.count - 1)
 
     def _edge_above(self, offset: Fraction, lap_of_offset: int) -> int:
         """The least edge that is surely not below `offset` on a lap, counted on over laps of `count` edges."""
         lap = lap_of_offset + math.floor(offset / self.extent[0]) - 1
-        while offset + self._laps(lap_of_offset - lap - 1)[1] > 0:
+        while offset + self._most(lap_of_offset - lap - 1) > 0:
             lap += 1
-        inside = math.ceil((offset + self._laps(lap_of_offset - lap)[1]) / self.width)
+        inside = math.ceil((offset + self._most(lap_of_offset - lap)) / self.width)
         return lap * self.count + min(max(inside, 0), self.count)
 
 
@@ -157,7 +139,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """Least and greatest velocity on one axis under input j, exactly, for dynamics that do not depend on the state."""
     dynamics = problem.dynamics
-    pushes = zip(np.asarray(dynamics.gain)[axis], dynamics.bounds, strict=True)
+    pushes = zip(np.asarray(dynamics.gain)[axis], np.asarray(dynamics.bounds), strict=True)
     push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
     drift = measured(np.asarray(dynamics.drift)[j, axis])
     return drift - push, drift + push
@@ -172,9 +154,7 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
     lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
     if not lengths:
         return extent / wish
-    measure = lengths[0]
-    for length in lengths[1:]:
-        measure = common_measure(measure, length)
+    measure = reduce(common_measure, lengths)
     parts = round(measure * wish / extent)
     if parts < 1 and measure * wish * 2 < extent:
         return extent / wish

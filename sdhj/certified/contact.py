@@ -11,8 +11,9 @@ from numba import prange
 
 from sdhj.certified import links
 from sdhj.certified.links import CONTACT_MARGIN, LINKS, Agent
-from sdhj.certified.packed import FULL, ONE, Array, cells_at, has_bit, has_bits, row_and_bit, set_bits
+from sdhj.certified.packed import BIT, FULL, cells_at, has_bit, has_bits, row_and_bit, set_bits
 from sdhj.compiling import kernel
+from sdhj.grid import FloatArray
 
 
 class Disks(NamedTuple):
@@ -25,29 +26,27 @@ class Disks(NamedTuple):
 
     delta: float
     depth: int
-    centres: Array
-    radii: Array
-    speeds: Array
+    centres: FloatArray
+    radii: FloatArray
+    speeds: FloatArray
 
 
 class ArmMotion(NamedTuple):
     """What one interval does to the cells of an arm and a pursuer, for `arm_inputs`.
 
-    first, number (2, L, n) : cells that cover the image of each cell of the two joints, padded to one length
-    window (2, 2, n) : first and last cell that covers the image of each cell of the pursuer's axes, padded
+    first, number (4, L, n) : cells that cover the image of each cell of each axis, padded to one length
     moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts
-    allowed (steps, L, n1, n2) : `disks_clear`
+    allowed (steps, L, n1, n2) : `cells_clear`
     arm (3,) : see `link_points`
     pursued : False where no pursuer can touch the arm
     """
 
-    first: Array
-    number: Array
-    window: Array
-    moves: Array
-    parts: Array
-    allowed: Array
-    arm: Array
+    first: FloatArray
+    number: FloatArray
+    moves: FloatArray
+    parts: FloatArray
+    allowed: FloatArray
+    arm: FloatArray
     agent: Agent
     pursued: bool
 
@@ -89,13 +88,13 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
             for word in range(words):
                 out[i1, i2, word] = ~block[word]
             if bits % 64:
-                out[i1, i2, words - 1] &= (ONE << np.uint64(bits % 64)) - ONE
+                out[i1, i2, words - 1] &= (BIT << np.uint64(bits % 64)) - BIT
 
 
 # ---- disks whose path is known
 
 
-@kernel()
+@kernel(inline="always")
 def joints_during(cell, tau0, tau1, room):
     """`joint_ends` of both joints in room.ends; cell (2, 4) has low, high, slow and fast of each."""
     for joint in range(2):
@@ -103,7 +102,7 @@ def joints_during(cell, tau0, tau1, room):
         links.joint_ends(low, high, slow, fast, tau0, tau1, room.ends[joint])
 
 
-@kernel()
+@kernel(inline="always")
 def disks_met(disks, instant, near, wanted, arm, room):
     """Those of the `wanted` steps (bits) in which the arm, its joints within room.ends, may meet a disk.
 
@@ -115,7 +114,7 @@ def disks_met(disks, instant, near, wanted, arm, room):
         size = links.convex_hull(n, room)
         left, right, low, high = links.box_of(room.hull_x, room.hull_y, size)
         for step in range(len(centres)):
-            bit = ONE << np.uint64(step)
+            bit = BIT << np.uint64(step)
             if wanted & bit == 0:
                 continue
             for disk in range(radii.size):
@@ -177,7 +176,7 @@ def cells_clear(edges1, edges2, velocities, disks, arm, out):
                 cell[:, 2:] = velocities[:, j]
                 blocked = steps_blocked(cell, disks, arm, room, wanted)
                 for step in range(steps):
-                    out[step, j, i1, i2] = (blocked >> np.uint64(step)) & ONE == 0
+                    out[step, j, i1, i2] = (blocked >> np.uint64(step)) & BIT == 0
 
 
 # ---- tips inside the target
@@ -213,18 +212,21 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
 @kernel()
 def image_certified(cell, j, motion, cells, index, pool):
     """Whether the cells that cover the image of a cell under input j are all in the set (index, pool)."""
-    x0, x1 = motion.window[0, 0, cell[2]], motion.window[0, 1, cell[2]]
-    y0, y1 = motion.window[1, 0, cell[3]], motion.window[1, 1, cell[3]]
+    x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
+    x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
     n1, n2, ny = cells.counts[0], cells.counts[1], cells.counts[3]
-    for c1 in range(motion.number[0, j, cell[0]]):
-        i1 = (motion.first[0, j, cell[0]] + c1) % n1
-        for c2 in range(motion.number[1, j, cell[1]]):
-            which = index[i1 * n2 + (motion.first[1, j, cell[1]] + c2) % n2]
+    i1 = motion.first[0, j, cell[0]]
+    for _ in range(motion.number[0, j, cell[0]]):
+        i2 = motion.first[1, j, cell[1]]
+        for _ in range(motion.number[1, j, cell[1]]):
+            which = index[i1 * n2 + i2]
             if which == 0:  # the empty block
                 return False
-            for x in range(x0, x1 + 1):
-                if not has_bits(pool[which], x * ny + y0, x * ny + y1 + 1):
+            for x in range(x0, x1):
+                if not has_bits(pool[which], x * ny + y0, x * ny + y1):
                     return False
+            i2 = i2 + 1 if i2 + 1 < n2 else 0
+        i1 = i1 + 1 if i1 + 1 < n1 else 0
     return True
 
 

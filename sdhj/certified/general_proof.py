@@ -1,6 +1,6 @@
 """What one interval does to the cells of any problem, by bounds that its author states.
 
-Growth boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
+Reach boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
 g(x, u_j, t) v, v any share of the adversary's box, change with the state by at most A |x - y| and with time by at most
 B |t - s| (A a matrix and B a row of non-negative numbers, the same for every input and share). Let |g v| <= w hold at c
 and at s, the middle of a time of length T. Over that time the state moves away from c by at most r with
@@ -17,7 +17,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
@@ -75,28 +75,19 @@ class LipschitzBounds:
                 f"Lipschitz bounds for {', '.join(map(repr, unknown))}, but the problem's sets are "
                 f"{', '.join(map(repr, names))}"
             )
-        dynamics, time = self.dynamics, self.time
-        if dynamics is None:
-            if not problem.dynamics.stateless:
-                raise ValueError(
-                    f"the dynamics of {problem.name!r} depend on the state: give LipschitzBounds(dynamics=...), how fast"
-                )
-            dynamics = np.zeros((ndim, ndim))
-        if time is None:
-            if problem.dynamics.timed:
-                raise ValueError(
-                    f"the dynamics of {problem.name!r} depend on time: give LipschitzBounds(time=...), a bound on "
-                    "|d velocity/dt| for each axis"
-                )
-            time = np.zeros(ndim)
-        matrix = _bounds("dynamics of LipschitzBounds", dynamics, (ndim, ndim))
+        given = (("dynamics", "the state", not problem.dynamics.stateless), ("time", "time", problem.dynamics.timed))
+        for name, what, needed in given:
+            if needed and getattr(self, name) is None:
+                told = f"the dynamics of {problem.name!r} depend on {what}: give LipschitzBounds({name}=...), how fast"
+                raise ValueError(told)
+        matrix = _bounds("dynamics of LipschitzBounds", self.dynamics, (ndim, ndim))
         axes = {part.name: (len(part.axes),) for part in known_sets(problem)}
         sets = {name: _bounds(f"the bounds of the set {name!r}", self.sets[name], axes[name]) for name in names}
-        return matrix, _bounds("time of LipschitzBounds", time, (ndim,)), sets
+        return matrix, _bounds("time of LipschitzBounds", self.time, (ndim,)), sets
 
 
 def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
-    bounds = np.asarray(given, dtype=np.float64)
+    bounds = np.asarray(np.zeros(shape) if given is None else given, dtype=np.float64)
     if bounds.shape != shape or not np.isfinite(bounds).all() or (bounds < 0).any():
         raise ValueError(f"{name} must be {' x '.join(map(str, shape))} finite numbers >= 0, got {bounds.tolist()}")
     return bounds
@@ -124,55 +115,12 @@ class Boxes:
     begin: float
     end: float
 
-    def least(self, problem: ReachAvoidProblem, part: UnsafeSet, bounds: FloatArray, start: float) -> FloatArray:
-        """Lower bound of an unsafe set's level-set function over the boxes and their times of the interval, (M,)."""
-        middle = start + (self.begin + self.end) / 2
-        value = np.asarray(problem.value_of(part, self.centre, middle), dtype=np.float64)
-        change = self.half[:, list(part.axes)] @ bounds
-        return value - change - part.rate * (self.end - self.begin) / 2 - ALLOWANCE * (1.0 + np.abs(value))
-
-
-class Growth:
-    """What can be reached from boxes within one interval: the boxes of each part, and the last one."""
-
-    def __init__(self, problem: ReachAvoidProblem, matrix: FloatArray, drifting: FloatArray, parts: int) -> None:
-        self.problem, self.matrix, self.drifting, self.parts = problem, matrix, drifting, parts
-        self.time = problem.delta / parts
-        system = np.eye(len(matrix)) - self.time * matrix
-        if (self.time * matrix).sum(axis=1).max() > 0.5:  # the inverse is non-negative below 1
-            raise ValueError("the dynamics change too fast for this interval: use more parts")
-        self.inverse = np.linalg.inv(system)
-
-    def run(
-        self, low: FloatArray, high: FloatArray, j: int, start: float = 0.0
-    ) -> tuple[list[Boxes], FloatArray, FloatArray]:
-        """Tube (a `Boxes` for each part) and image (low, high) of boxes low..high (M, ndim) under input j from `start`.
-
-        The interval begins at the time `start`.
-        """
-        tube = []
-        for part in range(self.parts):
-            middle = start + (part + 0.5) * self.time
-            slow, fast = self._velocities((low + high) / 2, (high - low) / 2, j, middle)
-            after_low, after_high = self._held(low + self.time * slow), self._held(high + self.time * fast)
-            least, most = np.minimum(low, after_low), np.maximum(high, after_high)
-            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * self.time, (part + 1) * self.time))
-            low, high = after_low, after_high
-        return tube, low, high
-
-    def _velocities(self, centre: FloatArray, half: FloatArray, j: int, t: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds on the velocity over one part, t its middle, from boxes; each (M, ndim)."""
-        drift, gain, bounds = velocity_terms(self.problem, centre, j, t)
-        push = np.abs(gain) @ bounds + self.drifting * (self.time / 2)
-        push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
-        away = (half + self.time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
-        slack = away @ self.matrix.T + push
-        return drift - slack, drift + slack
-
-    def _held(self, points: FloatArray) -> FloatArray:
-        """Points cut at the walls of bounded axes."""
-        low, high = self.problem.grid.walls
-        return np.clip(points, low, high)
+    def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
+        """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
+        value = np.asarray(problem.value_of(part, self.centre, start + (self.begin + self.end) / 2), dtype=np.float64)
+        change, rounding = self.half[:, list(part.axes)] @ bounds, ALLOWANCE * (1.0 + np.abs(value))
+        moved = part.rate * (self.end - self.begin) / 2 if self.end > self.begin else 0.0
+        return [value - change - moved - rounding, value + change + moved + rounding]
 
 
 @dataclass(frozen=True)
@@ -204,10 +152,18 @@ class GeneralProof:
         cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, bounds: LipschitzBounds
     ) -> "GeneralProof":
         """Check the bounds and make room."""
-        told, size = bounds.checked(problem), math.prod(axis.count for axis in axes)
-        masks = (entry(problem.steps, problem.steps, 0) + 1, -(-len(problem.inputs) // 8), size)
-        require(math.prod(masks), f"certifying {size:.1e} cells", "use fewer cells")
-        proof = cls(problem, axes, parts, *told, np.zeros(masks, np.uint8))
+        (matrix, drifting, sets), count = bounds.checked(problem), len(problem.inputs)
+        if (problem.delta / parts * matrix).sum(
+            axis=1
+        ).max() > 0.5:  # what `inverse` inverts is far from singular below
+            raise ValueError("the dynamics change too fast for this interval: use more parts")
+        entries, size = entry(problem.steps, problem.steps, 0) + 1, math.prod(axis.count for axis in axes)
+        images = count * (problem.steps if problem.dynamics.timed else 1)
+        # masks, where each input is clear, images, and the tube of one input
+        each = entries * -(-count // 8) + problem.steps * count + 16 * len(axes) * (images + parts + 2)
+        require(size * each, f"certifying {size:.1e} cells", "use fewer cells")
+        masks = np.zeros((entries, -(-count // 8), size), np.uint8)
+        proof = cls(problem, axes, parts, matrix, drifting, sets, masks)
         check_bounds(proof)
         return proof
 
@@ -229,18 +185,16 @@ class GeneralProof:
 
     def save(self, group: h5py.Group) -> None:
         """Write the inputs and the bounds that they rest on."""
-        group.attrs["parts"] = self.parts
-        group["matrix"], group["drifting"] = self.matrix, self.drifting
-        # a name may be anything, also what is a path to HDF5
-        group.attrs["sets"] = json.dumps({name: bounds.tolist() for name, bounds in self.sets.items()})
+        sets = {name: bounds.tolist() for name, bounds in self.sets.items()}  # a name may be anything, also a path
+        group.attrs["bounds"] = json.dumps([self.parts, self.matrix.tolist(), self.drifting.tolist(), sets])
         group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
 
     @classmethod
     def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "GeneralProof":
         """Read what `save` wrote."""
-        sets = {name: np.array(bounds) for name, bounds in json.loads(group.attrs["sets"]).items()}
-        matrix, drifting, masks = (group[name][()] for name in ("matrix", "drifting", "masks"))
-        return cls(problem, axes, int(group.attrs["parts"]), matrix, drifting, sets, masks)
+        parts, matrix, drifting, sets = json.loads(group.attrs["bounds"])
+        sets = {name: np.array(bounds) for name, bounds in sets.items()}
+        return cls(problem, axes, parts, np.array(matrix), np.array(drifting), sets, group["masks"][()])
 
     # ---- the recursion; sets are (rows, W) uint64
 
@@ -251,36 +205,47 @@ class GeneralProof:
         low, high = (np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij") for side in (0, 1))
         return np.stack([own.ravel() for own in low], axis=1), np.stack([own.ravel() for own in high], axis=1)
 
-    @property
-    def starts(self) -> range:
-        """Steps whose intervals differ in what the dynamics do."""
-        return range(self.problem.steps if self.problem.dynamics.timed else 1)
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """Of 1 - T A, T the time of a part: non-negative."""
+        return np.linalg.inv(np.eye(len(self.matrix)) - self.problem.delta / self.parts * self.matrix)
 
-    @property
-    def needed(self) -> int:
-        """Bytes that the recursion takes: where each input is clear, images, the tube of one input."""
-        count, images = len(self.problem.inputs), len(self.problem.inputs) * len(self.starts)
-        return self.masks.shape[2] * (self.problem.steps * count + 16 * len(self.axes) * (images + self.parts + 2))
+    def reached(
+        self, low: FloatArray, high: FloatArray, j: int, start: float
+    ) -> tuple[list[Boxes], FloatArray, FloatArray]:
+        """Tube (`Boxes` for each part) and image of boxes low..high (M, ndim) under u_j from `start` on."""
+        tube, held, time = [], self.problem.grid.held, self.problem.delta / self.parts
+        for part in range(self.parts):
+            centre, half = (low + high) / 2, (high - low) / 2
+            drift, gain, bounds = velocity_terms(self.problem, centre, j, start + (part + 0.5) * time)
+            push = np.abs(gain) @ bounds + self.drifting * (time / 2)
+            push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
+            away = (half + time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
+            slack = away @ self.matrix.T + push
+            after = held(low + time * (drift - slack)), held(high + time * (drift + slack))
+            least, most = np.minimum(low, after[0]), np.maximum(high, after[1])
+            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * time, (part + 1) * time))
+            low, high = after
+        return tube, low, high
 
     def prepare(self, progress: bool | None) -> tuple[dict[tuple[int, int], Any], FloatArray]:
         """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
         problem, (low, high), images = self.problem, self.ends, {}
         clear = np.ones((problem.steps, len(problem.inputs), len(low)), np.bool_)
-        reach = Growth(problem, self.matrix, self.drifting, self.parts)
-        pairs = list(itertools.product(self.starts, range(len(problem.inputs))))
+        starts, timed = range(problem.steps if problem.dynamics.timed else 1), problem.dynamics.timed
+        pairs = list(itertools.product(starts, range(len(problem.inputs))))
         for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
-            tube, *image = reach.run(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
-            images[start, j] = self._cover(*image, j)
-            for step in [start] if problem.dynamics.timed else range(problem.steps):
-                for boxes in tube:
-                    clear[step, j] &= self._clear(boxes, problem.time(step))
+            tube, first, last = self.reached(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
+            images[start, j] = self._cover(first, last, j)
+            for step, boxes in itertools.product([start] if timed else range(problem.steps), tube):
+                clear[step, j] &= self._clear(boxes, problem.time(step))
         return images, clear
 
-    def _clear(self, boxes: Boxes, begin: float) -> FloatArray:
+    def _clear(self, boxes: Boxes, start: float) -> FloatArray:
         """Whether boxes are outside every unsafe set at all their times, (M,)."""
         out = np.ones(len(boxes.centre), np.bool_)
         for part in self.problem.unsafe:
-            out &= boxes.least(self.problem, part, self.sets[part.name], begin) > 0.0
+            out &= boxes.values(self.problem, part, self.sets[part.name], start)[0] > 0.0
         return out
 
     def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
@@ -298,11 +263,11 @@ class GeneralProof:
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
         """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
         (images, clear), shape = prepared, np.array([axis.count for axis in self.axes])
-        inside = to_bits(following, shape[-1]).ravel()
+        inside, start = to_bits(following, shape[-1]).ravel(), step if self.problem.dynamics.timed else 0
         reached, new = np.empty_like(inside), np.zeros_like(inside)
         masks = self.masks[entry(self.problem.steps, step, within)]
         for j in range(len(self.problem.inputs)):
-            covered(inside, *images[min(step, self.starts[-1]), j], shape, clear[step, j], reached)
+            covered(inside, *images[start, j], shape, clear[step, j], reached)
             masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
             new |= reached
         cells |= to_words(new.reshape(-1, shape[-1]))
@@ -310,11 +275,9 @@ class GeneralProof:
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k."""
         (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
-        axes, half = list(target.axes), (high - low) / 2 + STATE_SLACK
-        boxes = Boxes((low + high) / 2, half, 0.0, 0.0)
-        value = np.asarray(target.level_set(boxes.centre[:, axes], t), dtype=np.float64)
-        most = value + half[:, axes] @ self.sets[target.name] + ALLOWANCE * (1.0 + np.abs(value))
-        return to_words(((most <= 0.0) & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
+        boxes = Boxes((low + high) / 2, (high - low) / 2 + STATE_SLACK, 0.0, 0.0)
+        inside = boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
+        return to_words((inside & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
 
     def share(self, step: int, within: int) -> None:
         """The inputs of entry (step, within) are those of (step, within - 1)."""
@@ -338,24 +301,23 @@ class Known(NamedTuple):
 
 def known_functions(proof: GeneralProof) -> Iterator[Known]:
     """The level sets, and the velocity under each input."""
-    problem, ndim = proof.problem, proof.problem.grid.ndim
+    problem = proof.problem
+
+    def level(part: Any, points: FloatArray, t: float) -> FloatArray:
+        return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
+
+    def velocity(j: int, points: FloatArray, t: float) -> FloatArray:
+        drift, gain, bounds = velocity_terms(problem, points, j, t)
+        return np.concatenate([drift[..., None], gain * bounds], axis=2)
+
     for part in known_sets(problem):
-        bounds, unsafe = np.zeros((1, ndim)), isinstance(part, UnsafeSet)
+        bounds, unsafe = np.zeros((1, problem.grid.ndim)), isinstance(part, UnsafeSet)
         bounds[0, list(part.axes)] = proof.sets[part.name]
-
-        def level(points: FloatArray, t: float, part: Any = part) -> FloatArray:
-            return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
-
-        moving = part.moving if isinstance(part, UnsafeSet) else True
-        yield Known([f"the level set of {part.name!r}"], level, bounds, None, moving, unsafe)
+        names, moving = [f"the level set of {part.name!r}"], getattr(part, "moving", True)
+        yield Known(names, partial(level, part), bounds, None, moving, unsafe)
     for j in range(0 if problem.dynamics.constant else len(problem.inputs)):
-
-        def velocity(points: FloatArray, t: float, j: int = j) -> FloatArray:
-            drift, gain, most = velocity_terms(problem, points, j, t)
-            return np.concatenate([drift[..., None], gain * most], axis=2)
-
         names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
-        yield Known(names, velocity, proof.matrix, proof.drifting, problem.dynamics.timed, True)
+        yield Known(names, partial(velocity, j), proof.matrix, proof.drifting, problem.dynamics.timed, True)
 
 
 def check_bounds(proof: GeneralProof) -> None:
@@ -366,13 +328,13 @@ def check_bounds(proof: GeneralProof) -> None:
     times only: it is tried at the middles of all parts, where it is evaluated, and between them.
     """
     problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
-    span, halves = problem.steps * problem.delta, 2 * proof.parts * problem.steps
+    span, often = problem.steps * problem.delta, 2 * proof.parts * problem.steps + 1
     for known in known_functions(proof):
-        for axis in np.flatnonzero(grid.periodic) if known.seamless else ():
+        for axis in np.flatnonzero(grid.periodic).tolist() if known.seamless else ():
             points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
             other = points.copy()
             other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
-            for t in np.linspace(0.0, span, halves + 1).tolist() if known.moving else (0.0,):
+            for t in np.linspace(0.0, span, often).tolist() if known.moving else (0.0,):
                 _refuse_jump(known, points, other, t, grid.names[axis])
         for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
             step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower

@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.certified.packed import Array, set_bits
+from sdhj.certified.packed import set_bits
 from sdhj.compiling import kernel
+from sdhj.grid import FloatArray
 
 CONTACT_MARGIN = 1e-8  # m
 LINKS = 2
@@ -39,12 +40,12 @@ class Agent(NamedTuple):
 class LinkRoom(NamedTuple):
     """Scratch: points, their hull, the upper and the lower boundary of the thick hull, and the ends of both joints."""
 
-    x: Array
-    y: Array
-    hull_x: Array
-    hull_y: Array
-    chains: Array
-    ends: Array
+    x: FloatArray
+    y: FloatArray
+    hull_x: FloatArray
+    hull_y: FloatArray
+    chains: FloatArray
+    ends: FloatArray
 
 
 @kernel(forceinline=True)
@@ -74,13 +75,15 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
     ends[4], ends[5] = math.cos(ends[3]), math.sin(ends[3])
 
 
-@kernel(forceinline=True)
-def joint_moves(edges, slow, fast, delta, parts, out):
-    """`joint_ends` of every cell of one joint in every part of the interval; out (n, parts, 6), overwritten."""
-    for i in range(out.shape[0]):
+@kernel()
+def joint_moves(edges, slow, fast, delta, parts):
+    """`joint_ends` of every cell of one joint in every part of the interval; (n, parts, 6)."""
+    out = np.empty((edges.size - 1, parts, 6))
+    for i in range(len(out)):
         for part in range(parts):
             tau0, tau1 = delta * part / parts, delta * (part + 1) / parts
             joint_ends(edges[i], edges[i + 1], slow, fast, tau0, tau1, out[i, part])
+    return out
 
 
 @kernel(forceinline=True)

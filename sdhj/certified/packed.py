@@ -1,45 +1,42 @@
 """Compiled operations on packed sets of cells, and the questions of states about them.
 
 A *block* holds the packed cells of one row cell: bit b of the block is bit b % 64 of its word b // 64. Where two packed
-axes x and y have nx and ny cells, cell (x, y) is bit x * ny + y. Nothing here reads a problem; every kernel has a slow
-twin in tests/naive_certified.py or beside its test.
+axes x and y have nx and ny cells, cell (x, y) is bit x * ny + y.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
 from sdhj.compiling import kernel
-
-Array = NDArray[Any]
+from sdhj.grid import FloatArray
 
 STATE_SLACK = 1e-10  # of a state's coordinate: see the docstring of sdhj.certified.sets
 FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
-ONE = np.uint64(1)
+BIT = np.uint64(1)
 
 
 class Cells(NamedTuple):
     """The cells of every axis as arrays of shape (ndim,), and how blocks are packed."""
 
-    lower: Array
-    width: Array
-    length: Array
-    counts: Array
-    periodic: Array
+    lower: FloatArray
+    width: FloatArray
+    length: FloatArray
+    counts: FloatArray
+    periodic: FloatArray
     rows: int  # leading axes that number the blocks; the others are packed
 
 
-def to_words(bits: Array) -> Array:
+def to_words(bits: FloatArray) -> FloatArray:
     """Bool (..., n) as uint64 (..., ceil(n / 64)), the first bit lowest."""
     padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
     padded[..., : bits.shape[-1]] = bits
     return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
 
 
-def to_bits(blocks: Array, count: int) -> Array:
+def to_bits(blocks: FloatArray, count: int) -> FloatArray:
     """Blocks (R, W) as bool (R, count)."""
     return np.unpackbits(blocks.view(np.uint8), axis=1, count=count, bitorder="little").view(np.bool_)
 
@@ -49,7 +46,7 @@ def to_bits(blocks: Array, count: int) -> Array:
 
 @kernel(inline="always")
 def has_bit(block, bit):
-    return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != 0
+    return (block[bit >> 6] >> np.uint64(bit & 63)) & BIT != 0
 
 
 @kernel(inline="always")
@@ -82,16 +79,13 @@ def has_bits(block, start, stop):
 @kernel(inline="always")
 def _shifted_word(block, word, shift):
     """Word `word` of the block moved so that bit b shows bit b + shift (zero beyond the ends)."""
-    start = word * 64 + shift
-    source = start >> 6  # floor, also for negative numbers
-    bit = start & 63
-    low = np.uint64(0)
-    high = np.uint64(0)
+    source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
+    shown = np.uint64(0)
     if 0 <= source < block.size:
-        low = block[source] >> np.uint64(bit)
+        shown |= block[source] >> np.uint64(bit)
     if bit > 0 and 0 <= source + 1 < block.size:
-        high = block[source + 1] << np.uint64(64 - bit)
-    return low | high
+        shown |= block[source + 1] << np.uint64(64 - bit)
+    return shown
 
 
 # ---- whole sets
@@ -101,13 +95,8 @@ def _shifted_word(block, word, shift):
 def erode_packed(cells, shifts, passes):
     """AND of shifted copies of every block, one packed axis after the other.
 
-    Parameters
-    ----------
-    cells : (R, W) uint64. To be modified in place.
-    shifts : (A, K) int64
-        For each packed axis, the shifts in bits; zero entries are skipped.
-    passes : (A, K, W) uint64
-        Bits whose shifted neighbour lies beyond a wall: they pass.
+    cells (R, W) uint64, modified in place. shifts (A, K) int64 : for each packed axis in bits, zero entries are
+    skipped. passes (A, K, W) uint64 : bits whose shifted neighbour lies beyond a wall, they pass.
     """
     rows, words = cells.shape
     for row in prange(rows):
@@ -115,10 +104,8 @@ def erode_packed(cells, shifts, passes):
         for axis in range(shifts.shape[0]):
             block[:] = cells[row]
             for k in range(shifts.shape[1]):
-                shift = shifts[axis, k]
-                if shift != 0:
-                    for word in range(words):
-                        cells[row, word] &= _shifted_word(block, word, shift) | passes[axis, k, word]
+                for word in range(words if shifts[axis, k] != 0 else 0):
+                    cells[row, word] &= _shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
 
 
 @kernel(parallel=True)
@@ -137,16 +124,9 @@ def erode_rows(cells, first, number, out):
 
 @kernel(parallel=True)
 def add_certified(cells, first, number, allowed, clear, out):
-    """out |= (erosion of `cells` along the middle axis) & clear, for the row cells where `allowed`.
+    """out |= (erosion of `cells` along the middle axis, as in `erode_rows`) & clear, for the row cells where `allowed`.
 
-    Parameters
-    ----------
-    cells, clear, out : (A, n, W) uint64
-        `out` is modified in place.
-    first, number : (n,) int64
-        Which cells the erosion of cell i reads, as in `erode_rows`.
-    allowed : (A, n) bool
-        Where bits may be set.
+    cells, clear, out (A, n, W) uint64, `out` modified in place; first, number (n,) int64; allowed (A, n) bool.
     """
     outer, n, words = cells.shape
     for a in prange(outer):
@@ -154,16 +134,14 @@ def add_certified(cells, first, number, allowed, clear, out):
         for i in range(n):
             if not allowed[a, i]:
                 continue
-            k = first[i]
-            some = np.uint64(0)
+            k, some = first[i], np.uint64(0)
             for word in range(words):
                 block[word] = cells[a, k, word] & clear[a, i, word]
                 some |= block[word]
             for _ in range(1, number[i]):
                 if some == 0:
                     break
-                k = k + 1 if k + 1 < n else 0
-                some = np.uint64(0)
+                k, some = k + 1 if k + 1 < n else 0, np.uint64(0)
                 for word in range(words):
                     block[word] &= cells[a, k, word]
                     some |= block[word]
@@ -178,17 +156,14 @@ def covered(inside, first, number, shape, wanted, out):
     inside (cells,) bool, flat; first and number (ndim, cells) int64 say which cells cover the image of each cell,
     modulo the shape; only where wanted (cells,), False elsewhere. out (cells,) bool, overwritten.
     """
-    ndim = shape.size
     for i in prange(out.size):
-        out[i] = wanted[i]
-        total = 1
-        for axis in range(ndim):
+        out[i], total, code = wanted[i], 1, 0
+        for axis in range(shape.size):
             total *= number[axis, i]
-        code = 0
         while out[i] and code < total:
             rest, flat, stride = code, 0, 1
-            for back in range(ndim):
-                axis = ndim - 1 - back
+            for back in range(shape.size):
+                axis = shape.size - 1 - back
                 flat += ((first[axis, i] + rest % number[axis, i]) % shape[axis]) * stride
                 rest //= number[axis, i]
                 stride *= shape[axis]

@@ -15,7 +15,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For dynamics that do not depend on the state: `CellAxis.image`, in
     fractions, with the adversary's worst velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the
-    others: `sdhj.certified.general_proof.Growth`, by the Lipschitz bounds that the user states.
+    others: `GeneralProof.reached`, by the Lipschitz bounds that the user states.
     [test_general_reach_box_holds_every_trajectory]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`, `covered`.
     [test_recursion_agrees_with_the_twin]
@@ -53,7 +53,6 @@ from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import FloatArray
-from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 
 ARM_CELLS = (419, 419, 72, 72)
@@ -134,7 +133,6 @@ class CellSets:
 
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
-        require(proof.needed, f"certifying {math.prod(counts):.1e} cells", "use fewer cells")
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
@@ -142,7 +140,7 @@ class CellSets:
     def goal(self, step: int) -> None:
         """S_k^N = L(t_k) minus G(t_k)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
-        self._keep(step, 0, self.cells.any(axis=1))
+        self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
         """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""

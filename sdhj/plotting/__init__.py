@@ -6,18 +6,15 @@
         plotting.save(figure, "results", "tubes")
 
 ===================  ===============================================================================================
-of any robot         `draw_tubes` (with `draw_steps_bar`), `draw_constraints`, `draw_comparison` of two methods and
-                     `draw_labels` (what of a tube is certified), on a slice along two axes through a state; `draw_run`
-                     and `draw_path`, a run on a slice; `draw_isosurface` along three axes. Whatever else is to be
+of any robot         `draw_tubes`, `draw_constraints` and `draw_labels` (what of a tube is certified), on a slice along
+                     two axes through a state; `draw_run` and `draw_path`, a run on a slice. Whatever else is to be
                      drawn on a slice: its states are `plane(grid, through).points`, a set on it `draw_set`
-of the arm           `draw_workspace`, `draw_arm`, `draw_agent`, `draw_disk`; `draw_workspace_run`, `draw_frame`,
-                     `draw_frames`, `draw_moment`, and `save_animation` as a GIF
+of the arm           `draw_workspace`, `draw_arm`; `draw_moment` of a run
 ===================  ===============================================================================================
 
 A function only draws: it computes no table, reads no clock and keeps no state, so a slider can call it again on cleared
 axes. What stands for a set or a run carries an identifier (`artist.get_gid()`), by which tests and readers of an SVG
-file find it. Draw inside `with style():`, or call `use_style()` once, to get the project's look. Nothing here uses
-`matplotlib.pyplot`.
+file find it. Draw inside `with style():` to get the project's look. Nothing here uses `matplotlib.pyplot`.
 """
 
 import importlib.util
@@ -25,66 +22,36 @@ import importlib.util
 if importlib.util.find_spec("matplotlib") is None:
     raise ImportError('pictures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
 
-from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, use_style
-from sdhj.plotting.scenes import draw_agent, draw_arm, draw_disk, draw_workspace, frame_workspace
+from sdhj.plotting.looks import new_figure, patch, save, step_colours, style
+from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import (
-    Plane,
-    comparison_legend,
-    draw_comparison,
     draw_constraints,
     draw_labels,
     draw_path,
     draw_set,
-    draw_steps_bar,
     draw_tubes,
     frame_slice,
     label_legend,
     plane,
-    unwrapped,
 )
-from sdhj.plotting.surfaces import draw_isosurface, isosurface
-from sdhj.plotting.trajectories import (
-    Run,
-    draw_frame,
-    draw_frames,
-    draw_moment,
-    draw_run,
-    draw_workspace_run,
-    save_animation,
-)
+from sdhj.plotting.trajectories import draw_moment, draw_run
 
 __all__ = [
-    "Plane",
-    "Run",
-    "comparison_legend",
-    "draw_agent",
     "draw_arm",
-    "draw_comparison",
     "draw_constraints",
-    "draw_disk",
-    "draw_frame",
-    "draw_frames",
-    "draw_isosurface",
     "draw_labels",
     "draw_moment",
     "draw_path",
     "draw_run",
     "draw_set",
-    "draw_steps_bar",
     "draw_tubes",
     "draw_workspace",
-    "draw_workspace_run",
     "frame_slice",
-    "frame_workspace",
-    "isosurface",
     "label_legend",
     "new_figure",
     "patch",
     "plane",
     "save",
-    "save_animation",
     "step_colours",
     "style",
-    "unwrapped",
-    "use_style",
 ]

@@ -62,11 +62,6 @@ def style() -> AbstractContextManager[None]:
     return mpl.style.context(STYLE_FILE)
 
 
-def use_style() -> None:
-    """Draw everything from here on in the project's style (for notebooks)."""
-    mpl.style.use(STYLE_FILE)
-
-
 def look(name: str) -> Looks:
     """How a set of that name is drawn; one the library does not know is drawn as unsafe."""
     return LOOKS.get(name, UNSAFE_LOOKS)
@@ -105,11 +100,7 @@ def writable_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def save(
-    figure: Figure,
-    folder: str | os.PathLike[str],
-    name: str,
-    formats: Sequence[str] = ("pdf", "png"),
-    dpi: float | None = None,
+    figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png")
 ) -> list[Path]:
     """Write `figure` as folder/name.format for each format; the same figure gives the same bytes.
 
@@ -124,14 +115,12 @@ def save(
     if unknown:
         raise ValueError(f"formats must be among {', '.join(FORMATS)}, got {', '.join(sorted(unknown))}")
     folder = writable_folder(folder)
-    resolution: dict[str, Any] = {} if dpi is None else {"dpi": dpi}
-
     files = [folder / f"{name}.{form}" for form in formats]
     logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
     with style():
         for form, file in zip(formats, files, strict=True):
             with replaced_whole(file) as path:
-                figure.savefig(path, format=form, metadata=UNDATED[form], **resolution)
+                figure.savefig(path, format=form, metadata=UNDATED[form])
     return files
 
 

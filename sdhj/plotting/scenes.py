@@ -16,15 +16,11 @@ ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
 FRAME_MARGIN = 0.02
 
 
-def frame_workspace(ax: Axes, scene: ArmScene, half_side: float | None = None) -> None:
+def frame_workspace(ax: Axes, scene: ArmScene) -> None:
     """Equal axes over the square in which arm and agent move, in metres."""
-    if half_side is None:
-        half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
-    ax.set_xlim(-half_side, half_side)
-    ax.set_ylim(-half_side, half_side)
-    ax.set_aspect("equal")
-    ax.set_xlabel("$x$ (m)")
-    ax.set_ylabel("$y$ (m)")
+    half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
+    limits = (-half_side, half_side)
+    ax.set(xlim=limits, ylim=limits, aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")
 
 
 def draw_arm(
@@ -39,7 +35,7 @@ def draw_arm(
     ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
 
 
-def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 4.5, gid: str = "velocity") -> None:
+def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray) -> None:
     """A white arrow with a dark outline; nothing where it would have no length."""
     if np.allclose(start, end):
         return
@@ -54,15 +50,10 @@ def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray, *, zorder: float = 
             shrinkA=0,
             shrinkB=0,
             mutation_scale=1.0,
-            zorder=zorder,
-            gid=gid,
+            zorder=4.5,
+            gid="velocity",
         )
     )
-
-
-def draw_disk(ax: Axes, disk: Disk, t: float, looks: Looks, gid: str, *, zorder: float = 2.0) -> None:
-    """A known disk where it is at time t."""
-    ax.add_patch(Circle(tuple(disk.centre(t)), disk.radius, zorder=zorder, gid=gid, **looks))
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
@@ -76,10 +67,10 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
     ax.plot(*disk.centre(fine).T, color=looks["edgecolor"], linestyle=":", linewidth=0.8, zorder=1.6)
 
 
-def draw_agent(ax: Axes, scene: ArmScene, centre: Sequence[float] | FloatArray, *, zorder: float = 4.0) -> None:
+def draw_agent(ax: Axes, scene: ArmScene, centre: FloatArray) -> None:
     """The pursuer (or evader) as a bold dotted contour about its centre (2,)."""
-    ax.add_patch(Circle(tuple(np.asarray(centre)), scene.agent_radius, zorder=zorder, gid=scene.agent, **PURSUER_LOOKS))
-    ax.plot(*np.asarray(centre), "+", color=INK, markersize=4, zorder=zorder)
+    ax.add_patch(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
+    ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
 
 
 def draw_workspace(
@@ -110,7 +101,7 @@ def draw_workspace(
     for disk, looks, gid in known:
         if trail is not None:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
-        draw_disk(ax, disk, time, looks, gid)
+        ax.add_patch(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
         if arrows:
             here, step = disk.centre(time), 1e-4
             velocity = (disk.centre(time + step) - disk.centre(time - step)) / (2 * step)

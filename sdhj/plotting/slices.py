@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
@@ -19,8 +18,6 @@ from sdhj.plotting.looks import (
     INK,
     INNER_LOOKS,
     OUTCOME_INK,
-    PURSUER_LOOKS,
-    UNSAFE_LOOKS,
     Looks,
     look,
     step_colours,
@@ -196,53 +193,14 @@ def draw_tubes(
     frame_slice(ax, grid, axes)
 
 
-def draw_steps_bar(ax: Axes, steps: int, label: str = "steps to go, $n$", *, horizontal: bool = False) -> None:
-    """A bar of the colours of 0 to `steps` steps to go, filling `ax`."""
-    colours = ListedColormap(step_colours(steps))
-    norm = BoundaryNorm(np.arange(-0.5, steps + 1), steps + 1)
-    side = "horizontal" if horizontal else "vertical"
-    bar = ax.figure.colorbar(ScalarMappable(norm, colours), cax=ax, orientation=side, drawedges=True)
-    bar.dividers.set(color="#333333", linewidth=0.45)
-    bar.outline.set_linewidth(0.6)
-    bar.set_ticks(list(range(steps + 1)))
-    bar.set_label(label)
-    bar.ax.tick_params(length=0)
-
-
-def draw_comparison(
-    ax: Axes,
-    full: Table,
-    inner: Table,
-    *,
-    through: State,
-    start: int = 0,
-    within: int | None = None,
-    axes: Sequence[int] = (0, 1),
-    unsafe: bool = True,
-    resolution: int = RESOLUTION,
-) -> None:
-    """One tube of two tables laid over each other (Fig. 13): `full` light and solid, `inner` dark and dashed."""
-    grid = full.grid
-    within = full.steps - start if within is None else within
-    where = plane(grid, through, axes, resolution)
-    for table, looks, gid, height in ((full, FULL_LOOKS, "full", 1.0), (inner, INNER_LOOKS, "inner", 2.0)):
-        draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), looks, gid, height)
-    if unsafe:
-        for part in full.problem.unsafe:
-            values = where.shaped(part.level_set(where.points[:, part.axes], start * full.problem.delta))
-            draw_set(ax, where, values, look(part.name) | {"facecolor": "none"}, part.name, zorder=3.0)
-    frame_slice(ax, grid, axes)
-
-
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
     """A path (T, 2) on a slice, with a row of NaN wherever it crosses the seam of a periodic axis.
 
     Both pieces reach the seam: the crossing point is put on either side of it.
     """
     path = np.asarray(states, dtype=np.float64)[:, list(axes)].copy()
-    low = np.array([grid.lower[axis] for axis in axes])
-    span = np.array([grid.upper[axis] - grid.lower[axis] for axis in axes])
-    periodic = np.array([grid.periodic[axis] for axis in axes])
+    low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
+    span = high - low
     lap = np.where(periodic, np.floor((path - low) / span), 0.0)
     path -= lap * span
     rows = [path[0]]
@@ -266,21 +224,15 @@ def draw_path(
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
     ax.plot(*path.T, **looks)
     if marks is not None and len(marks):
-        low = np.array(grid.lower)
-        span = np.array(grid.upper) - low
-        wrapped = np.where(grid.periodic, low + np.mod(np.asarray(marks) - low, span), marks)[:, list(axes)]
-        ax.plot(*wrapped.T, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=3.6, zorder=6.5, gid="marks")
-
-
-def comparison_legend() -> list[Patch]:
-    """Legend entries of `draw_comparison`."""
-    inner = {key: value for key, value in INNER_LOOKS.items() if key != "hatch"}
-    return [
-        Patch(**FULL_LOOKS, label="full"),
-        Patch(**inner, label="projected"),
-        Patch(**(UNSAFE_LOOKS | {"facecolor": "none"}), label="known obstacles"),
-        Patch(**PURSUER_LOOKS, label="capture by the pursuer"),
-    ]
+        ax.plot(
+            *grid.wrapped(marks)[:, list(axes)].T,
+            "o",
+            color="white",
+            markeredgecolor=OUTCOME_INK,
+            markersize=3.6,
+            zorder=6.5,
+            gid="marks",
+        )
 
 
 def draw_labels(

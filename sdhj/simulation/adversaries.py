@@ -26,6 +26,8 @@ class Moment:
         Where each run is.
     inputs : (M,) int array
         The index of the input that each robot holds over the interval.
+    steps_to_go : (M,) int array
+        What the controller promised at the interval's start.
     step, substep : int
         The interval, and the part of it that begins; substep 0 is the sampling time itself.
     time, remaining, duration : float
@@ -43,6 +45,7 @@ class Moment:
     problem: ReachAvoidProblem
     states: FloatArray
     inputs: FloatArray
+    steps_to_go: FloatArray
     step: int
     substep: int
     time: float

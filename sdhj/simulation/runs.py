@@ -15,9 +15,10 @@ bring it back into the target: known geometry is measured, not interpolated.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -72,42 +73,8 @@ class Trajectory:
         return self.states[::SUBSTEPS]
 
 
-@dataclass
-class _Record:
-    """Collects a trajectory while it runs; only for a single run."""
-
-    times: list[float] = field(default_factory=list)
-    states: list[FloatArray] = field(default_factory=list)
-    inputs: list[int] = field(default_factory=list)
-    steps_to_go: list[int] = field(default_factory=list)
-    disturbances: list[FloatArray] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Margins:
-    """How near each of M runs came to failing; filled while they run.
-
-    Attributes
-    ----------
-    clearance : (M,) array
-        Least true level-set value of the unsafe sets at the instants looked at; <= 0 for a collision.
-    depth : (M,) array
-        Least depth in the largest tube of a sampling time, minus its level-set value, before the target was reached:
-        how near the run was to having no answer. +inf where it was reached at once.
-    """
-
-    clearance: FloatArray
-    depth: FloatArray
-
-    @classmethod
-    def of(cls, count: int) -> "Margins":
-        """For runs that have not begun."""
-        return cls(np.full(count, np.inf), np.full(count, np.inf))
-
-    def note(self, kind: str, runs: FloatArray, values: FloatArray) -> None:
-        """Lower the margins of some runs."""
-        margin: FloatArray = getattr(self, kind)
-        margin[runs] = np.minimum(margin[runs], values)
+# After each substep: the moment it began, what was played (M, D), where that led (M, ndim), the clearance there (M,).
+Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 
 
 @dataclass(frozen=True)
@@ -121,7 +88,7 @@ class Report:
     counts : mapping of outcome to int
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late, 4 off the grid; see `Trajectory`.
+        Places in `OUTCOMES`; see `Trajectory`.
     steps : (runs,) int array
         Intervals that each run took.
     seconds : float
@@ -164,12 +131,7 @@ class Report:
 
 
 def simulate(
-    controller: Controller,
-    q0: FloatArray,
-    adversary: str | Adversary = "worst",
-    seed: int = 0,
-    *,
-    walls: bool = True,
+    controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0, *, walls: bool = True
 ) -> Trajectory:
     """Run the closed loop once from state q0 (ndim,) at step 0.
 
@@ -194,14 +156,22 @@ def simulate(
     play, seed = _adversary(adversary), whole("seed", seed, least=0)
     start = np.asarray(q0, dtype=np.float64)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
-    record = _Record()
-    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), record, walls=walls)
+    seen: list[tuple[float, FloatArray, FloatArray]] = []
+    held: list[tuple[int, int]] = []
+
+    def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
+        seen.append((moment.time + moment.duration, states[0], v[0]))
+        if moment.substep == 0:
+            held.append((moment.inputs[0], moment.steps_to_go[0]))
+
+    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), watch, walls=walls)
+    inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
-        times=np.array(record.times),
-        states=np.array(record.states),
-        inputs=np.array(record.inputs, dtype=np.int64),
-        steps_to_go=np.array(record.steps_to_go, dtype=np.int64),
-        disturbances=np.array(record.disturbances).reshape(-1, controller.problem.dynamics.adversaries),
+        times=np.array([0.0, *(t for t, _, _ in seen)]),
+        states=np.array([start, *(state for _, state, _ in seen)]),
+        inputs=inputs,
+        steps_to_go=steps_to_go,
+        disturbances=np.array([v for _, _, v in seen]).reshape(-1, controller.problem.dynamics.adversaries),
         outcome=OUTCOMES[outcomes[0]],
     )
 
@@ -319,8 +289,7 @@ def rollouts(
     starts: FloatArray,
     play: Adversary,
     rng: np.random.Generator,
-    record: _Record | None = None,
-    margins: Margins | None = None,
+    watch: Watch | None = None,
     *,
     walls: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
@@ -328,91 +297,57 @@ def rollouts(
     problem = controller.problem
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
-    if record is not None:
-        record.times.append(0.0)
-        record.states.append(starts[0])
-    clearance = problem.unsafe_value(states, 0.0)
-    outcomes[clearance <= 0] = COLLIDED
-    if margins is not None:
-        margins.note("clearance", alive, clearance)
+    outcomes[problem.unsafe_value(states, 0.0) <= 0] = COLLIDED
     for step in range(problem.steps + 1):
         alive = alive[outcomes[alive] == UNDECIDED]
         inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
         outcomes[alive[inside]] = REACHED
         alive = alive[~inside]
-        if margins is not None and alive.size:
-            largest = np.full(alive.size, problem.steps - step)
-            margins.note("depth", alive, 0.0 - controller.table.values_at(states[alive, None], step, largest)[:, 0])
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)
         inputs = controller.choose(batch)
         outcomes[alive[inputs < 0]] = LEFT
         known = inputs >= 0
-        alive, inputs, to_go = alive[known], inputs[known], batch.steps_to_go[known]
+        alive, to_go = alive[known], batch.steps_to_go[known]
         if not alive.size:
             break
-        if record is not None:
-            record.inputs.append(int(inputs[0]))
-            record.steps_to_go.append(int(to_go[0]))
-        held = _Held(alive, step, inputs, np.maximum(to_go, 1) - 1, walls)
-        states[alive], outcomes[alive] = _play(controller, states[alive], held, play, rng, record, margins)
+        begun = Moment(
+            problem=problem,
+            states=states[alive],
+            inputs=inputs[known],
+            steps_to_go=to_go,
+            step=step,
+            substep=0,
+            time=problem.time(step),
+            remaining=problem.delta,
+            duration=problem.delta / SUBSTEPS,
+            previous=np.zeros((alive.size, problem.dynamics.adversaries)),
+            runs=alive,
+            tube=partial(controller.table.values_at, step=step + 1, within=np.maximum(to_go, 1) - 1),
+            rng=rng,
+        )
+        states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
         taken[alive] += 1
     outcomes[outcomes == UNDECIDED] = LATE
     return outcomes, taken
 
 
-@dataclass(frozen=True)
-class _Held:
-    """What is fixed over an interval: runs (M,), step, the inputs (M,) they hold, the steps to go (M,) they promise."""
-
-    runs: FloatArray
-    step: int
-    inputs: FloatArray
-    promised: FloatArray
-    walls: bool
-
-
-def _play(
-    controller: Controller,
-    states: FloatArray,
-    held: _Held,
-    play: Adversary,
-    rng: np.random.Generator,
-    record: _Record | None,
-    margins: Margins | None,
-) -> tuple[FloatArray, FloatArray]:
+def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) -> tuple[FloatArray, FloatArray]:
     """Hold the inputs over one interval: the states at its end (M, ndim), and how runs ended on the way (M,)."""
-    problem, interval = controller.problem, controller.problem.interval(held.step)
-    duration, v = problem.delta / SUBSTEPS, np.zeros((len(states), problem.dynamics.adversaries))
-    ended, ends = np.full(len(states), UNDECIDED), ("unsafe",) if held.walls else ("unsafe", "wall")
+    states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
+    lost = ("unsafe",) if walls else ("unsafe", "wall")
     for substep in range(SUBSTEPS):
-        now = problem.time(held.step) + substep * duration
-        moment = Moment(
-            problem=problem,
-            states=states,
-            inputs=held.inputs,
-            step=held.step,
-            substep=substep,
-            time=now,
-            remaining=problem.delta - substep * duration,
-            duration=duration,
-            previous=v,
-            runs=held.runs,
-            tube=lambda points: controller.table.values_at(points, held.step + 1, held.promised),
-            rng=rng,
-        )
+        gone = substep * begun.duration
+        now, left = begun.time + gone, begun.remaining - gone
+        moment = replace(begun, states=states, substep=substep, time=now, remaining=left, previous=v)
         v = _checked(play(moment), moment.bounds)
-        states = interval.advance(states, held.inputs, v, now, duration, walls=held.walls)
-        clearance = problem.unsafe_value(states, now + duration)
+        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
+        clearance = begun.problem.unsafe_value(states, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & problem.grid.beyond(states, *ends)] = OFF
-        if margins is not None:
-            margins.note("clearance", held.runs, clearance)
-        if record is not None:
-            record.times.append(now + duration)
-            record.states.append(states[0])
-            record.disturbances.append(v[0])
+        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
+        if watch is not None:
+            watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():
             break
     return states, ended

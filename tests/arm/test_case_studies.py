@@ -261,17 +261,13 @@ def test_the_scene_is_what_the_problem_was_built_from():
     assert view == problem.target.level_set.__self__
     assert (view.arm.kinematics, view.agent, view.agent_radius, view.agent_box) == ("printed", "pursuer", 0.04, 0.36)
     assert view.obstacles == (Disk(Circle((0.0, -0.2), 0.05, 1.0), 0.03),)
-    state = (0.1, 0.2, -0.3, 0.25)
-    assert [view.agent_disk(state)[0].tolist(), view.agent_disk(state)[1]] == [[-0.3, 0.25], 0.04]
-    centre, radius = view.target_disk(state, 0.5)
-    assert centre == pytest.approx([0.10, 0.175]) and radius == 0.06
+    assert view.target is not None and view.target.radius == 0.06
+    assert view.target.centre(0.5) == pytest.approx([0.10, 0.175])
 
 
 def test_the_evader_is_the_target_of_its_scene():
     view = scene(small_evader())
-    assert (view.agent, view.target) == ("evader", None)
-    centre, radius = view.target_disk((0.1, 0.2, -0.3, 0.25), 0.5)
-    assert centre.tolist() == [-0.3, 0.25] and radius == 0.06
+    assert (view.agent, view.agent_radius, view.target) == ("evader", 0.06, None)
 
 
 def test_a_problem_of_your_own_has_no_scene():

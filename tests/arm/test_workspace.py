@@ -19,7 +19,6 @@ from sdhj.arm.workspace import (
     point_segment_distance,
     segment_segment_distance,
     skeleton_clearance,
-    skeleton_distance,
 )
 
 # Some dozen operations on numbers up to about 4 (coordinates) and 200 (angles before sin and cos).
@@ -247,9 +246,10 @@ def test_the_compiled_distance_is_the_plain_one_to_the_last_bit(kinematics, rng)
         plain = np.minimum(
             point_segment_distance(points, np.zeros(2), elbow), point_segment_distance(points, elbow, tip)
         )
-        np.testing.assert_array_equal(skeleton_distance(elbow, tip, points), plain)
+        np.testing.assert_array_equal(skeleton_clearance(elbow, tip, points[..., None, :], np.zeros(1)), plain)
     centres, radii = everywhere[:3, :2], np.array([0.05, 0.0, 0.2])
-    least = np.min([skeleton_distance(elbow, tip, centre) for centre in centres] - radii[:, None], axis=0)
+    single = [skeleton_clearance(elbow, tip, centre[None], np.zeros(1)) for centre in centres]
+    least = np.min(single - radii[:, None], axis=0)
     np.testing.assert_array_equal(skeleton_clearance(elbow, tip, centres, radii), least)
 
 

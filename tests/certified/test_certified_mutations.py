@@ -7,7 +7,11 @@ the copy, mostly without compiling.
 import mutations
 import pytest
 
-KERNELS, CELLS, GENERAL = "certified_kernels.py", "certified_cells.py", "certified_general.py"
+pytestmark = pytest.mark.slow
+
+CELLS, PACKED, LINKS, CONTACT, GENERAL = (
+    f"certified/{name}.py" for name in ("cells", "packed", "links", "contact", "general_proof")
+)
 
 # file, what is taken out, what is left, the test that must fail
 MUTATIONS = {
@@ -20,8 +24,8 @@ MUTATIONS = {
     ),
     "outward edge": (
         CELLS,
-        "inside = math.ceil((offset + self._laps",
-        "inside = math.floor((offset + self._laps",
+        "inside = math.ceil((offset + self._most",
+        "inside = math.floor((offset + self._most",
         "test_image_holds",
     ),
     "outward wall": (
@@ -30,48 +34,56 @@ MUTATIONS = {
         "max(math.floor(high / self.width)",
         "test_image_holds",
     ),
-    "remainder of link 1": (KERNELS, "return 3, l1 * w1 * w1 / 8.0", "return 3, 0.0", "test_hulls_hold_the_links"),
-    "remainder of link 2": (KERNELS, "w2 * w2)) / 8.0", "w2 * w2)) / 32.0", "test_hulls_hold_the_links"),
-    "margin": (KERNELS, "MARGIN = 1e-8", "MARGIN = 0.0", "test_contact_within_rounding"),
-    "margin of the target": (KERNELS, "+ remainder + MARGIN <= radius", "+ remainder <= radius", "test_contact_within"),
-    "margin of the pursuer": (KERNELS, "radius + MARGIN,", "radius,", "test_contact_within_rounding"),
+    "remainder of link 1": (LINKS, "return 3, l1 * w1 * w1 / 8.0", "return 3, 0.0", "test_hulls_hold_the_links"),
+    "remainder of link 2": (LINKS, "w2 * w2)) / 8.0", "w2 * w2)) / 32.0", "test_hulls_hold_the_links"),
+    "margin": (LINKS, "CONTACT_MARGIN = 1e-8", "CONTACT_MARGIN = 0.0", "test_contact_within_rounding"),
+    "margin of the target": (
+        CONTACT,
+        "+ remainder + CONTACT_MARGIN <= radius",
+        "+ remainder <= radius",
+        "test_contact_within",
+    ),
+    "margin of the pursuer": (CONTACT, "agent.radius + CONTACT_MARGIN +", "agent.radius +", "test_contact_within"),
+    "margin of a disk": (CONTACT, "near + remainder + CONTACT_MARGIN", "near + remainder", "test_contact_within"),
     "speed of a disk": (
-        KERNELS,
-        "radii[disk] + speeds[disk] * delta",
-        "radii[disk] + 0.0 * delta",
+        CONTACT,
+        "radii[disk] + speeds[disk] * near",
+        "radii[disk] + 0.0 * near",
         "test_no_time_is_left_out",
     ),
+    "undecided parts": (CONTACT, "blocked |= left", "pass", "test_no_time_is_left_out"),
     "start of a part": (
-        KERNELS,
+        LINKS,
         "high + max(fast * tau0, fast * tau1)",
         "high + fast * tau0",
         "test_no_time_is_left_out",
     ),
-    "end of a part": (KERNELS, "low + min(slow * tau0, slow * tau1)", "low + slow * tau0", "test_no_time_is_left_out"),
+    "end of a part": (LINKS, "low + min(slow * tau0, slow * tau1)", "low + slow * tau0", "test_no_time_is_left_out"),
     "pursuer at the end": (
-        KERNELS,
-        "growth = speed * delta * (part + 1) / parts",
-        "growth = speed * delta * part / parts",
+        CONTACT,
+        "growth = agent.speed * agent.delta * (part + 1) / parts",
+        "growth = agent.speed * agent.delta * part / parts",
         "left_out_of_the_pursuit",
     ),
-    "cell of the pursuer": (KERNELS, "highest + growth - plane[1]", "highest - plane[1]", "test_pursuer_is_met"),
-    "walls of the pursuer": (KERNELS, "shift) | passes", "shift) & passes", "test_packed_erosion"),
-    "slack": (KERNELS, "SLACK = 1e-10", "SLACK = 0.0", "test_state_on_an_edge"),
-    "cells of the image": (KERNELS, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
+    "cell of the pursuer": (LINKS, "highest + growth - agent.y", "highest - agent.y", "test_pursuer_is_met"),
+    "walls of the pursuer": (PACKED, "k]) | passes", "k]) & passes", "test_packed_erosion"),
+    "slack": (PACKED, "STATE_SLACK = 1e-10", "STATE_SLACK = 0.0", "test_state_on_an_edge"),
+    "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
     "growth bound": (GENERAL, "slack = away @ self.matrix.T + push", "slack = push", "test_general_reach_box"),
-    "rate of a set": (GENERAL, "rate * (boxes.end - boxes.begin) / 2", "0.0", "test_general_bounds_hold"),
-    "size of a box": (GENERAL, "- boxes.half[:, axes] @ bounds", "- 0.0", "test_general_bounds_hold"),
+    "change with time": (GENERAL, "self.drifting * (time / 2)", "0.0", "test_timed_growth_holds"),
+    "time of an interval": (GENERAL, "j, start + (part", "j, 0.0 + (part", "test_timed_growth_holds"),
+    "rate of a set": (GENERAL, "part.rate * (self.end - self.begin) / 2", "0.0", "test_general_bounds_hold"),
+    "size of a box": (GENERAL, "self.half[:, list(part.axes)] @ bounds", "0.0", "test_general_bounds_hold"),
 }
 COMPILED = {"slack", "cells of the image"}  # their tests solve a problem
 
 
 @pytest.fixture(scope="module")
 def runs(request, tmp_path_factory):
-    with mutations.started(request, MUTATIONS, "test_certified.py", tmp_path_factory, compiled=COMPILED) as started:
+    with mutations.started(request, MUTATIONS, "certified", tmp_path_factory, compiled=COMPILED) as started:
         yield started
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_the_proof_needs_it(name, runs):
     mutations.assert_needed(runs[name].result())

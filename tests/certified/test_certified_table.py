@@ -12,15 +12,14 @@ import pytest
 from toys import interval_problem
 
 import sdhj
-from sdhj.certified.check.verify import verify
+from sdhj.certified import Certified, CertifiedTable, LipschitzBounds
+from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels, shares
-from sdhj.certified.sets import LipschitzBounds, certify
-from sdhj.certified.table import CertifiedTable
 
 
 @pytest.fixture(scope="module")
 def table():
-    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), Certified(cells=(105, 105, 36, 36)), progress=False)
 
 
 def test_values_and_contains_agree_and_tubes_grow(table):
@@ -41,10 +40,10 @@ def test_inputs_lead_from_every_certified_node(table):
 
 
 def test_steps_to_go_is_the_first_tube_that_holds_the_state(table, rng):
-    grid, width = table.grid, np.array([float(axis.width) for axis in table.sets.axes])
+    grid, width = table.grid, np.array([float(axis.width) for axis in table.axes])
     anywhere = rng.uniform(grid.lower, grid.upper, (20_000, 4))
     edges = anywhere.copy()  # on an edge of a cell two cells hold a state, on a corner sixteen
-    edges[:, :2] = -np.pi + width[:2] * rng.integers(0, table.sets.shape[0], (20_000, 2))
+    edges[:, :2] = -np.pi + width[:2] * rng.integers(0, table.shape[0], (20_000, 2))
     for states in (anywhere, edges):
         for step in range(4):
             tubes = [table.contains(states, start=step, within=n) for n in range(4 - step)]
@@ -57,7 +56,8 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
     """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
     table.save(tmp_path / "certified.h5")
     code = (
-        "import sys, sdhj\nfrom sdhj import simulation\nsimulation.threads = lambda: 2\n"
+        "import sys, sdhj\nfrom sdhj import batches\nfrom sdhj.simulation import runs\n"
+        "batches.threads = runs.threads = lambda: 2\n"
         "controller = sdhj.Controller(sdhj.load(sys.argv[1]))\n"
         "print(sdhj.monte_carlo(controller, 10_000, 'random', progress=False).counts['reached'])"
     )
@@ -102,7 +102,7 @@ def test_in_the_target_inputs_are_those_that_are_proved_to_lead_back(table, rng)
     """As for other tables. An index of -1 would be the last input, proved or not."""
     states = rng.uniform(table.grid.lower, table.grid.upper, (20_000, 4))
     there = states[table.steps_to_go(states, 0) == 0]
-    proved = table.sets.certified_inputs_many(there, 0, 1)
+    proved = table.certified_inputs(there, 0, 1)
     assert 0 < proved.any(axis=1).sum() < len(there)
     controller = sdhj.Controller(table)
     batch = controller.batch(there, 0)
@@ -126,9 +126,9 @@ def test_sets_may_have_any_name(tmp_path, name):
     (part,) = problem.unsafe
     problem = dataclasses.replace(problem, unsafe=(dataclasses.replace(part, name=name),))
     bounds = LipschitzBounds(sets={"target": [1.0], name: [1.5]})
-    made = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    made = sdhj.solve(problem, Certified(cells=[40], bounds=bounds), progress=False)
     made.save(tmp_path / "own.h5")
-    proof = sdhj.load(tmp_path / "own.h5", problem=problem).sets.proof
+    proof = sdhj.load(tmp_path / "own.h5", problem=problem).proof
     assert {key: value.tolist() for key, value in proof.sets.items()} == {"target": [1.0], name: [1.5]}
 
 
@@ -141,20 +141,19 @@ def test_solve_makes_certified_tables(monkeypatch):
 def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
     monkeypatch.setattr("sdhj.memory.available", lambda: 10_000_000)
     with pytest.raises(MemoryError, match=r"cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
-        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), method="certified", cells=(210, 210, 36, 36))
+        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
 
 
 def test_solve_certifies_a_problem_of_ones_own():
     problem = interval_problem(steps=2)
     bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
-    table = sdhj.solve(problem, method="certified", cells=[40], bounds=bounds, progress=False)
+    table = sdhj.solve(problem, Certified(cells=[40], bounds=bounds), progress=False)
     assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
-    with pytest.raises(ValueError, match="method=\"certified\", got method='hji'"):
-        sdhj.solve(problem, cells=[40])
     with pytest.raises(ValueError, match=r"sets 'target', 'wall': give bounds=LipschitzBounds"):
         sdhj.solve(problem, method="certified")
 
 
+@pytest.mark.slow
 def test_labels_part_the_states_of_a_tube(table):
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
     points = grid_table.grid.points()
@@ -175,7 +174,7 @@ def test_labels_refuse_other_problems_of_ones_own():
 
     def bounded(problem):
         sets = {part.name: [1.0] for part in (problem.target, *problem.unsafe)}
-        return CertifiedTable(certify(problem, cells=[40], bounds=LipschitzBounds(sets=sets), progress=False))
+        return sdhj.solve(problem, Certified(cells=[40], bounds=LipschitzBounds(sets=sets)), progress=False)
 
     problem = interval_problem(steps=2)
     proved, other = bounded(problem), bounded(interval_problem(steps=2, wall=2.0))
@@ -186,15 +185,18 @@ def test_labels_refuse_other_problems_of_ones_own():
 
 
 def test_what_is_checked_is_what_is_loaded(table, tmp_path):
-    path = tmp_path / "forged.h5"
+    """There is one recipe in a file: it is checked, and neither it nor the digest can be another one's."""
+    path, other = tmp_path / "forged.h5", sdhj.arm_case_study(nodes=9, steps=3, v_p_max=0.6)
     table.save(path)
     with h5py.File(path, "r+") as file:
-        recipe = json.loads(file["certified"].attrs["recipe"])
-        recipe["arguments"]["obstacles"] = []
-        file["certified"].attrs["recipe"] = json.dumps(recipe)
-    with pytest.raises(ValueError, match="another recipe"):
-        verify(path)
-    with pytest.raises(sdhj.TableFileError, match="damaged"):
+        assert [name for name in ("recipe", "digest") if name in file["certified"].attrs] == []
+        file.attrs["recipe"] = json.dumps(dict(other.recipe))
+    assert not verify(path, samples=60).ok
+    with pytest.raises(sdhj.TableFileError, match="solved for another problem"):
+        sdhj.load(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["digest"] = other.digest
+    with pytest.raises(sdhj.TableFileError, match="checksum"):
         sdhj.load(path)
 
 
@@ -228,16 +230,21 @@ def test_verify_from_the_command_line(table, tmp_path):
     assert "not certified" in against.output and (tmp_path / "labels.png").stat().st_size > 5000
 
 
-@pytest.mark.parametrize("cells", [40, [None], [np.inf], ["40"], [40, 40], [1]])
+@pytest.mark.parametrize("cells", [40, [None], [np.inf], ["40"], [1]])
 def test_cells_that_are_no_numbers_of_cells(cells):
+    with pytest.raises(ValueError, match="cells must be whole numbers of at least 2, one for each axis"):
+        Certified(cells=cells)
+
+
+def test_cells_are_one_number_for_each_axis():
     bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
-    with pytest.raises(ValueError, match="cells must be a whole number of at least 2 for each of the 1 axes"):
-        certify(interval_problem(steps=1), cells=cells, bounds=bounds, progress=False)
+    with pytest.raises(ValueError, match=r"cells must be one number for each of the 1 axes, got \[40, 40\]"):
+        Certified(cells=[40, 40], bounds=bounds).sets(interval_problem(steps=1))
 
 
 def test_a_problem_of_ones_own_with_too_many_cells_is_refused_at_once():
     bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
     with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*use fewer cells"):
-        certify(interval_problem(steps=1), cells=[10**12], bounds=bounds, progress=False)
+        Certified(cells=[10**12], bounds=bounds).sets(interval_problem(steps=1))
     with pytest.raises(ValueError, match="bounds must be LipschitzBounds"):
-        certify(interval_problem(steps=1), cells=[40], bounds={"wall": [1.0]}, progress=False)
+        Certified(cells=[40], bounds={"wall": [1.0]})

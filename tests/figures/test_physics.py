@@ -16,8 +16,7 @@ import sdhj
 from sdhj.arm.case_studies import OBSTACLES
 from sdhj.arm.workspace import Circle, Disk, Line, Still
 from sdhj.controller import Controller
-from sdhj.simulation import SUBSTEPS, simulate
-from sdhj.simulation.runs import admissible_states
+from sdhj.simulation.runs import SUBSTEPS, admissible_states, simulate
 
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import search
 import toys
-from search import planned, search_losing
+from search import Margins, planned, search_losing
 
 import sdhj
-from sdhj.certified.sets import certify
-from sdhj.certified.table import CertifiedTable
+from sdhj.certified import CertifiedTable
 from sdhj.controller import Controller
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, Margins, rollouts, simulate
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, rollouts, simulate
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")
@@ -31,7 +30,7 @@ def torus_table() -> sdhj.LookupTable:
 
 @cache
 def certified_table() -> CertifiedTable:
-    return CertifiedTable(certify(sdhj.arm_case_study(nodes=9, steps=3), cells=(105, 105, 36, 36), progress=False))
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), sdhj.Certified(cells=(105, 105, 36, 36)), progress=False)
 
 
 def planted(radius: float) -> Controller:
@@ -75,9 +74,10 @@ def test_where_a_proof_says_so_nobody_wins() -> None:
 def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
     than the strongest of the named adversaries does, and many more than random play with as many runs."""
-    sets = certified_table().sets
-    stronger = replace(sets.problem.dynamics, bounds=1.2 * sets.problem.dynamics.bounds)
-    controller = Controller(CertifiedTable(replace(sets, problem=replace(sets.problem, dynamics=stronger))))
+    table = certified_table()
+    stronger = replace(table.problem.dynamics, bounds=1.2 * table.problem.dynamics.bounds)
+    proof = replace(table.proof, problem=replace(table.problem, dynamics=stronger))
+    controller = Controller(replace(table, proof=proof))
     report = search_losing(controller, 300, population=16, generations=8, progress=False)
     named = {name: rollouts(controller, report.starts, ADVERSARIES[name], np.random.default_rng(0))[0] for name in PLAY}
     failed = {name: int((outcomes != OUTCOMES.index("reached")).sum()) for name, outcomes in named.items()}
@@ -90,8 +90,7 @@ def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
 def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
     controller = planted(0.02)
     report = search_losing(controller, 60, population=12, generations=3, switches=2, seed=5, progress=False)
-    bounds = controller.problem.dynamics.bounds
-    assert report.plans.shape == (60, 3, 2, 2) and (np.abs(report.plans) <= bounds).all()
+    assert report.plans.shape == (60, 3, 2, 2) and (np.abs(report.plans) <= 1.0).all()
     outcomes = [simulate(controller, q, report.adversary(i)).outcome for i, q in enumerate(report.starts)]
     assert outcomes == [OUTCOMES[place] for place in report.outcomes]
     assert report.lost.any() and not report.lost.all()
@@ -130,8 +129,8 @@ def test_margins_are_those_of_the_trajectory() -> None:
     controller = Controller(torus_table())
     problem, starts = controller.problem, np.array([START, [-2.4, -0.6]])
     plans = np.random.default_rng(3).uniform(-0.4, 0.4, (2, 3, 4, 2))
-    margins = Margins.of(2)
-    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins=margins)
+    margins = Margins(controller, starts)
+    rollouts(controller, starts, planned(plans), np.random.default_rng(0), margins.watch)
     for m, start in enumerate(starts):
         run = simulate(controller, start, planned(plans[m][None]))
         assert run.outcome == "reached" and len(run.inputs) >= 2

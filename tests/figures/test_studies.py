@@ -15,7 +15,7 @@ from extra_view_time import compare_view_times
 
 import sdhj
 from sdhj.arm.workspace import Disk, Still
-from sdhj.simulation import simulate
+from sdhj.simulation.runs import simulate
 
 
 @pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])

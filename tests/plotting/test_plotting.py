@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import logging
-import os
 import subprocess
 import sys
 
@@ -12,15 +11,14 @@ import pytest
 from artists import axes, named, vertices
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from PIL import Image
 from toys import torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
 from sdhj.certified.labels import LABELS, labels
-from sdhj.plotting import looks, scenes, slices, surfaces, trajectories
-from sdhj.simulation import Trajectory
+from sdhj.plotting import looks, scenes, slices, trajectories
+from sdhj.simulation.runs import Trajectory
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
 
@@ -173,14 +171,6 @@ def test_slices_know_any_problem():
     assert ax.get_xlabel() == "x1"
 
 
-def test_comparison_lays_two_tables_over_each_other(table):
-    ax = axes()
-    slices.draw_comparison(ax, table, table, through=THROUGH, within=2)
-    assert np.array_equal(vertices(ax, "full"), vertices(ax, "inner"))
-    assert named(ax, "inner")[0].get_zorder() > named(ax, "full")[0].get_zorder()
-    assert len(slices.comparison_legend()) == 4
-
-
 def test_labels_are_colours_of_a_slice(table):
     """A table held against a smaller one of the same game: what that holds counts as proved."""
     smaller = dataclasses.replace(table, tubes=table.tubes + 0.02)
@@ -193,12 +183,6 @@ def test_labels_are_colours_of_a_slice(table):
     assert np.array_equal(expected <= 1, where.of(table.grid, table.values(start=0, within=3)) <= 0)
     assert [patch.get_label() for patch in slices.label_legend()] == list(LABELS)
     assert named(ax, "tube-edge")
-
-
-def test_steps_bar_shows_every_number():
-    ax = axes()
-    slices.draw_steps_bar(ax, 5, horizontal=True)
-    assert ax.get_xticks().tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_a_path_is_cut_at_the_seam():
@@ -224,74 +208,6 @@ def test_a_path_on_bounded_axes_is_itself():
     grid = sdhj.Grid([-1, -1], [1, 1], [5, 5])
     states = np.array([[-0.9, 0.0], [0.9, 0.5]])
     assert np.array_equal(slices.unwrapped(grid, states), states)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Isosurfaces
-# ----------------------------------------------------------------------------------------------------------------------
-
-
-def ball(nodes: int, radius: float = 0.61) -> tuple[np.ndarray, list[np.ndarray]]:
-    coordinates = [np.linspace(-1, 1, nodes), np.linspace(-1, 1, nodes), np.linspace(-1, 1, nodes + 2)]
-    x, y, z = np.meshgrid(*coordinates, indexing="ij")
-    return np.sqrt(x**2 + y**2 + z**2) - radius, coordinates
-
-
-def edges_of(triangles: np.ndarray) -> np.ndarray:
-    """How often each directed edge occurs, and its opposite: rows of two counts."""
-    keys = [tuple(map(tuple, np.round(t, 9))) for t in triangles]
-    directed: dict = {}
-    for a, b, c in keys:
-        for edge in ((a, b), (b, c), (c, a)):
-            if edge[0] != edge[1]:
-                directed[edge] = directed.get(edge, 0) + 1
-    return np.array([(count, directed.get(edge[::-1], 0)) for edge, count in directed.items()])
-
-
-def volume(triangles: np.ndarray) -> float:
-    """By the divergence theorem; positive where the normals point out."""
-    return float(np.einsum("ti,ti->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
-
-
-def test_isosurface_of_a_ball():
-    errors = []
-    for nodes in (15, 29):
-        triangles = surfaces.isosurface(*ball(nodes))
-        assert np.abs(np.linalg.norm(triangles, axis=2) - 0.61).max() < (2 / (nodes - 1)) ** 2  # h^2 / 8 * 3 / r
-        area = np.linalg.norm(surfaces.normals(triangles), axis=1).sum() / 2
-        assert area == pytest.approx(4 * np.pi * 0.61**2, rel=0.05)
-        errors.append(abs(volume(triangles) - 4 / 3 * np.pi * 0.61**3))
-    assert errors[1] < errors[0] / 3  # second order: a quarter
-
-
-def test_isosurface_is_closed_and_oriented():
-    counts = edges_of(surfaces.isosurface(*ball(9)))
-    assert (counts[:, 0] == counts[:, 1]).all()  # every edge is passed once each way
-
-
-def test_isosurface_of_nothing():
-    assert surfaces.isosurface(np.ones((3, 3, 3)), [np.arange(3.0)] * 3).shape == (0, 3, 3)
-
-
-def test_a_block_closes_what_leaves_it():
-    grid = sdhj.Grid([0, 0, 0], [1, 1, 1], [6, 7, 8])
-    values = (grid.points()[:, 2] - 0.5).reshape(grid.shape)
-    triangles = surfaces.isosurface(*surfaces.block(grid, values, (0, 1, 2), (0, 0, 0)))
-    assert volume(triangles) == pytest.approx(0.5, abs=5 * surfaces.CAP)
-    counts = edges_of(triangles)
-    assert (counts[:, 0] == counts[:, 1]).all()
-
-
-def test_draw_isosurface(table):
-    figure = plotting.new_figure(4, 4, layout="none")
-    ax = figure.add_subplot(projection="3d")
-    surfaces.draw_isosurface(ax, table, through=THROUGH, within=3)
-    (surface,) = [c for c in ax.collections if c.get_gid() == "surface"]
-    assert len(surface.get_facecolor()) > 100
-    assert ax.get_zlabel() == "$p_x$ (m)"
-    empty = figure.add_subplot(projection="3d")
-    surfaces.draw_isosurface(empty, table, through=THROUGH, start=3, within=0, axes=(2, 3, 0))
-    assert len(empty.collections) <= 1
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -336,26 +252,6 @@ def test_arrows_point_along_the_velocity(table):
 # ----------------------------------------------------------------------------------------------------------------------
 
 
-def test_run_pictures(table, run):
-    problem = table.problem
-    ax = axes()
-    trajectories.draw_workspace_run(ax, problem, run)
-    (way,) = named(ax, "tip-path")
-    assert np.allclose(np.transpose(way.get_data()), scene(problem).arm.tip(run.states[:, :2]))
-    assert len(named(ax, "arm")) == len(trajectories.samples(run, problem))
-    ax = axes()
-    trajectories.draw_run(ax, table, run)
-    (way,) = named(ax, "path")
-    shown = np.transpose(way.get_data())
-    assert (np.abs(shown[~np.isnan(shown[:, 0])]) <= np.pi + 1e-12).all()
-    (marks,) = named(ax, "marks")
-    assert len(marks.get_xdata()) == len(trajectories.samples(run, problem))
-    assert named(ax, "tube")
-    strip = axes(nrows=2, ncols=3).ravel()
-    trajectories.draw_frames(strip, problem, run)
-    assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(trajectories.samples(run, problem)))
-
-
 def test_a_run_of_any_robot_on_any_slice():
     problem = unicycle_problem()
     table = sdhj.solve(problem, progress=False)
@@ -366,6 +262,8 @@ def test_a_run_of_any_robot_on_any_slice():
     (way,) = named(ax, "path")
     assert (way.get_xdata()[0], way.get_ydata()[0]) == (start[2], start[0])
     assert named(ax, "tube") and ax.get_xlabel() == "theta"
+    (marks,) = named(ax, "marks")
+    assert len(marks.get_xdata()) == len(run.samples) > 1
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -379,14 +277,6 @@ def test_a_moment_of_a_run(table, run, share):
     assert np.allclose(agent.center, run.states[index, 2:])
     assert named(right, "pursuer-edge") or not (table.problem.unsafe_value(run.states, 0.0) < 0).any()
     assert (run.outcome in right.get_title(loc="center")) == (share == 1.0)
-
-
-def test_the_animation_is_a_gif_with_its_frames(table, run, tmp_path):
-    path = trajectories.save_animation(table, run, tmp_path / "run.gif", frames=3, rate=4, dpi=40)
-    with Image.open(path) as image:
-        assert image.format == "GIF"
-        assert image.n_frames == 3  # the writer merges the still at the end into the last frame
-    assert os.listdir(tmp_path) == ["run.gif"]
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
     def compile_it(function: Any) -> Any:
         dispatcher = njit(cache=True, **options)(function)
-        kept = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        kept: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if hasattr(kept, "_source_stamp"):
             kept._source_stamp = kept._source_stamp, sources()
         return dispatcher
@@ -63,12 +63,6 @@ def any_bit(block):
         if word != NONE:
             return True
     return False
-
-
-@compiled()
-def place_of(steps, start, within):
-    """Where the index holds S_start^within."""
-    return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
 @compiled(parallel=True)

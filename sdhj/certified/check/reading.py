@@ -14,7 +14,6 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.separation import DIRECTIONS, World
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
-KINEMATICS = ("relative", "printed")
 PATHS = {
     "still": {"centre": 2},
     "line": {"start": 2, "velocity": 2},
@@ -38,7 +37,7 @@ def expect(fits: bool, what: str, given: Any) -> None:
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
 
 
 def check_numbers(name: str, given: Any, count: int = 1, least: float = 0.0) -> None:
@@ -68,13 +67,7 @@ class Scene:
 
     @classmethod
     def of(cls, recipe: Mapping[str, Any]) -> "Scene":
-        """The scene of a recipe.
-
-        Raises
-        ------
-        ValueError, KeyError, TypeError
-            Where something in it is missing or makes no sense.
-        """
+        """The scene of a recipe; ValueError, KeyError or TypeError where something is missing or makes no sense."""
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -84,7 +77,8 @@ class Scene:
             fits = is_whole(given[name], least, MOST_COUNTED)
             expect(fits, f"{name} must be a whole number from {least} to {MOST_COUNTED}", given[name])
         check_numbers("lengths", list(given["lengths"]), 2)
-        expect(given["kinematics"] in KINEMATICS, f"kinematics must be {' or '.join(KINEMATICS)}", given["kinematics"])
+        kinds = ("relative", "printed")
+        expect(given["kinematics"] in kinds, f"kinematics must be {' or '.join(kinds)}", given["kinematics"])
         expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
         for number, obstacle in enumerate(given["obstacles"]):
             check_disk(f"obstacle {number}", obstacle)
@@ -107,38 +101,21 @@ class Scene:
         values = [-top + 2 * top * i / (n - 1) for i in range(n)]
         return [(a, b) for a in values for b in values]
 
-    def world(self, edges: Sequence[Array]) -> World:
-        """What the compiled kernels read.
-
-        Raises
-        ------
-        ValueError
-            Where a number is too large for the bound on rounding.
-        """
-        given, chased = self.given, self.agent == "pursuer"
+    def world(self, edges: tuple[Array, Array, Array, Array]) -> World:
+        """What the compiled kernels read; ValueError where a number is too large for the bound on rounding."""
+        given, chased, inputs = self.given, self.agent == "pursuer", np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
-        width, radius = given["half_width"], given[f"{self.agent}_radius"]
-        goal = disk(given["target"]) if chased else np.array([0.0] * 7 + [radius])
-        inputs = np.array(self.inputs(), dtype=np.float64)
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
-        travel = (np.abs(inputs) + given["v_d_max"]) @ [arm[0] + arm[1], arm[1]] * given["delta"]
+        width, push, delta = float(given["half_width"]), float(given["v_d_max"]), float(given["delta"])
+        radius = float(given[f"{self.agent}_radius"])
+        goal = disk(given["target"]) if chased else np.array([0.0] * 7 + [radius])
+        disks = np.array([disk(each, width) for each in given["obstacles"]]).reshape(-1, 8)
+        agent = np.array([self.agent_speed, radius + width])
+        travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * delta
+        parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
         angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
-        world = World(
-            arm=arm,
-            inputs=inputs,
-            push=float(given["v_d_max"]),
-            chased=chased,
-            agent=np.array([self.agent_speed, radius + width]),
-            delta=float(given["delta"]),
-            disks=np.array([disk(each, width) for each in given["obstacles"]]).reshape(-1, 8),
-            goal=goal,
-            q1=edges[0],
-            q2=edges[1],
-            x=edges[2],
-            y=edges[3],
-            compass=np.stack([np.cos(angles), np.sin(angles)], axis=1),
-            parts=np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64),
-        )
+        compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        world = World(arm, inputs, push, chased, agent, delta, disks, goal, *edges, compass, parts)
         refuse_large(world, given["steps"])
         return world
 
@@ -146,7 +123,7 @@ class Scene:
 def disk(given: Mapping[str, Any], width: float = 0.0) -> Array:
     """A disk as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
     path = {name: given["path"][name] for name in PATHS[given["path"]["kind"]]}
-    place, velocity = path.get("centre", path.get("start")), path.get("velocity", (0.0, 0.0))
+    place, velocity = path["centre" if "centre" in path else "start"], path.get("velocity", (0.0, 0.0))
     circle = (path.get(name, 0.0) for name in ("radius", "rate", "phase"))
     return np.array([*place, *velocity, *circle, given["radius"] + width], dtype=np.float64)
 
@@ -170,17 +147,13 @@ def refuse_large(world: World, steps: int) -> None:
 
 
 class File:
-    """Cells and bits of a file.
-
-    Raises
-    ------
-    ValueError
-        Where its parts do not fit together.
-    """
+    """Cells and bits of a file; ValueError where its parts do not fit together."""
 
     def __init__(self, group: h5py.Group, recipe: Mapping[str, Any]) -> None:
         self.scene = Scene.of(recipe)
         self.steps = self.scene.given["steps"]
+        pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
+        self.pairs = np.array(pairs)
         self.shape = tuple(int(n) for n in group.attrs["shape"])
         expect(len(self.shape) == 4 and min(self.shape) >= 2, "shape must be four numbers of cells", self.shape)
         self.widths = [Fraction(w) for w in group.attrs["widths"]]
@@ -195,7 +168,7 @@ class File:
             {len(part) for part in (self.widths, self.lowers, self.extents)} == {4}
             and len(self.pool) > 0
             and packed.ndim == 1
-            and self.index.shape == ((self.steps + 1) * (self.steps + 2) // 2, n1 * n2)
+            and self.index.shape == (len(pairs), n1 * n2)
             and self.pool.shape[1:] == (-(-bits // 64),)
             and packed.size == -(-math.prod(flags) // 8)
             and self.index.max() < len(self.pool)
@@ -205,13 +178,14 @@ class File:
             raise ValueError("the arrays of the certified sets do not fit their numbers; the file is damaged")
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
-    def edges(self) -> list[Array]:
+    def edges(self) -> tuple[Array, Array, Array, Array]:
         """Edges of the cells of each axis, (n + 1,), rounded to the nearest number."""
         axes = zip(self.shape, self.widths, self.lowers, self.extents, strict=True)
-        return [
+        q1, q2, x, y = (
             np.array([*(float(lower + i * width) for i in range(n)), float(lower + extent[1])])
             for n, width, lower, extent in axes
-        ]
+        )
+        return q1, q2, x, y
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
         """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""

@@ -22,7 +22,9 @@ for a disk. Directions have length 1 within 1e-14. `ROUNDING` = 1e-11 is more th
 import math
 from typing import NamedTuple
 
-from sdhj.certified.check.bits import Array, compiled
+import numpy as np
+
+from sdhj.certified.check.bits import Array, any_bit, compiled, drop
 
 ROUNDING = 1e-11  # m: see above
 STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
@@ -244,3 +246,62 @@ def tip_inside(part, t, world, stack):
         halve(box, weights, stack[size], stack[size + 1])
         size += 2
     return False
+
+
+# ---- the same question about many cells of the agent at once
+
+
+class Bench(NamedTuple):
+    """Room to work on one row: the bounds of its joints and of one of the agent's cells, and scratch."""
+
+    part: Array  # (10,) see `separation`
+    low: Array  # (nx,) `beyond`
+    high: Array
+    stack: Array  # (STACK, 10) boxes
+
+
+@compiled()
+def beyond(nx, ny, bound, grow, edges_x, low, high):
+    """Tighten low and high, so that a cell of column x above high[x] or below low[x] is beyond `bound` along n.
+
+    The cell is grown by `grow` on each side. Both are (nx,) and modified in place. ny must not be 0; however small it
+    is, dividing by it is harmless: along n an error of the level counts only ny times.
+    """
+    up = 1.0 if ny > 0.0 else -1.0
+    base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny
+    shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind
+    for x in range(low.size):
+        level = base - slope * edges_x[x + shift]
+        if up > 0.0:
+            high[x] = min(high[x], level)
+        else:
+            low[x] = max(low[x], level)
+
+
+@compiled()
+def sweep(j, duration, world, bench, bits):
+    """Keep of the bits only those of the agent's cells that a few directions prove clear for the whole interval."""
+    box, parts, part = np.empty(10), world.parts[j] if duration > 0.0 else 1, bench.part
+    low, high, cells = bench.low, bench.high, world.y.size - 1
+    for k in range(parts):
+        part[8], part[9] = duration * k / parts, duration * (k + 1) / parts
+        moved(part, world.inputs[j], world, box)
+        pose, grow = pose_of(box, world.arm), world.agent[0] * box[9] + STATE_ERROR
+        for link in range(2):
+            low[:], high[:] = -np.inf, np.inf
+            for n in range(world.compass.shape[0] + 2):
+                if n < world.compass.shape[0]:
+                    nx, ny = world.compass[n, 0], world.compass[n, 1]
+                else:  # the normals of the link
+                    length = world.arm[link] if n % 2 else -world.arm[link]
+                    nx, ny = -pose[1 + 2 * link] / length, pose[2 * link] / length
+                if abs(ny) > 1e-6:
+                    bound = farthest(nx, ny, link, pose, world.arm[2]) + world.agent[1] + ROUNDING
+                    beyond(nx, ny, bound, grow, world.x, low, high)
+            for x in range(low.size):  # of this column the cells that are neither above high[x] nor below low[x]
+                first = np.searchsorted(world.y[1:], low[x])
+                stop = np.searchsorted(world.y[:-1], high[x], side="right")
+                if first < stop:
+                    drop(bits, x * cells + first, x * cells + stop)
+        if not any_bit(bits):
+            break

@@ -1,6 +1,5 @@
-"""Closed-loop simulation: the judgement by true geometry, the adversaries, and the rates."""
+"""Closed-loop simulation: single runs, the judgement by true geometry, and the rates."""
 
-import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -13,7 +12,7 @@ import sdhj
 from sdhj.controller import Controller
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation import runs as simulation
-from sdhj.simulation.adversaries import ADVERSARIES, Moment
+from sdhj.simulation.adversaries import Moment
 from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
 from sdhj.table import LookupTable
 
@@ -22,23 +21,8 @@ PLAYERS = ("none", "random", "aggressive", "worst")
 
 
 @cache
-def interval_table() -> LookupTable:
-    return sdhj.solve(toys.interval_problem(), sdhj.HopfLax("linear", "float64"), progress=False)
-
-
-@cache
-def torus_table() -> LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
-
-
-@cache
 def unicycle_table() -> LookupTable:
     return sdhj.solve(toys.unicycle_problem(), sdhj.HJI(DOUBLE), progress=False)
-
-
-@cache
-def arm_table() -> LookupTable:
-    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
 
 
 def judged_by(table: LookupTable, **changes: object) -> Controller:
@@ -46,32 +30,11 @@ def judged_by(table: LookupTable, **changes: object) -> Controller:
     return Controller(replace(table, problem=replace(table.problem, **changes)))
 
 
-def moment(controller: Controller, states: np.ndarray, **changes: object) -> Moment:
-    """The start of the first interval under input 0, with one step to go after it."""
-    problem = controller.problem
-    within = np.ones(len(states), dtype=int)
-    standard = {
-        "problem": problem,
-        "states": states,
-        "inputs": np.zeros(len(states), dtype=int),
-        "step": 0,
-        "substep": 0,
-        "time": 0.0,
-        "remaining": problem.delta,
-        "duration": problem.delta / SUBSTEPS,
-        "previous": np.zeros((len(states), problem.dynamics.adversaries)),
-        "runs": np.arange(len(states)),
-        "tube": lambda points: controller.table.values_at(points, 1, within),
-        "rng": np.random.default_rng(1),
-    }
-    return Moment(**(standard | changes))
-
-
 # ---- one run
 
 
 def test_a_trajectory_is_what_happened() -> None:
-    controller = Controller(interval_table())
+    controller = Controller(toys.interval_table())
     run = simulate(controller, [-2.5], adversary="random", seed=3)
     problem = controller.problem
     assert run.outcome == "reached"
@@ -89,14 +52,14 @@ def test_a_trajectory_is_what_happened() -> None:
 
 
 def test_a_start_in_the_target_has_arrived() -> None:
-    run = simulate(Controller(interval_table()), [0.5])
+    run = simulate(Controller(toys.interval_table()), [0.5])
     assert run.outcome == "reached" and run.inputs.size == 0
     assert run.states.tolist() == [[0.5]] and run.times.tolist() == [0.0] and run.disturbances.shape == (0, 1)
 
 
 @pytest.mark.parametrize("adversary", PLAYERS)
 def test_angles_run_on_without_jumps(adversary: str) -> None:
-    controller = Controller(arm_table())
+    controller = Controller(toys.arm_table())
     starts = admissible_states(controller, 30, np.random.default_rng(0))
     longest = max((simulate(controller, q, adversary) for q in starts), key=lambda run: len(run.times))
     assert len(longest.inputs) >= 2
@@ -110,7 +73,7 @@ def test_angles_run_on_without_jumps(adversary: str) -> None:
 def test_a_collision_that_the_table_does_not_know_is_seen() -> None:
     """A thin wall between two sampling times: only the instants between them can see it."""
     thin = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 1.3) - 0.02, name="thin wall")
-    run = simulate(judged_by(interval_table(), unsafe=(thin,)), [-2.0], adversary="none")
+    run = simulate(judged_by(toys.interval_table(), unsafe=(thin,)), [-2.0], adversary="none")
     assert run.outcome == "collided"
     assert abs(run.states[-1, 0] + 1.3) <= 0.02 and len(run.times) < 2 * SUBSTEPS
     assert (np.abs(run.states[:-1] + 1.3) > 0.02).all()  # the run ends where it happened
@@ -119,16 +82,16 @@ def test_a_collision_that_the_table_does_not_know_is_seen() -> None:
 
 def test_a_start_in_an_unsafe_set_has_collided() -> None:
     wall = sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] + 1.9, name="wall")
-    run = simulate(judged_by(interval_table(), unsafe=(wall,)), [-2.0])
+    run = simulate(judged_by(toys.interval_table(), unsafe=(wall,)), [-2.0])
     assert run.outcome == "collided" and run.times.tolist() == [0.0] and run.inputs.size == 0
     inside = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.9) - 0.1, name="in the target")
-    assert simulate(judged_by(interval_table(), unsafe=(inside,)), [0.9]).outcome == "collided"
+    assert simulate(judged_by(toys.interval_table(), unsafe=(inside,)), [0.9]).outcome == "collided"
 
 
 def test_moving_sets_are_judged_at_their_time() -> None:
     """A wall that arrives after 0.3 s: a run that is in the target by then has reached it, a later one has collided."""
     wall = sdhj.UnsafeSet((0,), lambda p, t: np.full(len(p), 0.3 - t), rate=1.0, name="late wall")
-    controller = judged_by(interval_table(), unsafe=(wall,))
+    controller = judged_by(toys.interval_table(), unsafe=(wall,))
     assert simulate(controller, [0.9], adversary="none").outcome == "reached"
     run = simulate(controller, [-1.3], adversary="none")
     assert run.outcome == "collided" and run.times[-1] == pytest.approx(0.3)
@@ -137,7 +100,7 @@ def test_moving_sets_are_judged_at_their_time() -> None:
 def test_success_needs_the_true_target_not_the_table_s() -> None:
     """The table says 0 steps to go at 0.8; the true target ends at 0.5. The run goes on until it is truly inside."""
     smaller = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5)
-    controller = judged_by(interval_table(), target=smaller)
+    controller = judged_by(toys.interval_table(), target=smaller)
     assert controller.steps_to_go([0.8], 0) == 0
     run = simulate(controller, [0.8], adversary="none")
     assert run.outcome == "reached" and len(run.inputs) >= 1 and run.steps_to_go[0] == 0
@@ -146,157 +109,18 @@ def test_success_needs_the_true_target_not_the_table_s() -> None:
 
 def test_running_out_of_steps_is_late() -> None:
     elsewhere = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3.5) - 0.5)
-    run = simulate(judged_by(interval_table(), target=elsewhere, unsafe=()), [0.0], adversary="random")
+    run = simulate(judged_by(toys.interval_table(), target=elsewhere, unsafe=()), [0.0], adversary="random")
     assert run.outcome == "late" and len(run.inputs) == 5 and len(run.times) == 5 * SUBSTEPS + 1
 
 
 def test_an_adversary_stronger_than_solved_for_drives_the_state_out() -> None:
     """|v| <= 2 against |u| <= 1: pushed away from the target, out of every tube."""
-    table = interval_table()
+    table = toys.interval_table()
     stronger = replace(table.problem.dynamics, bounds=np.array([2.0]))
     controller = judged_by(table, dynamics=stronger)
     run = simulate(controller, [-2.0], adversary=lambda m: np.full((len(m.states), 1), -2.0))
     assert run.outcome == "left" and len(run.inputs) < 5
     assert controller.steps_to_go(run.states[-1], len(run.inputs)) is None
-
-
-# ---- adversaries
-
-
-def test_random_is_constant_over_an_interval_and_fills_its_box() -> None:
-    drawn = []
-
-    def watch(m: Moment) -> np.ndarray:
-        drawn.append((m.substep, ADVERSARIES["random"](m)))
-        return drawn[-1][1]
-
-    monte_carlo(Controller(interval_table()), 500, watch, progress=False)
-    starts = [place for place, (substep, _) in enumerate(drawn) if substep == 0]
-    assert len(starts) >= 3
-    for place in starts:
-        v = drawn[place][1]
-        assert all((later == v).all() for _, later in drawn[place : place + SUBSTEPS])
-        assert len(np.unique(v)) == len(v)
-    first = drawn[0][1]
-    assert np.abs(first).max() <= 0.2
-    assert first.min() < -0.18 and first.max() > 0.18  # 500 uniform draws miss a tenth of the box with chance 1e-11
-
-
-def test_aggressive_takes_the_vertex_that_lowers_the_distance_most() -> None:
-    controller = Controller(torus_table())
-    problem = controller.problem
-    states = np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 2))
-    now = moment(controller, states)
-    v = ADVERSARIES["aggressive"](now)
-    distance = {
-        signs: problem.unsafe_value(states + now.duration * 0.4 * np.array(signs), now.time)
-        for signs in itertools.product((-1, 1), repeat=2)
-    }
-    chosen = problem.unsafe_value(states + now.duration * v, now.time)
-    # trials move one component at a time: off by second order, for steps of 0.004 on circles of radius 0.1 and more
-    near = np.hypot(*toys.wrapped(states - [1.0, 0.0]).T) > 0.1
-    assert (chosen <= np.minimum.reduce(list(distance.values())) + 0.004**2 / 0.1)[near].all()
-    assert near.sum() > 190
-
-
-def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) -> None:
-    """The disturbance of the joints pushes towards what is nearer; the pursuer always closes in."""
-    problem = sdhj.arm_case_study(nodes=9, steps=1)
-    controller = Controller(sdhj.solve(problem, "lax", progress=False))
-    states = rng.uniform(problem.grid.lower, problem.grid.upper, (300, 4))
-    now = moment(controller, states)
-    values, changes = [], []
-    for part in problem.unsafe:
-        value = part.level_set(states[:, part.axes], 0.0)
-        trials = [
-            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds, np.eye(4), strict=True)
-        ]
-        values.append(value)
-        changes.append([part.level_set(trial[:, part.axes], 0.0) - value for trial in trials])
-    nearest, pursuer = np.argmin(values, axis=0), len(problem.unsafe) - 1
-    signs = -np.sign(np.array(changes))  # (parts, D, M)
-    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds
-    everyone = np.arange(300)
-    felt = signs[nearest, 0, everyone] != 0
-    np.testing.assert_array_equal(v[felt, 0], signs[nearest, 0, everyone][felt])
-    assert (felt & (signs[pursuer, 0] != signs[nearest, 0, everyone])).sum() > 20  # where the two pull apart
-    np.testing.assert_array_equal(v[:, 2:], signs[pursuer, 2:].T)
-
-
-def test_worst_takes_the_vertex_with_the_worst_score() -> None:
-    """Scores of all four vertices, by the table's interpolation and the distance to the first order in v."""
-    controller = Controller(torus_table())
-    problem = controller.problem
-    states = admissible_states(controller, 100, np.random.default_rng(2))
-    now = moment(controller, states)
-    v = ADVERSARIES["worst"](now)
-    vertices = [0.4 * np.array(signs) for signs in itertools.product((-1.0, 1.0), repeat=2)]
-    middle = states + problem.delta * problem.dynamics.drift[0]
-    end = problem.delta
-    distance = problem.unsafe_value(middle, end)
-    slopes = [problem.unsafe_value(middle + problem.delta * 0.4 * e, end) - distance for e in np.eye(2)]
-    scores = []
-    for vertex in vertices:
-        tube = problem.grid.interpolate(controller.table.values(start=1, within=1), middle + problem.delta * vertex)
-        linear = distance + sum(slope * sign for slope, sign in zip(slopes, np.sign(vertex), strict=True))
-        scores.append(np.maximum(tube, -linear))
-    played = [int(np.flatnonzero([(row == vertex).all() for vertex in vertices])[0]) for row in v]
-    np.testing.assert_allclose(np.array(scores)[played, np.arange(100)], np.max(scores, axis=0), rtol=0, atol=1e-12)
-    assert len(set(played)) == 4
-
-
-def test_worst_takes_the_least_clearance_where_the_tube_tells_nothing() -> None:
-    """A certified table counts whole steps, so that all vertices may leave the robot equally well off."""
-    controller = Controller(torus_table())
-    states = admissible_states(controller, 100, np.random.default_rng(2))
-    now = moment(controller, states, tube=lambda points: np.zeros(points.shape[:2]))
-    problem, end = controller.problem, controller.problem.delta
-    middle = now.predicted()
-    assert (problem.unsafe_value(middle, end) > 2 * end * 0.4).all()  # no vertex collides, so the tube decides
-    v = ADVERSARIES["worst"](now)
-    slopes = [problem.unsafe_value(middle + end * 0.4 * e, end) - problem.unsafe_value(middle, end) for e in np.eye(2)]
-    felt = np.abs(slopes) > 1e-12
-    np.testing.assert_array_equal(np.sign(v.T)[felt], -np.sign(slopes)[felt])
-    assert felt.mean() > 0.9 and len(np.unique(v, axis=0)) >= 3
-
-
-def test_worst_may_switch_within_an_interval() -> None:
-    controller = Controller(arm_table())
-    starts = admissible_states(controller, 40, np.random.default_rng(5))
-    switches = 0
-    for q in starts:
-        run = simulate(controller, q, "worst")
-        for k in range(len(run.inputs)):
-            held = run.disturbances[k * SUBSTEPS : (k + 1) * SUBSTEPS]
-            assert (np.abs(held) == controller.problem.dynamics.bounds).all()  # always a vertex
-            switches += int((np.diff(held, axis=0) != 0).any())
-    assert switches > 0
-
-
-def test_own_adversary_is_told_everything_and_kept_to_its_box() -> None:
-    controller = Controller(interval_table())
-    seen: list[Moment] = []
-
-    def mine(m: Moment) -> np.ndarray:
-        seen.append(m)
-        return np.full((len(m.states), 1), 0.1)
-
-    run = simulate(controller, [-2.0], mine)
-    assert (run.disturbances == 0.1).all()
-    assert [m.substep for m in seen[:SUBSTEPS]] == list(range(SUBSTEPS))
-    last = seen[SUBSTEPS - 1]
-    assert last.time + last.duration == pytest.approx(0.5) and last.remaining == pytest.approx(last.duration)
-    assert seen[0].inputs.tolist() == [run.inputs[0]] and seen[1].previous.tolist() == [[0.1]]
-    np.testing.assert_allclose(seen[0].predicted(), [[-1.5]])
-    assert seen[0].tube(np.array([[[-1.5]]]))[0, 0] == pytest.approx(0.5 - 2 * 0.4)  # |q| - 1 two steps earlier
-
-    for bad, message in (
-        (lambda m: np.zeros(3), r"shape \(1, 1\), got \(3,\)"),
-        (lambda m: np.full((1, 1), 0.3), r"within \+-\[0.2\]"),
-        (lambda m: np.full((1, 1), np.nan), "finite"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            simulate(controller, [-2.0], bad)
 
 
 # ---- the rates
@@ -306,13 +130,13 @@ def test_own_adversary_is_told_everything_and_kept_to_its_box() -> None:
 @pytest.mark.parametrize("adversary", PLAYERS)
 def test_where_the_table_is_exact_every_run_succeeds(adversary: str, rule: str) -> None:
     """On the interval tubes are piecewise linear with kinks at nodes, so interpolation is exact: no run may fail."""
-    report = monte_carlo(Controller(interval_table(), rule), 2000, adversary, progress=False)
+    report = monte_carlo(Controller(toys.interval_table(), rule), 2000, adversary, progress=False)
     assert report.counts == {"reached": 2000, "collided": 0, "left": 0, "late": 0}
 
 
 def test_starts_fill_the_tube_evenly() -> None:
     """The tube of step 0 is [-3, 3]: five steps of 0.4 beyond the target, and the wall stands at 3."""
-    controller = Controller(interval_table())
+    controller = Controller(toys.interval_table())
     starts = admissible_states(controller, 4000, np.random.default_rng(1))[:, 0]
     assert np.abs(starts).max() <= 3.0
     share = np.histogram(starts, np.linspace(-3, 3, 9))[0] / 4000
@@ -345,7 +169,7 @@ def test_arm_succeeds_as_often_as_the_grid_allows() -> None:
 
 
 def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
-    controller = Controller(torus_table())
+    controller = Controller(toys.torus_table())
     runs = simulation.CHUNK + 500
     one = monte_carlo(controller, runs, "random", seed=7, progress=False)
     monkeypatch.setattr(simulation, "threads", lambda: 1)
@@ -363,7 +187,7 @@ def test_a_seed_fixes_everything(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_report_adds_up_and_reads_as_a_table() -> None:
-    report = monte_carlo(Controller(torus_table()), 1500, "worst", progress=False)
+    report = monte_carlo(Controller(toys.torus_table()), 1500, "worst", progress=False)
     assert tuple(report.counts) == OUTCOMES and sum(report.counts.values()) == report.runs == 1500
     assert report.starts.shape == (1500, 2) and report.outcomes.shape == report.steps.shape == (1500,)
     for place, outcome in enumerate(OUTCOMES):
@@ -384,7 +208,7 @@ def test_own_functions_are_named_in_the_report() -> None:
     def first(candidates: "sdhj.controller.Candidates") -> np.ndarray:
         return candidates.inputs
 
-    report = monte_carlo(Controller(interval_table(), first), 50, still, progress=False)
+    report = monte_carlo(Controller(toys.interval_table(), first), 50, still, progress=False)
     assert (report.adversary, report.rule) == ("still", "first") and report.rate("reached") == 1.0
 
 
@@ -392,7 +216,7 @@ def test_own_functions_are_named_in_the_report() -> None:
 
 
 def test_unknown_adversary() -> None:
-    controller = Controller(interval_table())
+    controller = Controller(toys.interval_table())
     for run in (lambda: simulate(controller, [0.0], "nasty"), lambda: monte_carlo(controller, 10, "nasty")):
         with pytest.raises(ValueError, match=r"none, random, aggressive, worst.*'nasty'"):
             run()
@@ -401,19 +225,19 @@ def test_unknown_adversary() -> None:
 @pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None])
 def test_runs_must_be_a_count(bad: object) -> None:
     with pytest.raises(ValueError, match="runs must be a whole number of at least 1"):
-        monte_carlo(Controller(interval_table()), bad)
+        monte_carlo(Controller(toys.interval_table()), bad)
 
 
 @pytest.mark.parametrize("bad", [-1, 0.5, "x"])
 def test_seed_must_be_a_count(bad: object) -> None:
-    controller = Controller(interval_table())
+    controller = Controller(toys.interval_table())
     for run in (lambda: simulate(controller, [0.0], seed=bad), lambda: monte_carlo(controller, 10, seed=bad)):
         with pytest.raises(ValueError, match="seed must be a whole number of at least 0"):
             run()
 
 
 def test_a_start_that_is_not_admissible() -> None:
-    controller = Controller(interval_table())
+    controller = Controller(toys.interval_table())
     with pytest.raises(sdhj.NotAdmissible, match=r"\[3.5\] is not admissible at step 0"):
         simulate(controller, [3.5])
     with pytest.raises(ValueError, match="NaN"):
@@ -423,7 +247,7 @@ def test_a_start_that_is_not_admissible() -> None:
 
 
 def test_an_empty_tube_has_no_starts() -> None:
-    table = interval_table()
+    table = toys.interval_table()
     nothing = Controller(replace(table, tubes=np.ones_like(table.tubes)))
     with pytest.raises(ValueError, match="tube of step 0 within 5 steps is empty or tiny"):
         monte_carlo(nothing, 10, progress=False)

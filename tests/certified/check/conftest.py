@@ -1,0 +1,29 @@
+"""What the checker reads of the small case study."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from naive_certified import CIRCLE, LINE, SMALL, STILL
+
+import sdhj
+from sdhj.certified.check.reading import Scene
+from sdhj.certified.check.separation import World
+
+
+@pytest.fixture
+def arm_world() -> Callable[..., World]:
+    """The numbers of the small case study with three obstacles; other edges of cells, other arguments."""
+
+    def world(edges: Any = None, **changes: Any) -> World:
+        recipe = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]} | changes)).recipe
+        return Scene.of(recipe).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
+
+    return world
+
+
+@pytest.fixture
+def recipe() -> Any:
+    """How the small case study is made."""
+    return sdhj.arm_case_study(**SMALL).recipe

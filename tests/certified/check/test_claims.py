@@ -1,0 +1,293 @@
+"""The claims of a file: it proves what holds, and finds what was planted."""
+
+import itertools
+import json
+import math
+import shutil
+from fractions import Fraction
+from types import SimpleNamespace
+
+import h5py
+import naive_certified as naive
+import numpy as np
+import pytest
+from naive_certified import CIRCLE, LINE, SMALL, STILL
+
+import sdhj
+from sdhj.certified.check import verify
+from sdhj.certified.check.claims import PI, cells_cover, counted
+from sdhj.certified.check.reading import Scene
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """The certified table of a small problem in a file, and the table."""
+    problem = sdhj.arm_case_study(**(SMALL | {"v_p_max": 0.9}))
+    table = sdhj.solve(problem, sdhj.Certified(cells=(32, 32, 8, 8), parts=4), progress=False)
+    return write(table, tmp_path_factory.mktemp("verify") / "small.h5"), table
+
+
+def write(table, path):
+    table.save(path)
+    return path
+
+
+def claims_of(report):
+    return {claim.name: claim for claim in report.claims}
+
+
+def test_every_claim_of_a_small_file_is_proved(saved):
+    path, table = saved
+    report = verify(path)
+    assert report.ok, str(report)
+    claims = claims_of(report)
+    added = table.bits(start=0, within=2) & ~table.bits(start=0, within=1)
+    assert claims["one step nearer, within 2"].checked == claims["one step nearer, within 2"].made == added.sum() > 0
+    assert claims["clear of the obstacles"].checked == table.proof.motion.allowed.sum()
+    assert "proved" in str(report) and "NOT" not in str(report)
+
+
+def test_rows_are_drawn_and_counted(saved):
+    report = verify(saved[0], samples=300, seed=1)
+    assert report.ok
+    claims = claims_of(report)
+    nearer = claims["one step nearer, within 1"]
+    assert 0 < nearer.checked < nearer.made and 0 < nearer.boundary[1] < nearer.boundary[0]
+    assert str(verify(saved[0], samples=np.int64(300), seed=np.uint8(1))) == str(report)
+    assert str(verify(saved[0], samples=300, seed=2)) != str(report)
+
+
+@pytest.mark.parametrize("name", ["printed", "evader"])
+def test_every_claim_of_other_arms_is_proved(name, tmp_path):
+    obstacles = [STILL, LINE, CIRCLE]
+    if name == "evader":
+        numbers = {"v_e_max": 0.3, "evader_radius": 0.14, "u_max": 4.0, "v_d_max": 1.0}
+        problem = sdhj.evader_case_study(nodes=9, steps=2, input_levels=3, obstacles=obstacles, **numbers)
+    else:
+        problem = sdhj.arm_case_study(**(SMALL | {"kinematics": "printed", "obstacles": obstacles}))
+    table = sdhj.solve(problem, sdhj.Certified(cells=(63, 63, 24, 24), parts=4), progress=False)
+    report = verify(write(table, tmp_path / "other.h5"))
+    assert report.ok, str(report)
+    assert claims_of(report)["one step nearer, within 1"].checked > 100
+
+
+# ---- planted faults
+
+
+def planted(saved, tmp_path, change, whole=False):
+    """Report on a copy of the file that `change` was let loose on: the group of the sets, or the whole file."""
+    path = tmp_path / "planted.h5"
+    shutil.copy(saved[0], path)
+    with h5py.File(path, "r+") as file:
+        change(file if whole else file["certified"])
+    return verify(path)
+
+
+def rewrite(group, name, data):
+    del group[name]
+    group[name] = data
+
+
+def flip(group, table, start, within, cell):
+    """Flip one cell of one set, in a block of its own."""
+    index, pool = group["index"][()], group["pool"][()]
+    _, n2, _, ny = table.shape
+    place, row, bit = naive.place_of(table.steps, start, within), cell[0] * n2 + cell[1], cell[2] * ny + cell[3]
+    block = pool[index[place, row]].copy()
+    block[bit // 64] ^= np.uint64(1) << np.uint64(bit % 64)
+    index[place, row] = len(pool)
+    rewrite(group, "index", index)
+    rewrite(group, "pool", np.concatenate([pool, block[None]]))
+
+
+def test_a_cell_too_many_is_found(saved, tmp_path, rng):
+    """A cell beside a set is added to it. (One that the solver left out needlessly may be proved, not more.)"""
+    _, table = saved
+    found = 0
+    for start, within in ((0, 2), (1, 1), (1, 0)):
+        inside = table.bits(start=start, within=within)
+        outside = np.argwhere(~inside & np.roll(inside, 1, axis=0))
+        cell = rng.permutation(outside)[0]
+        report = planted(saved, tmp_path, lambda group, c=cell, k=start, n=within: flip(group, table, k, n, c))
+        found += not report.ok
+        named = [failure for claim in report.claims for failure in claim.failures]
+        assert report.ok or f"start {start}, within {within}, cell {tuple(cell.tolist())}" in named
+    assert found >= 2
+
+
+def test_a_cell_too_few_is_found_where_others_rest_on_it(saved, tmp_path, rng):
+    """A cell in the middle of S_1^1 is taken away: cells of S_0^2 lose what they end in, S_1^0 is inside no more."""
+    _, table = saved
+    inside = table.bits(start=1, within=1)
+    deep = inside & np.roll(inside, 1, axis=0) & np.roll(inside, -1, axis=0) & np.roll(inside, 1, axis=1)
+    cell = rng.permutation(np.argwhere(deep & table.bits(start=1, within=0)))[0]
+    report = planted(saved, tmp_path, lambda group: flip(group, table, 1, 1, cell))
+    assert not report.ok
+    assert any("not inside" in failure for claim in report.claims for failure in claim.failures)
+
+
+def test_an_input_bit_too_many_is_found(saved, tmp_path, rng):
+    _, table = saved
+    allowed = table.proof.motion.allowed
+    sure = allowed.copy()  # blocked beside blocked: not only by a hair
+    for axis in (2, 3):
+        for side in (-1, 1):
+            sure |= np.roll(allowed, side, axis=axis)
+    for place in rng.permutation(np.argwhere(~sure))[:2]:
+        changed = allowed.copy()
+        changed[tuple(place)] = True
+        bits = np.packbits(changed, bitorder="little")
+        report = planted(saved, tmp_path, lambda group, b=bits: rewrite(group, "allowed", b))
+        wrong = claims_of(report)["clear of the obstacles"]
+        assert wrong.failed == 1
+        assert wrong.failures == ("start {}, input {}, joints {}, {}".format(*place.tolist()),)
+
+
+def test_wrong_cells_end_the_check(saved, tmp_path):
+    def wider(group):
+        group.attrs["widths"] = ["19/100", *list(group.attrs["widths"])[1:]]
+
+    report = planted(saved, tmp_path, wider)
+    assert [claim.failed for claim in report.claims] == [1]
+
+
+def test_a_stronger_adversary_is_not_proved(saved, tmp_path):
+    """The sets of one problem under the numbers of harder ones."""
+    for old, new in (('"v_d_max": 2.0', '"v_d_max": 2.1'), ('"v_p_max": 0.9', '"v_p_max": 1.0')):
+
+        def harder(file, old=old, new=new):
+            assert old in file.attrs["recipe"]
+            file.attrs["recipe"] = file.attrs["recipe"].replace(old, new)
+
+        report = planted(saved, tmp_path, harder, whole=True)
+        assert not report.ok and "NOT proved" in str(report)
+
+
+def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
+    with h5py.File(tmp_path / "empty.h5", "w"):
+        pass
+    with pytest.raises(ValueError, match="no certified sets"):
+        verify(tmp_path / "empty.h5")
+    for name in ("index", "allowed", "pool"):
+        with pytest.raises(ValueError, match="damaged"):
+            planted(saved, tmp_path, lambda group, n=name: rewrite(group, n, group[n][()][:-1]))
+
+    def beyond_the_pool(group):
+        rewrite(group, "index", group["index"][()] + np.uint32(len(group["pool"])))
+
+    with pytest.raises(ValueError, match="damaged"):
+        planted(saved, tmp_path, beyond_the_pool)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("half_width", -0.5),
+        ("half_width", True),
+        ("half_width", "a"),
+        ("pursuer_radius", -1.0),
+        ("pursuer_radius", math.nan),
+        ("v_d_max", -0.1),
+        ("delta", math.inf),
+        ("steps", 2.5),
+        ("steps", 0),
+        ("input_levels", 1),
+        ("input_levels", 10**30),
+        ("lengths", [0.15]),
+        ("lengths", None),
+        ("kinematics", "foo"),
+        ("obstacles", {}),
+        ("obstacles", [3]),
+        ("obstacles", [STILL | {"radius": -1.0}]),
+        ("obstacles", [STILL | {"path": STILL["path"] | {"kind": "spiral"}}]),
+        ("obstacles", [STILL | {"path": STILL["path"] | {"centre": [0.0]}}]),
+        ("obstacles", [CIRCLE | {"path": CIRCLE["path"] | {"rate": None}}]),
+        ("target", None),
+        ("target", {}),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(saved, tmp_path, name, value):
+    def senseless(file):
+        recipe = json.loads(file.attrs["recipe"])
+        recipe["arguments"][name] = value
+        file.attrs["recipe"] = json.dumps(recipe)
+
+    with pytest.raises(ValueError, match=r"make no sense .*; the file is damaged"):
+        planted(saved, tmp_path, senseless, whole=True)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda group: group.attrs.__delitem__("shape"),
+        lambda group: group.attrs.__setitem__("shape", 32),
+        lambda group: group.attrs.__setitem__("widths", ["1/0"] * 4),
+        lambda group: group.attrs.__setitem__("widths", ["1/2"] * 3),
+        lambda group: group.parent.attrs.__setitem__("recipe", "[]"),
+        lambda group: group.parent.attrs.__setitem__("recipe", '{"builder": "foo", "arguments": {}}'),
+        lambda group: group.__delitem__("pool"),
+        lambda group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
+        lambda group: rewrite(group, "index", group["index"][()].astype(">u4")),
+        lambda group: rewrite(group, "pool", group["pool"][()].astype(np.int64)),
+        lambda group: rewrite(group, "allowed", group["allowed"][()].astype(np.float64)),
+    ],
+)
+def test_damaged_files_are_refused(saved, tmp_path, damage):
+    with pytest.raises(ValueError, match=r"make no sense .*; the file is damaged"):
+        planted(saved, tmp_path, damage)
+
+
+def test_samples_and_seed_that_make_no_sense_are_refused(saved):
+    for options in ({"samples": 0}, {"samples": -1}, {"samples": True}, {"seed": -1}, {"seed": 0.5}):
+        with pytest.raises(ValueError, match="must be a"):
+            verify(saved[0], **options)
+
+
+# ---- cells that cover, sets that grow
+
+
+def test_cells_that_do_not_cover_are_found(recipe):
+    scene = Scene.of(recipe)
+    width = scene.box / 4
+    fine = {"extents": [(2 * PI[0], 2 * PI[1])] * 2 + [(2 * scene.box,) * 2] * 2, "lowers": [-scene.box] * 4}
+    fine |= {"scene": scene, "shape": (32, 32, 8, 8), "widths": [PI[1] / 16] * 2 + [width] * 2}
+    assert cells_cover(SimpleNamespace(**fine)).failed == 0
+    for axis, name, value in (
+        (0, "extents", (Fraction(22, 7) * 2,) * 2),
+        (1, "extents", (2 * PI[1],) * 2),
+        (1, "extents", (2 * PI[0],) * 2),
+        (0, "widths", PI[0] / 16),
+        (3, "widths", width * Fraction(99, 100)),
+        (2, "lowers", -scene.box + 1),
+        (2, "extents", (2 * scene.box - width / 2,) * 2),
+    ):
+        wrong = [value if k == axis else kept for k, kept in enumerate(fine[name])]
+        assert cells_cover(SimpleNamespace(**(fine | {name: wrong}))).failed == 1, (axis, name)
+
+
+def test_survey_agrees_with_the_twin(rng):
+    steps, shape = 2, (4, 3, 5, 6)
+    cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
+    file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), shape=shape, index=index, pool=pool)
+    counts, grow = counted(file)
+    assert grow.failed == 0
+    expected, at = np.zeros_like(counts), 0
+    for k in range(steps + 1):
+        for n in range(steps - k + 1):
+            new = cells[at] & ~cells[at - 1] if n else cells[at]
+            for cell in np.argwhere(new):
+                edge = False
+                for axis in range(2):
+                    for side in (-1, 1):
+                        beside = cell.copy()
+                        beside[axis] = (beside[axis] + side) % shape[axis]
+                        edge |= not cells[(at, *beside)]
+                for dx, dy in itertools.product((-1, 0, 1), repeat=2):
+                    x, y = np.clip(cell[2] + dx, 0, shape[2] - 1), np.clip(cell[3] + dy, 0, shape[3] - 1)
+                    edge |= not cells[at, cell[0], cell[1], x, y]
+                expected[cell[0] * shape[1] + cell[1], n] += (1, edge)
+            at += 1
+    np.testing.assert_array_equal(counts, expected)
+    file.index = index.copy()
+    file.index[1, 7] = np.flatnonzero((pool & pool[index[0, 7]] != pool[index[0, 7]]).any(axis=1))[0]
+    assert counted(file)[1].failures[0] == "start 0: the set within 0 is not inside the one within 1"

@@ -1,0 +1,57 @@
+"""What is read of a file: numbers it lets in, and the cells that an image may overlap."""
+
+import itertools
+from fractions import Fraction
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from naive_certified import CIRCLE, STILL
+
+from sdhj.certified.check.claims import PI
+from sdhj.certified.check.reading import Scene, overlapped
+
+
+def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
+    far = STILL | {"path": {"kind": "still", "centre": [20.0, 0.0]}}
+    fast = CIRCLE | {"path": CIRCLE["path"] | {"rate": 1000.0}}
+    for changes in (
+        {"obstacles": [far]},
+        {"obstacles": [fast]},
+        {"target": far},
+        {"u_max": 150.0},
+        {"lengths": [11.0, 1.0]},
+        {"lengths": [0.15, 0.0]},
+    ):
+        scene = Scene.of(recipe | {"arguments": recipe["arguments"] | changes})
+        with pytest.raises(ValueError, match="bound on rounding"):
+            scene.world((np.linspace(-1, 1, 9),) * 4)
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_image_lists_hold_every_end(axis, recipe, rng):
+    """Exact end states of random starts, and of the cells' ends, lie in the listed cells; and no list is idly long."""
+    scene = Scene.of(recipe)
+    size = 2 * PI[1] if axis == 0 else 2 * scene.box
+    n, width = 23, size / 23 + Fraction(1, 10**4)
+    file = SimpleNamespace(scene=scene, shape=(n,) * 4, widths=[width] * 4, extents=[(size, size)] * 4)
+    slow, fast = Fraction(-17, 10), Fraction(23, 10)
+    lists = overlapped(axis, file, slow, fast)
+    delta = Fraction(str(scene.given["delta"]))
+    for cell, listed in enumerate(lists):
+        high = min((cell + 1) * width, size)
+        found = set()
+        for a, b in [*itertools.product((0, 1), repeat=2), *rng.integers(0, 10**6, (20, 2)).tolist()]:
+            scale = 1 if a in (0, 1) and b in (0, 1) else 10**6
+            end = (
+                cell * width
+                + Fraction(a, scale) * (high - cell * width)
+                + (slow + Fraction(b, scale) * (fast - slow)) * delta
+            )
+            end = end % size if axis == 0 else min(max(end, Fraction(0)), size)
+            if end % width == 0 and (a, b) == (1, 1):  # an edge that is shared with the next cell
+                continue
+            found.add(min(int(end // width), n - 1))
+        assert found <= set(listed)
+        span = (high - cell * width + (fast - slow) * delta) / width
+        assert len(listed) <= span + 2

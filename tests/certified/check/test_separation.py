@@ -1,0 +1,115 @@
+"""What is proved clear of one body, against samples of states, disturbances and times."""
+
+import itertools
+import math
+
+import naive_certified as naive
+import numpy as np
+import pytest
+from naive_certified import CIRCLE, LINE, STILL
+
+from sdhj.certified.check import separation
+
+
+def part_of(cell, duration=0.0):
+    """Bounds of the joints and the agent (8,) with those of a time from 0 to `duration`."""
+    return np.array([*cell, 0.0, duration])
+
+
+def test_no_point_of_the_arm_is_farther(rng):
+    """`farthest` bounds samples of a box, and by little where the box is small."""
+    for turn, size in itertools.product((0.0, 1.0), (0.02, 0.3, 1.5)):
+        arm = np.array([0.15, 0.2, turn])
+        for _ in range(30):
+            q, d, angle = rng.uniform(-3, 3, 2), rng.uniform(0, size, 2), rng.uniform(-np.pi, np.pi)
+            box = np.array([q[0] - d[0], q[0] + d[0], q[1] - d[1], q[1] + d[1], 0, 0, 0, 0, 0, 0])
+            pose, n = separation.pose_of(box, arm), np.array([math.cos(angle), math.sin(angle)])
+            corners = np.array(list(itertools.product((-1, 1), repeat=2)))
+            shares = np.concatenate([rng.uniform(-1, 1, (300, 2)), corners])
+            found = [-np.inf, -np.inf]
+            for q1, q2 in q + shares * d:
+                elbow, tip = naive.elbow_and_tip(q1, q2, arm)
+                found[0] = max(found[0], 0.0, n @ elbow)
+                found[1] = max(found[1], n @ elbow, n @ tip)
+            for link in (0, 1):
+                bound = separation.farthest(n[0], n[1], link, pose, turn)
+                assert bound >= found[link] - 1e-12
+                if size == 0.02:  # the corners hold all but terms of second order, each below l d^2 with d <= 0.04
+                    assert bound - found[link] < 0.35 * 0.04**2
+
+
+def test_a_disk_stays_where_it_is_said_to_be(arm_world):
+    world = arm_world()
+    for body, disk in enumerate([STILL, LINE, CIRCLE]):
+        for tau0, tau1 in ((0.0, 0.0), (0.0, 0.1), (0.02, 0.07)):
+            box = np.array([0, 0, 0, 0, 0, 0, 0, 0, tau0, tau1])
+            x, y, hx, hy, move_x, move_y, bend, contact = separation.body_of(box, body, 0.3, world)
+            assert contact == disk["radius"] + 0.01 and hx == hy == 0.0
+            for tau, angle in itertools.product(np.linspace(tau0, tau1, 9), np.linspace(0, 6, 13)):
+                n = np.array([math.cos(angle), math.sin(angle)])
+                ahead = n @ (naive.disk_centre(disk, 0.3 + tau) - [x, y])
+                assert ahead >= -abs(n @ [move_x, move_y]) - bend - 1e-12
+
+
+@pytest.mark.parametrize("evader", [False, True])
+def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
+    """Wide cells; the target's radius is about the distance of the farthest tip in samples."""
+    stack, outcomes = np.empty((separation.STACK, 10)), []
+    for _ in range(100):
+        low = rng.uniform([-3, -3, -0.3, -0.3], [3, 3, 0.3, 0.3])
+        cell = np.stack([low, low + rng.uniform(0.0, [1.0, 1.0, 0.1, 0.1])], axis=1).ravel()
+        world, centre = arm_world(), rng.uniform(-0.3, 0.3, 2)
+        states, _ = naive.states_during(world, cell, 4, 0.0, rng, 400)
+        farthest = max(
+            math.dist(naive.elbow_and_tip(q1, q2, tuple(world.arm))[1], p if evader else centre)
+            for q1, q2, *p in states
+        )
+        share = rng.uniform(0.97, 1.1)
+        goal = np.array([*centre, 0.0, 0.0, 0.0, 0.0, 0.0, share * farthest])
+        proved = separation.tip_inside(part_of(cell), 0.0, world._replace(chased=not evader, goal=goal), stack)
+        assert not proved or share >= 1.0
+        outcomes.append((proved, share))
+    assert np.mean([proved for proved, share in outcomes if share > 1.05]) > 0.9
+
+
+@pytest.mark.parametrize("kinematics", ["relative", "printed"])
+def test_what_is_proved_clear_is_clear(kinematics, arm_world, rng):
+    """And what is not proved nearly touches."""
+    world = arm_world(kinematics=kinematics, u_max=3.0, v_d_max=0.4, delta=0.1)
+    stack, gaps = np.empty((separation.STACK, 10)), {True: [], False: []}
+    for trial in range(120):
+        low = rng.uniform([-3, -3, -0.3, -0.3], [3, 3, 0.3, 0.3])
+        cell = np.stack([low, low + rng.uniform(0.01, 0.05, 4)], axis=1).ravel()
+        j, body, duration = int(rng.integers(0, 9)), trial % 4, 0.1 if trial % 3 else 0.0
+        proved = separation.clear((body, body + 1), part_of(cell, duration), world.inputs[j], 0.2, world, stack)
+        gaps[proved].append(naive.smallest_gap(world, cell, j, body, 0.2, duration, rng))
+    assert min(gaps[True]) > 0.0 and len(gaps[True]) > 40 and len(gaps[False]) > 10
+    assert max(gaps[False]) < 0.006  # samples of a cell of up to 15 mm do not find the nearest state
+
+
+def pose(q1, q2, px, py, duration=0.0):
+    return part_of(np.array([q1, q1, q2, q2, px, px, py, py], dtype=float), duration)
+
+
+def test_contact_is_met_to_a_hair(arm_world):
+    """A stretched arm and a pursuer: 50 mm between centre and link is contact; so are rounding and a state's error."""
+    world, stack, still = arm_world(obstacles=()), np.empty((separation.STACK, 10)), np.zeros(2)
+    at_rest = world._replace(push=0.0)
+    for x, link in ((0.07, 0), (0.2, 1)):
+        for y, expected in ((0.0501, True), (0.05 + 1e-8, True), (0.05 + 1e-10, False), (0.05, False), (0.03, False)):
+            assert separation.link_clear(link, 0, pose(0, 0, x, y), still, 0.0, at_rest, stack) == expected
+    box = pose(0, 0, 0.2, 0.05 + 5e-12)  # the error of the state left out
+    arm, body = separation.pose_of(box, world.arm), separation.body_of(box, 0, 0.0, world)
+    assert not separation.separated(1, arm, body, 1.0)[0]
+    assert not separation.clear(
+        (0, 1), pose(0, 0, 0.2, 0.12, 0.1), np.array([3.0, 0.0]), 0.0, world, stack
+    )  # the arm comes
+    slow = world._replace(push=0.3, agent=np.array([0.2, 0.05]))
+    assert separation.clear((0, 1), pose(0, 0, 0.2, -0.085, 0.1), np.array([3.0, 0.0]), 0.0, slow, stack)
+
+
+def test_states_beside_their_cell_count(arm_world):
+    world, box = arm_world(), np.empty(10)
+    cell = pose(0.3, -0.2, 0.1, 0.2)
+    separation.moved(cell, world.inputs[4], world, box)
+    assert (box[:8:2] <= cell[:8:2] - 0.9e-10).all() and (box[1:8:2] >= cell[1:8:2] + 0.9e-10).all()

@@ -1,0 +1,78 @@
+"""The method and its options, and what its tables promise: runs, whatever the adversary does."""
+
+import math
+
+import naive_certified as naive
+import numpy as np
+import pytest
+from naive_certified import SMALL
+
+import sdhj
+from sdhj.certified import CertifiedTable
+
+
+def test_runs_from_certified_states_succeed(small, rng):
+    naive.assert_runs_succeed(small, naive.states_in(small, rng, 20000), rng)
+
+
+def test_runs_from_edges_of_cells_succeed(small, rng):
+    """With adversaries at their bounds the states stay on edges of cells, up to rounding."""
+    edges = [axis.edges() for axis in small.axes]
+    states = np.stack([rng.choice(own[:-1], 40000) for own in edges], axis=1)
+    states = states[small.contains(states, start=0, within=2)]
+    assert len(states) > 1000
+    naive.assert_runs_succeed(small, states, rng, pieces=1, fine=1)
+
+
+def test_outside_is_said(small):
+    far = np.array([[0.0, 0.0, 1.0, 0.0]])
+    assert not small.contains(far, start=0, within=2).any()
+    assert not small.certified_inputs(far, 0, 2).any()
+    with pytest.raises(ValueError, match="NaN"):
+        small.contains(np.full((1, 4), np.nan), start=0, within=2)
+    with pytest.raises(ValueError, match=r"shape \(M, 4\)"):
+        small.contains(np.zeros((1, 3)), start=0, within=2)
+    with pytest.raises(ValueError, match="start must be a whole number from 0 to 2"):
+        small.contains(far, start=3, within=0)
+    with pytest.raises(ValueError, match="within must be a whole number"):
+        small.contains(far, start=0, within=-1)
+
+
+def test_angles_wrap(small, rng):
+    states = naive.states_in(small, rng, 500)
+    turned = states + np.array([2 * np.pi, -2 * np.pi, 0.0, 0.0])
+    assert small.contains(turned, start=0, within=2).all()
+
+
+def test_fractions_are_shares_of_volume(small, rng):
+    grid = small.problem.grid
+    states = rng.uniform(grid.lower, grid.upper, (100_000, 4))
+    share = small.contains(states, start=0, within=2).mean()
+    assert share == pytest.approx(small.fraction(start=0, within=2), abs=4 * math.sqrt(0.25 / 100_000))
+
+
+def test_sets_survive_a_file(small, tmp_path, rng):
+    small.save(tmp_path / "sets.h5")
+    again = sdhj.load(tmp_path / "sets.h5")
+    assert isinstance(again, CertifiedTable) and again.axes == small.axes and dict(again.details) == dict(small.details)
+    with pytest.raises(sdhj.TableFileError, match="another problem"):
+        sdhj.load(tmp_path / "sets.h5", problem=sdhj.arm_case_study(**(SMALL | {"v_d_max": 1.9})))
+    states = naive.states_in(small, rng, 300)
+    for within in (1, 2):
+        np.testing.assert_array_equal(again.bits(start=0, within=within), small.bits(start=0, within=within))
+        np.testing.assert_array_equal(
+            again.certified_inputs(states, 0, within), small.certified_inputs(states, 0, within)
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cells": (32, 32, 12)}, "cells must be"),
+        ({"cells": (1, 32, 12, 12)}, "cells must be"),
+        ({"parts": 0}, "parts must be"),
+    ],
+)
+def test_options_are_checked(options, message):
+    with pytest.raises(ValueError, match=message):
+        sdhj.Certified(**options).sets(sdhj.arm_case_study(**SMALL))

@@ -1,0 +1,237 @@
+"""Proofs for drift, gain and bounds that depend on time and on the input, held against motions of the test's own.
+
+Nothing of the library moves a state here: `judge` integrates the functions of a case, which are written once.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import judge
+import naive_certified as naive
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj.certified import LipschitzBounds
+from sdhj.certified.general_proof import GeneralProof
+
+
+@dataclass(frozen=True)
+class Case:
+    """dx = drift(x, u, t) + gain(u, t) v with |v| <= bound(u, t) on each axis; the target is a ball about centre(t).
+
+    unsafe: x_1 >= wall + rate t. matrix and time are the Lipschitz bounds, worked out by hand.
+    """
+
+    inputs: tuple
+    drift: object
+    gain: object
+    bound: object
+    centre: object
+    radius: float
+    wall: float
+    rate: float
+    matrix: object
+    time: object
+    cells: tuple
+    delta: float = 0.4
+    steps: int = 3
+
+    @property
+    def ndim(self):
+        return len(self.time)
+
+    def problem(self):
+        eye = np.eye(self.ndim)
+        stateless = not np.any(self.matrix)
+        drift = (
+            (lambda u, t: self.drift(np.zeros((1, self.ndim)), u, t)[0])
+            if stateless
+            else (lambda points, u, t: self.drift(points, u, t))
+        )
+        dynamics = sdhj.Dynamics(
+            self.inputs,
+            drift,
+            lambda u, t: self.gain(u, t) * eye,
+            lambda u, t: np.full(self.ndim, self.bound(u, t)),
+        )
+        grid = sdhj.Grid([-3.0] * self.ndim, [3.0] * self.ndim, [31] * self.ndim)
+        target = sdhj.TargetSet(tuple(range(self.ndim)), self.target)
+        wall = sdhj.UnsafeSet((0,), self.unsafe, rate=abs(self.rate), name="wall")
+        return sdhj.ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps)
+
+    def bounds(self, scale=1.0):
+        sets = {"target": [1.0] * self.ndim, "wall": [1.0]}
+        matrix = self.matrix if np.any(self.matrix) else None
+        return LipschitzBounds(matrix, sets, scale * np.array(self.time))
+
+    def target(self, points, t):
+        return np.sqrt(((points - self.centre(t)) ** 2).sum(axis=1)) - self.radius
+
+    def unsafe(self, points, t):
+        return self.wall + self.rate * t - points[:, 0]
+
+    def velocity(self, states, places, signs, t):
+        """signs (M, ndim) in [-1, 1] say where in its box the adversary is."""
+        out = np.empty_like(states)
+        for j in np.unique(places):
+            u, own = np.array(self.inputs[j]), places == j
+            out[own] = self.drift(states[own], u, t) + self.gain(u, t) * self.bound(u, t) * signs[own]
+        return out
+
+
+CASES = {
+    # a current that turns within an interval and is about as fast as the robot; gusts that grow with speed
+    "tide": Case(
+        inputs=((-1.5,), (0.0,), (1.5,)),
+        drift=lambda x, u, t: u + 1.2 * math.sin(5.0 * t) + 0.0 * x,
+        gain=lambda u, t: 1.0 + 0.5 * math.cos(3.0 * t),
+        bound=lambda u, t: 0.05 + 0.04 * abs(u[0]),
+        centre=lambda t: 0.3 * t,
+        radius=0.7,
+        wall=1.7,
+        rate=-0.3,
+        matrix=[[0.0]],
+        time=[6.0 + 1.5 * 0.11],
+        cells=(240,),
+    ),
+    # also the place matters, and the adversary's bound dies down
+    "eddy": Case(
+        inputs=tuple((a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)),
+        drift=lambda x, u, t: u * (1.0 - 0.2 * math.sin(2.0 * t)) + 0.4 * np.sin(2.0 * t + x[:, ::-1]),
+        gain=lambda u, t: 1.0 + 0.1 * math.sin(2.0 * t) * u[0],
+        bound=lambda u, t: 0.06 + 0.06 * math.exp(-2.0 * t),
+        centre=lambda t: 0.1,
+        radius=0.9,
+        wall=1.6,
+        rate=0.2,
+        matrix=[[0.0, 0.4], [0.4, 0.0]],
+        time=[0.4 + 0.8 + 0.2 * 0.12 + 1.1 * 0.12] * 2,
+        cells=(90, 90),
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def proved(request):
+    """A case and its table."""
+    case = CASES[request.param]
+    return case, sdhj.solve(case.problem(), sdhj.Certified(cells=case.cells, bounds=case.bounds()), progress=False)
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("name", CASES)
+def test_timed_growth_holds_every_motion(name, parts, rng):
+    """In the boxes of each part and in the image, from points and boxes, whenever the interval begins."""
+    case = CASES[name]
+    matrix, drifting = np.array(case.matrix), np.array(case.time)
+    proof = GeneralProof(case.problem(), (), parts, matrix, drifting, {}, np.empty(0))
+    for start in (0.0, 0.31, 0.8):
+        low = rng.uniform(-2, 2, (200, case.ndim))
+        high = low + rng.uniform(0, 0.1, (200, case.ndim)) * (rng.random((200, 1)) < 0.5)
+        for j in range(0, len(case.inputs), 2):
+            places = np.full(200, j)
+            tube, first, last = proof.reached(low, high, j, start)
+            for trial in range(6):
+                states = np.where(rng.random(low.shape) < 0.5, low, high)
+                signs = np.full(low.shape, trial - 1.0)  # up, idle or down all the time, then at random
+                for k in range(80):
+                    if trial > 2 and k % 10 == 0:
+                        signs = rng.choice([-1.0, 1.0], low.shape)
+                    boxes = tube[k * parts // 80]
+                    assert (np.abs(states - boxes.centre) <= boxes.half + 1e-7).all()
+                    t, h = start + case.delta * k / 80, case.delta / 80
+                    states = judge.rk4(lambda q, at, v=signs, j=places: case.velocity(q, j, v, at), states, t, h)
+                    assert (np.abs(states - boxes.centre) <= boxes.half + 1e-7).all()
+                assert (first - 1e-7 <= states).all() and (states <= last + 1e-7).all()
+
+
+@pytest.mark.parametrize("adversary", ["up", "down", "switching", "away"])
+def test_no_run_from_a_certified_state_is_lost(proved, adversary, rng):
+    case, table = proved
+    assert table.fraction(start=0, within=3) > 1.2 * table.fraction(start=0, within=0) > 0.01
+    starts = naive.states_in(table, rng, 4000)
+
+    def choose(states, step):
+        left, places = naive.steps_to_go(table, states, step), np.full(len(states), -1)
+        ahead = (left > 0) & (left < 99)
+        places[ahead] = naive.chosen_inputs(table, states[ahead], step, rng)
+        return places
+
+    def signs(states, inputs, t, end):
+        if adversary == "switching":
+            return rng.choice([-1.0, 1.0], states.shape)
+        if adversary == "away":
+            return np.where(states >= case.centre(end), 1.0, -1.0)
+        return np.full(states.shape, 1.0 if adversary == "up" else -1.0)
+
+    outcomes = judge.play(
+        choose, case.velocity, signs, case.target, case.unsafe, starts, delta=case.delta, steps=case.steps
+    )
+    assert set(outcomes) == {"reached"}
+
+
+def test_every_step_leads_one_nearer(proved, rng):
+    """From every step of the problem on, not only from the first: what is proved of step k rests on the time t_k."""
+    case, table = proved
+    grid = table.grid
+    for step in range(case.steps):
+        states = rng.uniform(grid.lower, grid.upper, (20_000, case.ndim))
+        left = naive.steps_to_go(table, states, step)
+        states, left = states[(left > 0) & (left < 99)], left[(left > 0) & (left < 99)]
+        assert len(states) > 300
+        inputs = naive.chosen_inputs(table, states, step, rng)
+        for _ in range(4):
+            ended, t, h = states.copy(), step * case.delta, case.delta / 40
+            for k in range(40):
+                if k % 10 == 0:
+                    signs = rng.choice([-1.0, 1.0], states.shape)
+                ended = judge.rk4(lambda q, at, v=signs, j=inputs: case.velocity(q, j, v, at), ended, t + k * h, h)
+                assert (case.unsafe(ended, t + (k + 1) * h) > 0).all()
+            assert (naive.steps_to_go(table, np.clip(ended, -3, 3), step + 1) < left).all()
+
+
+def test_who_ignores_time_proves_what_is_not_so(rng):
+    """The case needs its clock: sets that are proved for the dynamics of t = 0 lose runs of the real ones."""
+    case = CASES["tide"]
+    frozen = replace(case, drift=lambda x, u, t: case.drift(x, u, 0.0), gain=lambda u, t: case.gain(u, 0.0), time=[0.0])
+    table = sdhj.solve(frozen.problem(), sdhj.Certified(cells=case.cells, bounds=frozen.bounds()), progress=False)
+    states = naive.states_in(table, rng, 3000)
+    left = naive.steps_to_go(table, states, 0)
+    states, left = states[left > 0], left[left > 0]
+    inputs = naive.chosen_inputs(table, states, 0, rng)
+    for k in range(40):
+        h = case.delta / 40
+        states = judge.rk4(lambda q, at: case.velocity(q, inputs, np.ones(q.shape), at), states, k * h, h)
+    assert (naive.steps_to_go(table, np.clip(states, -3, 3), 1) >= left).sum() > 100
+
+
+def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
+    case, table = proved
+    table.save(tmp_path / "timed.h5")
+    again = sdhj.load(tmp_path / "timed.h5", problem=case.problem())
+    np.testing.assert_array_equal(again.proof.drifting, case.time)
+    states = naive.states_in(table, rng, 500)
+    for within in (1, 3):
+        np.testing.assert_array_equal(
+            again.certified_inputs(states, 0, within), table.certified_inputs(states, 0, within)
+        )
+        assert again.fraction(start=0, within=within) == table.fraction(start=0, within=within)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_bound_in_time_is_asked_for_and_looked_at(name):
+    case, ndim = CASES[name], CASES[name].ndim
+    problem, bounds = case.problem(), case.bounds()
+
+    def certified(time):
+        return sdhj.Certified(cells=case.cells, bounds=replace(bounds, time=time)).sets(problem)
+
+    with pytest.raises(ValueError, match=r"depend on time: give LipschitzBounds\(time=...\)"):
+        certified(None)
+    for wrong in (np.ones(ndim + 1), np.full(ndim, -1.0), np.full(ndim, np.inf)):
+        with pytest.raises(ValueError, match=rf"time of LipschitzBounds must be {ndim} finite numbers >= 0"):
+            certified(wrong)
+    with pytest.raises(ValueError, match=r"velocity along .* under input 0 changes by .* s, and its Lipschitz bound"):
+        certified(0.1 * np.array(case.time))
+    certified(case.time)  # the true one is not refuted

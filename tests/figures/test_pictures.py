@@ -1,0 +1,75 @@
+"""What Figs. 10, 12 and 13 draw, asserted on the artists' data."""
+
+import os
+
+import fig10_tubes
+import fig12_trajectory
+import fig13_comparison
+import numpy as np
+import pytest
+from artists import axes, named, vertices
+from PIL import Image
+
+import sdhj
+from sdhj import plotting
+from sdhj.arm.case_studies import scene
+from sdhj.simulation.runs import Trajectory
+
+THROUGH = (0.0, 0.0, 0.2, 0.2)
+
+
+@pytest.fixture(scope="module")
+def table() -> sdhj.LookupTable:
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+
+
+@pytest.fixture(scope="module")
+def run(table: sdhj.LookupTable) -> Trajectory:
+    """The longest of some runs that reach the target."""
+    controller = sdhj.Controller(table)
+    states = np.random.default_rng(1).uniform(table.grid.lower, table.grid.upper, (4000, 4))
+    states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
+    tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
+    return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
+
+
+def test_comparison_lays_two_tables_over_each_other(table):
+    ax = axes()
+    fig13_comparison.draw_comparison(ax, table, table, THROUGH)
+    assert np.array_equal(vertices(ax, "full"), vertices(ax, "inner"))
+    assert named(ax, "inner")[0].get_zorder() > named(ax, "full")[0].get_zorder()
+    assert len(fig13_comparison.comparison_legend()) == 4
+
+
+def test_steps_bar_shows_every_number():
+    ax = axes()
+    fig10_tubes.draw_steps_bar(ax, 5, "steps to go")
+    assert ax.get_xticks().tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_run_pictures(table, run):
+    problem = table.problem
+    ax = axes()
+    fig12_trajectory.draw_workspace_run(ax, problem, run)
+    (way,) = named(ax, "tip-path")
+    assert np.allclose(np.transpose(way.get_data()), scene(problem).arm.tip(run.states[:, :2]))
+    assert len(named(ax, "arm")) == len(run.samples)
+    ax = axes()
+    plotting.draw_run(ax, table, run)
+    (way,) = named(ax, "path")
+    shown = np.transpose(way.get_data())
+    assert (np.abs(shown[~np.isnan(shown[:, 0])]) <= np.pi + 1e-12).all()
+    (marks,) = named(ax, "marks")
+    assert len(marks.get_xdata()) == len(run.samples)
+    assert named(ax, "tube")
+    strip = axes(nrows=2, ncols=3).ravel()
+    fig12_trajectory.draw_frames(strip, problem, run)
+    assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(run.samples))
+
+
+def test_the_animation_is_a_gif_with_its_frames(table, run, tmp_path):
+    path = fig12_trajectory.save_animation(table, run, tmp_path / "run.gif", frames=3, rate=4, dpi=40)
+    with Image.open(path) as image:
+        assert image.format == "GIF"
+        assert image.n_frames == 3  # the writer merges the still at the end into the last frame
+    assert os.listdir(tmp_path) == ["run.gif"]
