@@ -253,14 +253,14 @@ class HopfLaxGames(_OnAxes):
         grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
         times = problem.time(step) + problem.delta * np.arange(pieces + 1) / pieces
         whole = None if wall.instant else wall.over(times[0], times[-1])
-        result = np.full((self.count, *grid.shape), -np.inf, self.dtype)
+        result = np.empty((self.count, *grid.shape), self.dtype)
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
             ends = problem.delta * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
             boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
             for j, tube in maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation):
-                np.maximum(result[j], tube, out=result[j])
+                np.maximum(result[j] if piece else tube, tube, out=result[j])
         return result
 
     def _pieces(self, axes: list[int]) -> int:

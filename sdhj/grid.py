@@ -88,7 +88,7 @@ class Grid:
         object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
         object.__setattr__(self, "names", tuple(str(name) for name in names))
         given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
-        pairs = tuple((end, end) if isinstance(end, str) else tuple(end) for end in given)
+        pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
         if len(pairs) != ndim or any(len(pair) != 2 or not set(pair) <= set(ENDS) for pair in pairs):
             raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {ends!r}")
         object.__setattr__(self, "ends", pairs)
@@ -195,17 +195,19 @@ class Grid:
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
-        is_kind = np.array([[end in kinds for end in pair] for pair in self.ends]) & ~np.array(self.periodic)[:, None]
-        return np.where(is_kind[:, 0], self.lower, -np.inf), np.where(is_kind[:, 1], self.upper, np.inf)
+        if kinds not in self._faces:
+            told = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+            low, high = np.where(told[:, 0], self.lower, -np.inf), np.where(told[:, 1], self.upper, np.inf)
+            self._faces[kinds] = low, high
+        return self._faces[kinds]
 
     @cached_property
-    def walls(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of each axis that a wall ends, both (ndim,); else infinite."""
-        return self.faces("wall")
+    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        return {}
 
-    def held(self, states: FloatArray) -> FloatArray:
-        """States (M, ndim) clipped to the walls."""
-        low, high = self.walls
+    def held(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """States (M, ndim) clipped to the ends of these kinds, by default to walls."""
+        low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:

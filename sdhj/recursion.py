@@ -6,16 +6,14 @@ With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, 
 every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import prange
 
+from sdhj.avoid import avoid_tubes, dangers
 from sdhj.compiling import kernel
-from sdhj.edges import edges
 from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
@@ -72,11 +70,10 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
     table = LookupTable.rooms(problem) * grid.size * (item + -(-count // 8))
 
-    found = [(problem.avoid_axes(part), problem.moves(part)) for part in problem.unsafe]
-    found += [(edge.axes, problem.dynamics.timed) for edge in edges(problem)]
+    found = dangers(problem)
 
     def avoid(moving: bool) -> int:
-        axes = {axis for own, moves in found if moves == moving for axis in own}
+        axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
@@ -86,55 +83,6 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         sampled += velocities + min(KEPT, count * velocities)
         solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
-
-
-class _Danger(NamedTuple):
-    """Something to be avoided: its name, the axes of its avoid tubes, whether they differ by step, and the tubes."""
-
-    name: str
-    axes: tuple[int, ...]
-    moves: bool
-    tubes: Callable[[int], FloatArray]  # step -> (L, *subgrid of axes)
-
-
-def dangers(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> list[_Danger]:
-    """The unsafe sets and the unsafe ends of the grid."""
-    found = [
-        _Danger(part.name, problem.avoid_axes(part), problem.moves(part), partial(games.avoid, part))
-        for part in problem.unsafe
-    ]
-    timed = problem.dynamics.timed
-    return found + [_Danger("", edge.axes, timed, partial(edge.tubes, make)) for edge in edges(problem)]
-
-
-def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
-    """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
-    count, felt, everything = len(problem.inputs), set(), dangers(problem, make, games)
-
-    def merged(parts: list[_Danger], step: int, axes: tuple[int, ...]) -> FloatArray:
-        grid = problem.grid.subgrid(axes) if axes else None
-        total = np.full((count, *(grid.shape if grid else ())), -np.inf, games.dtype)
-        for part in parts:
-            tubes = part.tubes(step)
-            if (tubes > 0).any():
-                felt.add(part.name)
-            for j in range(count):
-                assert grid is not None
-                np.maximum(total[j], grid.lift(tubes[j], [axes.index(axis) for axis in part.axes]), out=total[j])
-        return total
-
-    parts = [[part for part in everything if part.moves == moving] for moving in (False, True)]
-    axes = [tuple(sorted({axis for part in own for axis in part.axes})) for own in parts]
-    static = merged(parts[0], 0, axes[0])
-    moving = np.stack([merged(parts[1], step, axes[1]) for step in range(problem.steps)])
-    for part in problem.unsafe:
-        if part.name not in felt:
-            warnings.warn(
-                f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
-                "between the nodes (use more, or enlarge it), or is out of reach",
-                stacklevel=5,
-            )
-    return AvoidTubes(axes[0], static, axes[1], moving)
 
 
 @kernel(parallel=True)
@@ -230,7 +178,10 @@ class GridSets:
         self.timeless = problem.timeless
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
         tubes = avoid_tubes(problem, games, self.games)
-        self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
+        # whether the reach sets avoid everything already: joint games know of no unsafe ends
+        self.joint = getattr(self.games, "joint", False) and not any(
+            np.isfinite(face).any() for face in problem.grid.faces("unsafe")
+        )
         self.rows = _Rows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared = 0

@@ -16,6 +16,11 @@ DOUBLE = Scheme(dtype="float64", frame="fixed")
 ROUNDING = 1e-12
 
 
+def slow(shape, periodic):
+    """A grid of 3 to 6 axes: each order and flux is compiled for it, which takes 5 to 10 s."""
+    return pytest.param(shape, periodic, marks=pytest.mark.slow)
+
+
 def box(lower, upper):
     return Velocities(np.array(lower, dtype=float), np.array(upper, dtype=float))
 
@@ -35,10 +40,10 @@ def random_problem(rng, shape, periodic):
         ((9,), (True,)),
         ((9,), (False,)),
         ((6, 7), (True, False)),
-        ((5, 6, 17), (False, True, True)),
-        ((5, 5, 6, 7), (True, True, False, False)),
-        pytest.param(*((5, 5, 6, 5, 7), (True, False, False, True, False)), marks=pytest.mark.slow),
-        pytest.param(*((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)), marks=pytest.mark.slow),
+        slow((5, 6, 17), (False, True, True)),
+        slow((5, 5, 6, 7), (True, True, False, False)),
+        slow((5, 5, 6, 5, 7), (True, False, False, True, False)),
+        slow((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ],
 )
 def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape, periodic):
@@ -59,10 +64,10 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
     [
         ((9,), (True,)),
         ((6, 7), (False, True)),
-        ((5, 5, 6, 7), (True, True, False, False)),
-        ((5, 6, 5, 9), (False, True, False, True)),
-        pytest.param(*((5, 5, 6, 5, 7), (True, False, False, True, False)), marks=pytest.mark.slow),
-        pytest.param(*((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)), marks=pytest.mark.slow),
+        slow((5, 5, 6, 7), (True, True, False, False)),
+        slow((5, 6, 5, 9), (False, True, False, True)),
+        slow((5, 5, 6, 5, 7), (True, False, False, True, False)),
+        slow((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ],
 )
 def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, periodic):

@@ -83,7 +83,14 @@ def test_the_number_of_pdes_is_told():
     assert solved == {"moving": 3, "fixed": asked, "lax": 0, "projected": 2 * 3}
 
 
-@pytest.mark.parametrize("shape", [(9,), (8, 11), (6, 7, 9), (6, 5, 7, 8), (5, 5, 6, 5, 7)])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (9,),
+        (8, 11),
+        *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((6, 7, 9), (6, 5, 7, 8), (5, 5, 6, 5, 7))),
+    ],
+)
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("flux", schemes.HAMILTONIANS)
 def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flux):

@@ -169,6 +169,7 @@ def test_labels_part_the_states_of_a_tube(table):
         shares(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, within=2)
 
 
+@pytest.mark.slow
 def test_labels_refuse_other_problems_of_ones_own():
     """Nothing but the whole problem tells them apart, so it has to be the very same."""
 
@@ -212,6 +213,7 @@ def test_a_flipped_bit_is_noticed(table, tmp_path, name):
         sdhj.load(path)
 
 
+@pytest.mark.slow
 def test_verify_from_the_command_line(table, tmp_path):
     from click.testing import CliRunner
 

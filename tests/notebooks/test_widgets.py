@@ -106,6 +106,7 @@ def test_upwinding_at_the_corners() -> None:
     assert explorer.set(velocity=-1.0)["largest error (m)"] < 0.05
 
 
+@pytest.mark.slow  # every scheme is compiled
 def test_schemes_at_the_corners() -> None:
     explorer = explore_schemes()
     visit_corners(explorer)

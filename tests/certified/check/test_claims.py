@@ -36,6 +36,7 @@ def claims_of(report):
     return {claim.name: claim for claim in report.claims}
 
 
+@pytest.mark.slow  # 25 s
 def test_every_claim_of_a_small_file_is_proved(saved):
     path, table = saved
     report = verify(path)
