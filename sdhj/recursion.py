@@ -18,6 +18,7 @@ from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
+from sdhj.resolution import check_resolution
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -175,6 +176,7 @@ class GridSets:
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
+        check_resolution(problem, stacklevel=4)
         self.timeless = problem.timeless
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
         tubes = avoid_tubes(problem, games, self.games)
