@@ -146,7 +146,7 @@ class Mute:
         (Nameless(), "got <.*Nameless object"),
         (Mute(), "got <.*Mute object"),
     ],
-    ids=str,
+    ids=["unknown", "list", "nothing", "class", "scheme", "function", "nameless", "mute"],
 )
 def test_what_is_no_method_is_refused_with_what_is_one(method, said):
     expected = r"method must be one of hji, lax, projected, certified, or an object such as sdhj.HJI\(scheme=...\), "

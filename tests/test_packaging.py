@@ -181,7 +181,7 @@ def test_no_dependency_is_for_nothing() -> None:
     everywhere = imported("sdhj/**/*.py", "figures/*.py", "notebooks/*.py", "tests/**/*.py")
     for text in PROJECT["dependencies"]:
         assert Requirement(text).name in imported("sdhj/**/*.py")
-    tools = {"jupyterlab", "nbval", "pytest-benchmark"}  # used without an import
+    tools = {"jupyterlab", "nbval", "pytest-benchmark", "pytest-xdist"}  # used without an import
     for requirement in requirements(*PROJECT["optional-dependencies"]):
         assert requirement.name.replace("-", "_") in everywhere or requirement.name in tools, requirement.name
 

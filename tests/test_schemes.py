@@ -184,7 +184,7 @@ def test_order_of_convergence_on_a_smooth_problem(order, integrator, expected, f
     errors = smooth_errors(order, integrator, flux, nodes)
     fitted = -np.polyfit(np.log(nodes), np.log(errors), 1)[0]
     print(f"order {order}, {integrator}, {flux}: fitted {fitted:.2f}")
-    record_property("fitted_order", fitted)
+    record_property("fitted_order", float(fitted))
     # the mean error of ENO loses a little where the stencil switches (at extrema); half an order is Shu's own bound
     assert fitted > expected - 0.5
     assert fitted < expected + 0.7

@@ -39,6 +39,7 @@ def test_exact_solution_is_the_maximum_over_the_box(small):
         assert small.values.ravel()[i] == pytest.approx(initial(points[i]), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_error_shrinks_with_the_grid_and_no_wall_is_in_it():
     found = [bench.errors(c := bench.case(n), bench.ours(c, bench.PLAIN, 1)()) for n in (15, 25)]
     print("error near the boundary, share wrongly inside", found)
@@ -112,6 +113,7 @@ def test_time_of_the_case_study(benchmark, method):
     benchmark.pedantic(lambda: sdhj.solve(problem, method=method, progress=False), rounds=3)
 
 
+@pytest.mark.slow
 def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "measure_controller", lambda measure=bench.measure_controller: measure(9))
     picture = tmp_path / "bench.svg"

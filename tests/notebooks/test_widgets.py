@@ -27,6 +27,7 @@ from sdhj.plotting import plane
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
 
+pytestmark = pytest.mark.slow  # most of them solve the four-dimensional case study
 PNG = b"\x89PNG"
 SMALL = 9  # nodes: the smallest grid on which the case study's target is held
 
@@ -106,7 +107,6 @@ def test_upwinding_at_the_corners() -> None:
     assert explorer.set(velocity=-1.0)["largest error (m)"] < 0.05
 
 
-@pytest.mark.slow  # every scheme is compiled
 def test_schemes_at_the_corners() -> None:
     explorer = explore_schemes()
     visit_corners(explorer)

@@ -18,6 +18,8 @@ from sdhj.certified.check import verify
 from sdhj.certified.check.claims import PI, cells_cover, counted
 from sdhj.certified.check.reading import Scene
 
+pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
+
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
@@ -36,7 +38,6 @@ def claims_of(report):
     return {claim.name: claim for claim in report.claims}
 
 
-@pytest.mark.slow  # 25 s
 def test_every_claim_of_a_small_file_is_proved(saved):
     path, table = saved
     report = verify(path)
