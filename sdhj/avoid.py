@@ -13,7 +13,7 @@ import numpy as np
 
 from sdhj.dynamics import Dynamics
 from sdhj.games import Games
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import SLACK, FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import AvoidTubes
 
@@ -81,6 +81,7 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity needs."""
+    slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
     name = f"the ends of axis {problem.grid.names[axis]}"
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
@@ -99,7 +100,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         ),
         dynamics=_on_axes(problem, axes),
         target=TargetSet((own,), lambda p, t: np.full(len(p), -1.0), "everything"),
-        unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]), name=name),),
+        unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
         steps=problem.steps,
     )

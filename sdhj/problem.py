@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array, number, whole
+from sdhj.checks import finite_array, number, option, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
+from sdhj.resolution import least_in_cells
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
@@ -315,7 +316,9 @@ class ReachAvoidProblem:
 
     def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
         if part.sampling == "cell":
-            return least_in_cells(self.grid.subgrid(part.axes), lambda points: self._checked(function(points), part.name))
+            return least_in_cells(
+                self.grid.subgrid(part.axes), lambda points: self._checked(function(points), part.name)
+            )
         return self.sample(part.axes, function, part.name)
 
     @cached_property

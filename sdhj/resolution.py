@@ -1,9 +1,9 @@
 """Whether a grid sees what it is to avoid: a wall thinner than a cell may pass between its nodes.
 
-A cell *hides* a part of an unsafe set where the set is met inside it, but no node is in the set, neither at its corners nor
-next to them. (Where one is, the set's boundary runs by, and the interpolated one is off by a part of a cell, as
-everywhere.) How fast a level-set function changes from node to node bounds what it can do between them; where that does
-not exclude it, the least value in the cell is searched for.
+A cell *hides* a part of an unsafe set where the set is met inside it, but no node is in the set, neither at its corners
+nor at those of the cells around. (Where one is, the set's boundary runs by, and the interpolated one is off by a part
+of a cell, as everywhere.) How fast a level-set function changes from node to node bounds what it can do between them;
+where that does not exclude it, the least value in the cell is searched for.
 """
 
 import warnings
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
 SOUGHT = 200_000  # values at most that a search asks for
 FINE = 4  # parts of a cell's edge, where the least value in it is asked for
+CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
 INSTANTS = 3  # at which a moving set is looked at
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
@@ -30,7 +31,7 @@ class ResolutionWarning(UserWarning):
 
 
 def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
-    """Warn of unsafe sets that hide between the nodes, and of those whose level-set function jumps at their boundary."""
+    """Warn of unsafe sets that hide between the nodes, and of level-set functions that jump at the set's boundary."""
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
@@ -45,9 +46,17 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """What to say of a part of the set that no node sees; nothing where there is none."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     spacing = np.array(grid.spacing)
-    bound = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2
-    corners = _least(grid, values, (0, 1))
-    suspects = np.flatnonzero((corners <= bound) & (_least(grid, values, (-1, 0, 1, 2)) > 0))
+    bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
+    for axis in range(grid.ndim):
+        corners = np.minimum(*_pairs(grid, corners, axis))
+    seen = corners <= 0
+    for axis in range(grid.ndim):
+        before, behind = seen.copy(), (slice(None),) * axis
+        seen[(*behind, slice(1, None))] |= before[(*behind, slice(0, -1))]
+        seen[(*behind, slice(0, -1))] |= before[(*behind, slice(1, None))]
+        if grid.periodic[axis]:
+            seen[(*behind, [0, -1])] |= before[(*behind, [-1, 0])]
+    suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
     suspects = suspects[np.argsort(corners.ravel()[suspects], kind="stable")[:most]]
@@ -68,9 +77,9 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return (
-        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: about {thickness:.2g} thick there, "
-        f"and nodes are {', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. Use "
-        f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
+        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: it is about {thickness:.2g} "
+        f"thick there, and nodes are {', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. "
+        f"Use {', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
         'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
     )
 
@@ -81,7 +90,8 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     off = []
     for axis in range(grid.ndim):
         here, there = _pairs(grid, values, axis)
-        crossing = np.flatnonzero((here > 0) != (there > 0))[:SOUGHT]
+        crossing = np.flatnonzero((here > 0) != (there > 0))
+        crossing = crossing[:: crossing.size // CROSSINGS + 1]
         if crossing.size:
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
@@ -99,11 +109,10 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 
 def _pairs(grid: Grid, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
     """Values at the two nodes of every edge along an axis."""
-    there = np.roll(values, -1, axis)
     if grid.periodic[axis]:
-        return values, there
-    inner = (slice(None),) * axis + (slice(0, -1),)
-    return values[inner], there[inner]
+        return values, np.roll(values, -1, axis)
+    behind = (slice(None),) * axis
+    return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
 
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
@@ -111,23 +120,11 @@ def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
     return float(np.abs(there - here).max())
 
 
-def _least(grid: Grid, values: FloatArray, offsets: tuple[int, ...]) -> FloatArray:
-    """Least value at the nodes `offsets` from each node on every axis; the last cell of a bounded axis is left out."""
-    for axis, periodic in enumerate(grid.periodic):
-        if periodic:
-            values = np.minimum.reduce([np.roll(values, -k, axis) for k in offsets])
-        else:
-            n = values.shape[axis]
-            at = np.arange(n - 1)
-            values = np.minimum.reduce([values.take(np.clip(at + k, 0, n - 1), axis) for k in offsets])
-    return values
-
-
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """For each node, a bound from below on a level-set function in all cells that touch it, shape `grid.shape`.
 
-    The least value on a lattice of `FINE` parts a cell, less what the function changes by, from one of its points to the
-    next, in half a step along each axis. A set sampled so is met by the interpolant wherever it is met in truth.
+    The least value on a lattice of `FINE` parts a cell, less what the function changes by in half a part along each
+    axis. The interpolant of a set sampled so meets it wherever it is met in truth.
     """
     shape = [n * FINE if p else (n - 1) * FINE + 1 for n, p in zip(grid.shape, grid.periodic, strict=True)]
     fine = Grid(grid.lower, grid.upper, shape, grid.periodic)

@@ -98,7 +98,7 @@ def test_an_unsafe_end_is_an_unsafe_set_that_begins_there(method):
     inside = slice(20, 101)
     # differences of second order feel the wall of a grid, beyond -6 or farther, by a tenth less at each node
     np.testing.assert_allclose(table.avoid.static, wide.avoid.static[:, inside], rtol=0, atol=1e-6)
-    for within in range(8):  # with 8 to go the tube ends at 4, to rounding
+    for within in range(9):
         masks = wide.inputs(start=0, within=within)[inside]
         assert np.array_equal(table.inputs(start=0, within=within), masks)
     # under u = 2 and the worst v, 2.2 * 0.25 = 0.55 is travelled in an interval
