@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FORMAT = "sdhj look-up table"
 FORMAT_VERSION = 2
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
-LAYOUT = ("lower", "upper", "shape", "periodic", "names")
+LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import ascending, check_function, finite_array, number, whole
+from sdhj.checks import ascending, check_function, finite_array, number, option, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
+from sdhj.resolution import least_in_cells
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
@@ -46,6 +47,9 @@ class UnsafeSet:
     name : str
     slope : float, optional
         A bound on how fast the level-set function changes with the state, per unit of distance.
+    sampling : {"nodes", "cell"}
+        What a node of the grid knows of the set: the value there, or a bound from below on the values in all cells that
+        touch it, with which nothing thin is lost and all is a cell larger (`sdhj.resolution`).
 
     The functions are called with the coordinates of periodic axes between the ends of the grid.
     """
@@ -56,8 +60,10 @@ class UnsafeSet:
     rate: float = 0.0
     name: str = "unsafe"
     slope: float | None = None
+    sampling: str = "nodes"
 
     def __post_init__(self) -> None:
+        option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "cell"))
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
         check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
         if self.swept is not None:
@@ -264,24 +270,27 @@ class ReachAvoidProblem:
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
         subgrid = self.grid.subgrid(axes)
-        values = finite_array(f"level set of {name!r}", function(subgrid.points()), (subgrid.size,))
+        return self._checked(function(subgrid.points()), name, subgrid.size).reshape(subgrid.shape)
+
+    def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
+        values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
         if (largest := float(np.abs(values).max())) > LARGEST:
             raise ValueError(
                 f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
                 "from the boundary only the sign counts, so clip it"
             )
-        return values.reshape(subgrid.shape)
+        return values
 
     def _target_at(self, t: float) -> FloatArray:
         return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
 
-    def _unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
-        """A static set is sampled once: on a fine grid of many axes that is the costly part."""
+    def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+        """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
         if not part.moving:
             for known, values in self._static:
                 if known is part:
                     return values
-        values = self.sample(part.axes, lambda points: part.level_set(points, t), part.name)
+        values = self._sampled(part, lambda points: part.level_set(points, t))
         if not part.moving:
             self._static.append((part, values))
         return values
@@ -290,9 +299,17 @@ class ReachAvoidProblem:
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
-        axes = tuple(axes) or part.axes
-        local, view_time = [axes.index(axis) for axis in part.axes], view_time or self.view_time
-        return self.sample(axes, lambda points: part.over(points[:, local], t0, t1, view_time), part.name)
+        axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
+        values = self._sampled(part, lambda points: part.over(points, t0, t1, view_time))
+        grid = self.grid.subgrid(axes)
+        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
+
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        if part.sampling == "cell":
+            return least_in_cells(
+                self.grid.subgrid(part.axes), lambda points: self._checked(function(points), part.name)
+            )
+        return self.sample(part.axes, function, part.name)
 
     @cached_property
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
@@ -303,7 +320,7 @@ class ReachAvoidProblem:
         t = self.time(step)
         values = self.grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
-            values = np.maximum(values, -self.grid.lift(self._unsafe_at(part, t), part.axes))
+            values = np.maximum(values, -self.grid.lift(self.unsafe_at(part, t), part.axes))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
@@ -341,7 +358,7 @@ class ReachAvoidProblem:
 
         grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
         add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
-        h.update(self.view_time.encode())
+        h.update(f"{self.view_time} {grid.ends}".encode())
         if dynamics.constant:
             add(dynamics.bounds, dynamics.drift, dynamics.gain)
         else:
@@ -352,9 +369,9 @@ class ReachAvoidProblem:
                     add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
         add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
         for part in self.unsafe:
-            add(part.axes, part.rate, self._unsafe_at(part, 0.0))
+            add(part.axes, part.rate, self.unsafe_at(part, 0.0))
             for step in range(self.steps) if part.moving else ():
                 t0, t1 = self.time(step), self.time(step + 1)
                 # what happens between the samples counts too
-                add(self._unsafe_at(part, (t0 + t1) / 2), self._unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
+                add(self.unsafe_at(part, (t0 + t1) / 2), self.unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
         return h.hexdigest()

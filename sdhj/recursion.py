@@ -6,18 +6,19 @@ With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, 
 every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from numba import prange
 
+from sdhj.avoid import avoid_tubes, dangers
 from sdhj.compiling import kernel
 from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.problem import ReachAvoidProblem
+from sdhj.resolution import check_resolution
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -70,9 +71,10 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
     table = LookupTable.rooms(problem) * grid.size * (item + -(-count // 8))
 
+    found = dangers(problem)
+
     def avoid(moving: bool) -> int:
-        parts = [part for part in problem.unsafe if problem.moves(part) == moving]
-        axes = {axis for part in parts for axis in problem.avoid_axes(part)}
+        axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
@@ -82,36 +84,6 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         sampled += velocities + min(KEPT, count * velocities)
         solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
-
-
-def avoid_tubes(problem: ReachAvoidProblem, games: Games) -> AvoidTubes:
-    """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
-    count, felt = len(problem.inputs), set()
-
-    def merge(parts: list[UnsafeSet], step: int, axes: tuple[int, ...], total: FloatArray) -> None:
-        for part in parts:
-            tubes, own = games.avoid(part, step), [axes.index(axis) for axis in problem.avoid_axes(part)]
-            if tubes.max() > 0:
-                felt.add(id(part))
-            for j, tube in enumerate(tubes):
-                np.maximum(total[j], problem.grid.subgrid(axes).lift(tube, own), out=total[j])
-
-    kinds = [[part for part in problem.unsafe if problem.moves(part) == moves] for moves in (False, True)]
-    axes = [tuple(sorted({axis for part in parts for axis in problem.avoid_axes(part)})) for parts in kinds]
-    shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
-    static = np.full((count, *shapes[0]), -np.inf, games.dtype)
-    moving = np.full((problem.steps, count, *shapes[1]), -np.inf, games.dtype)
-    merge(kinds[0], 0, axes[0], static)
-    for step in range(problem.steps) if kinds[1] else ():
-        merge(kinds[1], step, axes[1], moving[step])
-    for part in problem.unsafe:
-        if id(part) not in felt:
-            warnings.warn(
-                f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
-                "between the nodes (use more, or enlarge it), or is out of reach",
-                stacklevel=5,
-            )
-    return AvoidTubes(axes[0], static, axes[1], moving)
 
 
 @kernel(parallel=True)
@@ -204,10 +176,14 @@ class GridSets:
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
+        check_resolution(problem, stacklevel=4)
         self.timeless = problem.timeless
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
-        tubes = avoid_tubes(problem, self.games)
-        self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
+        tubes = avoid_tubes(problem, games, self.games)
+        # whether the reach sets avoid everything already: joint games know of no unsafe ends
+        self.joint = getattr(self.games, "joint", False) and not any(
+            np.isfinite(face).any() for face in problem.grid.faces("unsafe")
+        )
         self.rows = _Rows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared = 0

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from sdhj.certified.cells import CellAxis, measured, velocity_bounds
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
 from sdhj.compiling import hidden
-from sdhj.grid import FloatArray
+from sdhj.grid import ENDS, FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import entry
@@ -117,7 +117,8 @@ class Boxes:
 
     def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
         """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
-        value = np.asarray(problem.value_of(part, self.centre, start + (self.begin + self.end) / 2), dtype=np.float64)
+        centre, middle = problem.grid.held(self.centre, *ENDS), start + (self.begin + self.end) / 2
+        value = np.asarray(problem.value_of(part, centre, middle), dtype=np.float64)
         change, rounding = self.half[:, list(part.axes)] @ bounds, ALLOWANCE * (1.0 + np.abs(value))
         moved = part.rate * (self.end - self.begin) / 2 if self.end > self.begin else 0.0
         return [value - change - moved - rounding, value + change + moved + rounding]
@@ -232,7 +233,9 @@ class GeneralProof:
         tube, held, time = [], self.problem.grid.held, self.problem.delta / self.parts
         for part in range(self.parts):
             centre, half = (low + high) / 2, (high - low) / 2
-            drift, gain, bounds = velocity_terms(self.problem, centre, j, start + (part + 0.5) * time)
+            # past an unsafe end, where nothing is certified, the user's functions are not asked
+            within = self.problem.grid.held(centre, *ENDS)
+            drift, gain, bounds = velocity_terms(self.problem, within, j, start + (part + 0.5) * time)
             push = np.abs(gain) @ bounds + self.drifting * (time / 2)
             push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
             away = (half + time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
@@ -257,8 +260,10 @@ class GeneralProof:
         return images, clear
 
     def _clear(self, boxes: Boxes, start: float) -> FloatArray:
-        """Whether boxes are outside every unsafe set at all their times, (M,)."""
-        out = np.ones(len(boxes.centre), np.bool_)
+        """Whether boxes are outside every unsafe set and between the unsafe ends at all their times, (M,)."""
+        out, beyond = np.ones(len(boxes.centre), np.bool_), self.problem.grid.beyond
+        for corner in (boxes.centre - boxes.half, boxes.centre + boxes.half):
+            out &= ~beyond(corner, "unsafe")
         for part in self.problem.unsafe:
             out &= boxes.values(self.problem, part, self.sets[part.name], start)[0] > 0.0
         return out
