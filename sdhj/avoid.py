@@ -13,8 +13,9 @@ import numpy as np
 
 from sdhj.dynamics import Dynamics
 from sdhj.games import Games
-from sdhj.grid import SLACK, FloatArray, Grid
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.grid import FloatArray, Grid
+from sdhj.interpolation import SLACK
+from sdhj.problem import ANYWHERE, ReachAvoidProblem, UnsafeSet
 from sdhj.table import AvoidTubes
 
 MARGIN = 6  # nodes beyond what an interval reaches: what differences make of the wide grid's end falls tenfold a node
@@ -99,7 +100,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
             ends="wall",
         ),
         dynamics=_on_axes(problem, axes),
-        target=TargetSet((own,), lambda p, t: np.full(len(p), -1.0), "everything"),
+        target=ANYWHERE,
         unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
         steps=problem.steps,

@@ -174,9 +174,10 @@ class Controller:
             where = f"its level-set value there is {value:.3g} > 0"
         else:
             where = "it is off the grid"
+        promise = "stay clear for" if self.problem.stays else "reach the target within"
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
-            f"outside the tube of the states that reach the target within {within} steps ({where}); choose a state "
+            f"outside the tube of the states that {promise} {within} steps ({where}); choose a state "
             f"where table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
         )
 

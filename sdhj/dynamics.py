@@ -6,9 +6,11 @@
 the boxes that the controller looks ahead with, the plant that the simulation integrates. Everything else asks it.
 """
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 

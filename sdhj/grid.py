@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.checks import number, sequence, whole
-from sdhj.interpolation import Lattice, interpolate, wrap
+from sdhj.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.memory import require
 
 FloatArray = NDArray[Any]
@@ -23,7 +23,6 @@ ENDS = ("unsafe", "wall", "safe")
 MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
-SLACK = 1e-6  # cells past an end that still count as on the grid: the rounding of coordinates
 SMALL = 2**20  # nodes for which there is always room
 
 

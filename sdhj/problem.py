@@ -7,7 +7,7 @@ that a `ReachAvoidProblem` samples on its grid.
 import hashlib
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
 
@@ -117,6 +117,9 @@ class TargetSet:
         check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
 
 
+ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
+
+
 @dataclass(frozen=True)
 class ReachAvoidProblem:
     """Reach the target within N steps and never touch the unsafe sets, whatever the adversary does (Definition 1).
@@ -125,12 +128,14 @@ class ReachAvoidProblem:
     ----------
     grid : Grid
     dynamics : Dynamics
-    target : TargetSet
+    target : TargetSet, or None
+        None: stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps (`ANYWHERE`).
     unsafe : sequence of UnsafeSet
     delta : float
         Length of a sampling interval, s.
-    steps : int
-        N, how many of them.
+    steps : int, or None
+        N, how many of them. None: as many as it takes until no further one changes anything, to reach the target some
+        time or to stay clear for ever; where nothing depends on time.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
         (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
@@ -145,10 +150,10 @@ class ReachAvoidProblem:
 
     grid: Grid
     dynamics: Dynamics
-    target: TargetSet
+    target: TargetSet | Any
     unsafe: tuple[UnsafeSet, ...]
     delta: float
-    steps: int
+    steps: int | Any
     view_time: str = "swept"
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
@@ -159,7 +164,8 @@ class ReachAvoidProblem:
         if self.view_time not in VIEW_TIMES:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
-        object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
         ndim = self.grid.ndim
         self.dynamics.check(ndim)
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -173,25 +179,51 @@ class ReachAvoidProblem:
             self._check_rate(part, points)
             if part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
-        steps = range(self.steps + 1)
-        if not any((self.goal(step) <= 0).any() for step in steps):
-            if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
-                raise ValueError(
-                    "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
-                    "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
-                )
+        self._check_endless()
+        self._check_goals()
+
+    def _check_endless(self) -> None:
+        """Without a number of steps nothing may depend on time."""
+        if self.steps is None and not replace(self, steps=SUBSAMPLES).timeless:
             raise ValueError(
-                "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
-                "check the sign of their level-set functions (negative is inside)"
+                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
+                "or the target depend on time; give a number of steps"
             )
 
+    def _check_goals(self) -> None:
+        steps = range((self.steps or 0) + 1)
+        if any((self.goal(step) <= 0).any() for step in steps):
+            return
+        if self.stays:
+            raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
+        if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
+            raise ValueError(
+                "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+                "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
+            )
+        raise ValueError(
+            "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+            "check the sign of their level-set functions (negative is inside)"
+        )
+
     def _check_parts(self) -> None:
+        if self.target is None:
+            object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.target, TargetSet):
-            raise ValueError(f"target must be a TargetSet, got {self.target!r}")
+            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {self.target!r}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
         object.__setattr__(self, "unsafe", unsafe)
+        if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
+            raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
+        if self.stays and not unsafe and not any(np.isfinite(face).any() for face in self.grid.faces("unsafe")):
+            raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
+
+    @property
+    def stays(self) -> bool:
+        """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
+        return self.target is ANYWHERE
 
     def _some_points(self, part: UnsafeSet) -> FloatArray:
         """Nodes, at most `CHECKED` of them, of the axes that a set depends on, (M, axes)."""
@@ -202,7 +234,8 @@ class ReachAvoidProblem:
 
     def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
         """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
-        times = [0.0, 0.37 * self.delta, 0.61 * self.delta * self.steps, self.delta * self.steps]
+        span = self.delta * (self.steps or SUBSAMPLES)
+        times = [0.0, 0.37 * self.delta, 0.61 * span, span]
         values = [finite_array(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
         for k in range(1, len(times)):
             changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
@@ -316,11 +349,18 @@ class ReachAvoidProblem:
         return []
 
     def goal(self, step: int) -> FloatArray:
-        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
-        t = self.time(step)
-        values = self.grid.lift(self._target_at(t), self.target.axes)
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
+
+        Without a target that of the complement of G(t_k), to which what lies beyond unsafe ends belongs.
+        """
+        t, grid = self.time(step), self.grid
+        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
-            values = np.maximum(values, -self.grid.lift(self.unsafe_at(part, t), part.axes))
+            values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
+        for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)) if self.stays else ():
+            if np.isfinite([low, high]).any():
+                nodes = grid.nodes(axis)
+                values = np.maximum(values, grid.lift(np.maximum(low - nodes, nodes - high), (axis,)))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
@@ -367,7 +407,10 @@ class ReachAvoidProblem:
                 add(*(dynamics.drift_at(points, j, t) for j in inputs))
                 for j in inputs[:1] if dynamics.alike else inputs:
                     add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
-        add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
+        add(
+            self.target.axes,
+            *(self._target_at(self.time(step)) for step in range(1 if self.timeless else self.steps + 1)),
+        )
         for part in self.unsafe:
             add(part.axes, part.rate, self.unsafe_at(part, 0.0))
             for step in range(self.steps) if part.moving else ():

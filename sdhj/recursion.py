@@ -4,6 +4,9 @@
 
 With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, n - 1). `recursion` says so once, for
 every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
+
+Without a target the entry (k, n) holds the states that stay clear of G for n steps: those that an input keeps clear for
+one and takes into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
 """
 
 from collections.abc import Callable, Mapping
@@ -195,10 +198,13 @@ class GridSets:
         """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
         table, rows = self.table, self.rows
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
-        tube[:] = table.value_array(step, within - 1)
+        before, stays = table.value_array(step, within - 1), self.problem.stays
+        tube[:] = np.inf if stays else before
         for j, reach in self.games.reach(table.value_array(step + 1, within - 1), step):
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
+        if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
+            np.maximum(tube, before, out=tube)
 
     def stopped(self, step: int, within: int) -> bool:
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))

@@ -12,10 +12,8 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, take_best
 from sdhj.checks import finite_array, whole
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray
 from sdhj.table import Table
-
-PAST_END = 1e-6  # cells past an end of the grid that still count as on it
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,8 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     chosen = np.full(len(states), NOT_ADMISSIBLE)
     take_best(np.ones(hazards.shape, np.bool_), hazards.ravel(), margins, chosen)
     deepest = hazards[np.arange(len(states)), chosen]
-    return chosen, ((deepest <= 0.0) & on_axes(table.grid, states)).astype(np.int64), deepest
+    promised = (deepest <= 0.0) & ~table.grid.beyond(table.grid.wrapped(states), "unsafe", "wall")
+    return chosen, promised.astype(np.int64), deepest
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
@@ -93,13 +92,6 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     left = np.full(len(states), table.steps - step - 1)
     ahead = table.values_at(ends.reshape(len(states), -1, table.grid.ndim), step + 1, left)
     return ahead.reshape(len(states), -1, len(corners)).max(axis=2)
-
-
-def on_axes(grid: Grid, states: FloatArray) -> FloatArray:
-    """Whether states (M, ndim) are between the ends of every bounded axis, up to rounding: bool (M,)."""
-    slack = PAST_END * np.array(grid.spacing)
-    between = (states >= np.array(grid.lower) - slack) & (states <= np.array(grid.upper) + slack)
-    return (between | np.array(grid.periodic)).all(axis=1)
 
 
 def fallback(table: Table, q: FloatArray, step: int) -> Fallback:

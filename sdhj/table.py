@@ -161,6 +161,28 @@ class LookupTable:
         if place != self.index[self.entry(start, within - 1)]:
             self.index[self.index >= place] -= 1
 
+    def settled(self) -> "LookupTable | None":
+        """Of a problem that does not depend on time: the table up to the step after which nothing changes, if any.
+
+        Without a target what stays clear for ever is all that is kept, for every number of steps.
+        """
+        last = int(self.index[self.entry(0, self.steps)])
+        if last == self.steps:
+            return None
+        problem, steps = replace(self.problem, steps=max(last, 1)), max(last, 1)
+        index = entries(steps)[:, 1]
+        kept = slice(last, last + 1) if problem.stays else slice(0, steps + 1)
+        avoid = replace(self.avoid, moving=self.avoid.moving[:steps])
+        index = np.zeros_like(index) if problem.stays else index
+        return replace(
+            self,
+            problem=problem,
+            index=index,
+            tubes=self.tubes[kept].copy(),
+            masks=self.masks[kept].copy(),
+            avoid=avoid,
+        )
+
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table without the room that was not needed."""
         stored = int(self.index.max()) + 1
@@ -256,6 +278,7 @@ class LookupTable:
 
     def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
+        within = self.steps if self.problem.stays else within  # to stay clear is to stay clear for all that is left
         if self._shared:
             reach = self._shared[min(batch.step, len(self._shared) - 1)]
         else:

@@ -94,8 +94,8 @@ def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
-    """The target and the unsafe sets."""
-    return [problem.target, *problem.unsafe]
+    """The target, if there is one, and the unsafe sets."""
+    return [*([] if problem.stays else [problem.target]), *problem.unsafe]
 
 
 def velocity_terms(
@@ -296,8 +296,10 @@ class GeneralProof:
         """Cells inside the target and outside the unsafe set at t_k."""
         (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
         boxes = Boxes((low + high) / 2, (high - low) / 2 + STATE_SLACK, 0.0, 0.0)
-        inside = boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
-        return to_words((inside & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
+        inside = self._clear(boxes, t)
+        if not self.problem.stays:
+            inside &= boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
+        return to_words(inside.reshape(-1, self.axes[-1].count))
 
     def share(self, step: int, within: int) -> None:
         """The inputs of entry (step, within) are those of (step, within - 1)."""

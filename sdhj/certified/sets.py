@@ -147,7 +147,11 @@ class CellSets:
         rows, blocks = self.added[step + 1, within - 1]
         self.following[rows] = blocks
         before = self.cells.copy()
+        if self.proof.problem.stays:  # nothing is united, and what stays clear longer does so for a step less
+            self.cells[:] = 0
         self.proof.add(self.prepared, self.cells, self.following, step, within)
+        if self.proof.problem.stays:
+            self.cells &= before
         self._keep(step, within, (self.cells != before).any(axis=1))
 
     def stopped(self, step: int, within: int) -> bool:

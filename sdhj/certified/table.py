@@ -102,8 +102,14 @@ class CertifiedTable:
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
-        return self._fewest(states, self._place(step, 0), self._place(step, self.steps))
+        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,).
+
+        Without a target 0 where it is certified that the state stays clear for all that are left.
+        """
+        last = self._place(step, self.steps)
+        if self.problem.stays:
+            return self._fewest(states, last, last) * (self.steps - step + 1)
+        return self._fewest(states, self._place(step, 0), last)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
@@ -122,6 +128,9 @@ class CertifiedTable:
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
+        if self.problem.stays:
+            outside = ~self.contains(self.grid.points(), start=start, within=within)
+            return outside.reshape(self.grid.shape).astype(np.float32)
         within = self._place(start, within) - self._place(start, 0)
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
@@ -151,7 +160,8 @@ class CertifiedTable:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        least = min(within, self.steps - step)  # in the target already: inputs that bring the state back into it
+        left = self.steps - step
+        least = left if self.problem.stays else min(within, left)  # in the target already: what brings q back into it
         ahead = np.where(to_go < 0, to_go, np.maximum(to_go, least))
         for within in np.unique(ahead[ahead > 0]):
             safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))

@@ -11,9 +11,8 @@ import numpy as np
 from sdhj.checks import finite_array
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.shield import on_axes
 from sdhj.simulation.adversaries import Adversary, Moment
-from sdhj.simulation.runs import SUBSTEPS, _adversary, _interval, admissible_states
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, UNDECIDED, _adversary, _interval, admissible_states
 from sdhj.table import Table
 
 try:
@@ -21,7 +20,7 @@ try:
 except ImportError as error:
     raise ImportError("the environment needs Gymnasium: pip install 'sdhj[gym]'") from error
 
-REWARDS = {"reached": 1.0, "collided": -1.0, "off": -1.0, "late": 0.0, "": 0.0}
+REWARDS = {"reached": 1.0, "collided": -1.0, "off the grid": -1.0, "late": 0.0, "": 0.0}
 DRAWN = 256  # starts of which the first outside the target is taken
 
 
@@ -32,10 +31,10 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     an index into problem.inputs. An episode terminates where the run has reached the target at a sampling time (reward
     1), collided or gone off the grid (-1), as in `sdhj.simulate`, and is truncated after the last step (0).
 
-    `info` has "outcome", one of reached, collided, off, late, or "" while the run goes on; "action_mask" (L,) int8,
-    which inputs are safe now, or the fallback where none is, all of them when the run is over; "promised", whether the
-    table promises that the target can still be reached safely. After a step also "applied", the index of what was
-    applied, and "overruled", whether that is not the action.
+    `info` has "outcome", one of reached, collided, off the grid, late, or "" while the run goes on; "action_mask" (L,)
+    int8, which inputs are safe now, or the fallback where none is, all of them when the run is over; "promised",
+    whether the table promises that the target can still be reached safely. After a step also "applied", the index of
+    what was applied, and "overruled", whether that is not the action.
 
     Parameters
     ----------
@@ -89,13 +88,11 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
         applied = int(self.controller.filter(self.state, self.now, int(action)).inputs if self.shield else action)
         problem, end = self.table.problem, self.now + 1
-        states, hit = _interval(self._begun(applied), self.play, None)
+        states, ended = _interval(self._begun(applied), self.play, None, walls=True)
         self.state, self.now = states[0], end
-        if hit[0]:
-            self.outcome = "collided"
-        elif not on_axes(problem.grid, states)[0]:
-            self.outcome = "off"
-        elif problem.target_value(states, problem.time(end))[0] <= 0:
+        if ended[0] != UNDECIDED:
+            self.outcome = OUTCOMES[ended[0]]
+        elif end == self.table.steps if problem.stays else problem.target_value(states, problem.time(end))[0] <= 0:
             self.outcome = "reached"
         elif end == self.table.steps:
             self.outcome = "late"

@@ -4,7 +4,8 @@ The robot measures its state at every sampling time t_k and asks the controller;
 for the adversary that is allowed to. Collisions are judged by the true level-set functions at 20 instants of every
 interval. The outcome of a run is one of
 
-* reached: at a sampling time the state was truly in the target, and no collision was seen before;
+* reached: at a sampling time the state was truly in the target, and no collision was seen before; without a target,
+  the last sampling time came, or the state left for good over a safe end;
 * collided: the state was in an unsafe set at one of the instants, the start included;
 * left: at a sampling time before the last no tube held the state, so the controller had no answer;
 * late: the last sampling time came without any of those;
@@ -300,7 +301,9 @@ def rollouts(
     outcomes[problem.unsafe_value(states, 0.0) <= 0] = COLLIDED
     for step in range(problem.steps + 1):
         alive = alive[outcomes[alive] == UNDECIDED]
-        inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
+        inside = np.full(alive.size, problem.stays and step == problem.steps)
+        if alive.size and not problem.stays:
+            inside = problem.target_value(states[alive], problem.time(step)) <= 0
         outcomes[alive[inside]] = REACHED
         alive = alive[~inside]
         if step == problem.steps or not alive.size:
@@ -310,6 +313,7 @@ def rollouts(
         outcomes[alive[inputs < 0]] = LEFT
         known = inputs >= 0
         alive, to_go = alive[known], batch.steps_to_go[known]
+        left = np.full(alive.size, problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
         if not alive.size:
             break
         begun = Moment(
@@ -324,7 +328,7 @@ def rollouts(
             duration=problem.delta / SUBSTEPS,
             previous=np.zeros((alive.size, problem.dynamics.adversaries)),
             runs=alive,
-            tube=partial(controller.table.values_at, step=step + 1, within=np.maximum(to_go, 1) - 1),
+            tube=partial(controller.table.values_at, step=step + 1, within=left),
             rng=rng,
         )
         states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
@@ -346,6 +350,8 @@ def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) 
         clearance = begun.problem.unsafe_value(states, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
+        if begun.problem.stays:
+            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():

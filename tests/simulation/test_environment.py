@@ -103,7 +103,7 @@ def test_off_the_grid_is_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sdhj.simulation.environment._interval", lambda begun, play, watch: beyond)
     observation, reward, terminated, truncated, info = env.step(np.int64(1))
     assert observation.tolist() == [-4.0, 1.0] and observation in env.observation_space
-    assert (reward, terminated, truncated, info["outcome"]) == (-1.0, True, False, "off")
+    assert (reward, terminated, truncated, info["outcome"]) == (-1.0, True, False, "off the grid")
     assert info["action_mask"].all() and not info["promised"]
 
 
