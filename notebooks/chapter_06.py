@@ -48,7 +48,7 @@ def draw_view_time(
     t0, t1 = problem.time(step) + np.asarray(pieces) * problem.delta
     view = scene(problem)
     draw_workspace(left, view, time=t0, trail=np.linspace(t0, t1, max(samples, 2)), arrows=False)
-    left.set_title(f"samples of the obstacles, $t$ in [{t0:.1f}, {t1:.1f}] s")
+    left.set_title(f"samples of the obstacles, t in [{t0:.1f}, {t1:.1f}] s")
     where = plane(grid, (0.0, 0.0), resolution=241)
     swept = where.shaped(part.over(where.points, t0, t1, "swept"))
     union = where.shaped(union_of_samples(part, where.points, t0, t1, samples))

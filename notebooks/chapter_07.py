@@ -39,7 +39,7 @@ def draw_row(ax: Axes, table: Table, *, start: int, point: Sequence[float]) -> N
         looks = {"facecolor": "none", "linewidth": width, "edgecolor": colour}
         ax.add_patch(Rectangle((left, 0), side, side, zorder=3.0, gid=gid, **looks))
         ax.plot(left + point[0] - grid.lower[0], point[1] - grid.lower[1], **HERE)
-        ax.text(left + side / 2, side * 1.04, f"$n = {n}$", ha="center")
+        ax.text(left + side / 2, side * 1.04, f"n = {n}", ha="center")
     ax.set(xlim=(-0.05, (table.steps + 1) * (side + gap)), ylim=(-0.05, side * 1.2), aspect="equal")
     ax.axis("off")
     return {"fewest steps to go": first, "tubes that hold the point": 0 if np.isnan(first) else most + 1 - int(first)}
@@ -71,7 +71,7 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
     def draw(figure: Figure, start: int, **game: Any) -> Numbers:
         table, ax = solved(**game), figure.subplots()
         draw_plane_game(ax, table, start=start)
-        ax.set_title(f"from step {start}, $t = {table.problem.time(start):.2f}$ s")
+        ax.set_title(f"from step {start}, t = {table.problem.time(start):.2f} s")
         return {f"within {n}": table.fraction(start=start, within=n) for n in range(4 - start + 1)}
 
     controls = {

@@ -120,7 +120,7 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
         image, found[start] = row_image(table, state, start)
         bottom = -(place + 1) * side
         draw_pixels(ax, image, (0, image.shape[1], bottom, bottom + CELL), f"row-{start}")
-        ax.text(-4, bottom + CELL / 2, f"$k = {start}$", ha="right", va="center")
+        ax.text(-4, bottom + CELL / 2, f"k = {start}", ha="right", va="center")
         dot = (here(grid, state) - grid.lower[:2]) / (np.array(grid.upper[:2]) - grid.lower[:2]) * CELL
         columns = side * np.arange(table.steps - start + 1)
         looks = HERE | {"linestyle": "none", "markersize": 3.2, "markeredgewidth": 0.4}
@@ -129,7 +129,7 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
             looks = {"facecolor": "none", "edgecolor": OUTCOME_INK, "linewidth": 1.8, "gid": f"frame-{start}"}
             ax.add_patch(Rectangle((n * side, bottom), CELL, CELL, zorder=6.0, **looks))
     for n in range(table.steps + 1):
-        ax.text(n * side + CELL / 2, 3, f"$n = {n}$", ha="center", va="bottom")
+        ax.text(n * side + CELL / 2, 3, f"n = {n}", ha="center", va="bottom")
     ax.set(xlim=(-20, (table.steps + 1) * side), ylim=(-len(states) * side - 2, 18), aspect="equal")
     ax.axis("off")
     return found
@@ -189,7 +189,7 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
         draw_sets_quickly(right, table.problem, through=state, step=time / table.problem.delta, resolution=81)
         draw_way(figure, table.problem, one, (left, right))
         right.plot(*here(table.grid, state), **HERE)
-        left.set_title(f"$t = {time:.2f}$ s, step {step}")
+        left.set_title(f"t = {time:.2f} s, step {step}")
         right.set_title("the joints' way (Fig. 12b)")
         measured = one.states[step * SUBSTEPS]
         found = draw_rows(below, table, {step: measured})

@@ -5,10 +5,12 @@ each `explore_*` of the chapters' modules returns one. Put it on the last line o
 the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place.
 """
 
+import gc
 import html
 import inspect
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import ipywidgets
@@ -89,6 +91,16 @@ def _number(value: float | str) -> str:
     return str(value) if isinstance(value, int | str) else f"{value:.3g}"
 
 
+@contextmanager
+def garbage_waits() -> Iterator[None]:
+    """Until the picture is there: a figure is 10^5 new objects, and looking for garbage among them takes a quarter."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
 class Explorer:
     """Controls and a picture that answers to them.
 
@@ -153,14 +165,15 @@ class Explorer:
         self._asked = self.values
         if self.slow:
             self._status.value = WORKING
-        try:
-            self.png, self.numbers = render(self.draw, self.size, places=self._places, **self._asked)
-            self.error = ""
-        except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
-            self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        if self._picture is not None and not self.error:
-            self._picture.update(self._image())
-        self._tell()
+        with garbage_waits():
+            try:
+                self.png, self.numbers = render(self.draw, self.size, places=self._places, **self._asked)
+                self.error = ""
+            except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
+                self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            if self._picture is not None and not self.error:
+                self._picture.update(self._image())
+            self._tell()
 
     def _tell(self) -> None:
         if self.error:
