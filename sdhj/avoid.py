@@ -57,7 +57,7 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
     axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
     shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
     static = np.full((count, *shapes[0]), -np.inf, games.dtype)
-    moving = np.full((problem.steps, count, *shapes[1]), -np.inf, games.dtype)
+    moving = np.full((problem.most_steps, count, *shapes[1]), -np.inf, games.dtype)
     for own, tubes, kept in zip(kinds, (static[None], moving), axes, strict=True):
         for danger in own:
             playing, at = (
@@ -103,7 +103,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         target=ANYWHERE,
         unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
-        steps=problem.steps,
+        steps=problem.most_steps,
     )
     inside = tuple(slice(extra, extra + n) for extra, n in zip(widened.tolist(), grid.shape, strict=True))
     return Danger(axes, timed, wide, wide.unsafe[0], inside)

@@ -144,6 +144,13 @@ class Grid:
 
         return Grid(*(pick(getattr(self, one)) for one in ("lower", "upper", "shape", "periodic", "names", "ends")))
 
+    def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+        """Values (shape `shape`) at the two nodes of every edge along an axis, two views of one shape."""
+        if self.periodic[axis]:
+            return values, np.roll(values, -1, axis)
+        behind = (slice(None),) * axis
+        return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
+
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])

@@ -6,7 +6,7 @@ own is an object with these two, given to `solve` in place of one from here.
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from tqdm import tqdm
@@ -96,8 +96,6 @@ class HopfLax:
         return GridSets(problem, self.name, self.on, self.dtype, self.told)
 
 
-ENOUGH = (32, 256, 2048)  # steps after which it is looked whether anything still changes, each time from the beginning
-
 METHODS: dict[str, Any] = {  # by their short forms; named are those that are imported when they are asked for
     "hji": HJI,
     "lax": HopfLax,
@@ -153,18 +151,8 @@ def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress:
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
-        for steps in ENOUGH if problem.steps is None else (problem.steps,):
-            sets = method.sets(problem if problem.steps else replace(problem, steps=steps), progress)
-            if problem.steps is None and not sets.timeless:
-                raise ValueError(f"method {method.name!r} needs a number of steps: give the problem one")
-            total = steps if sets.timeless else steps * (steps + 1) // 2
-            with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-                recursion(sets, steps, bar.update)
-            table = sets.finish({"seconds": time.perf_counter() - started})
-            if problem.steps:
-                return table
-            if (settled := getattr(table, "settled", lambda: None)()) is not None:
-                return settled
-    raise ValueError(
-        f"the tubes of method {method.name!r} still change after {ENOUGH[-1]:,} steps; give a number of steps"
-    )
+        sets, steps = method.sets(problem, progress), problem.most_steps
+        total = None if problem.steps is None else steps if sets.timeless else steps * (steps + 1) // 2
+        with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
+            recursion(sets, steps, bar.update)
+        return sets.finish({"seconds": time.perf_counter() - started})

@@ -7,7 +7,7 @@ that a `ReachAvoidProblem` samples on its grid.
 import hashlib
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any
 
@@ -23,6 +23,7 @@ SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
 INTERVALS = 8  # in which a swept set is checked
+FOREVER = 1000  # steps that are tried where a problem gives no number of them
 CHECKED = 5000  # nodes at which the rate of a moving set is checked
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
@@ -135,7 +136,7 @@ class ReachAvoidProblem:
         Length of a sampling interval, s.
     steps : int, or None
         N, how many of them. None: as many as it takes until no further one changes anything, to reach the target some
-        time or to stay clear for ever; where nothing depends on time.
+        time or to stay clear for ever; where nothing depends on time. The problem of the table has that number.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
         (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
@@ -174,21 +175,17 @@ class ReachAvoidProblem:
                 raise ValueError(
                     f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
                 )
+        if self.steps is None and not self.timeless:
+            raise ValueError(
+                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
+                "or the target depend on time; give a number of steps"
+            )
         for part in self.unsafe:
             points = self._some_points(part)
             self._check_rate(part, points)
             if part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
-        self._check_endless()
         self._check_goals()
-
-    def _check_endless(self) -> None:
-        """Without a number of steps nothing may depend on time."""
-        if self.steps is None and not replace(self, steps=SUBSAMPLES).timeless:
-            raise ValueError(
-                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
-                "or the target depend on time; give a number of steps"
-            )
 
     def _check_goals(self) -> None:
         steps = range((self.steps or 0) + 1)
@@ -219,6 +216,11 @@ class ReachAvoidProblem:
             raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
         if self.stays and not unsafe and not any(np.isfinite(face).any() for face in self.grid.faces("unsafe")):
             raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
+
+    @property
+    def most_steps(self) -> int:
+        """N, or how many steps are tried where none is given."""
+        return self.steps or FOREVER
 
     @property
     def stays(self) -> bool:
@@ -298,7 +300,7 @@ class ReachAvoidProblem:
         """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the safe target."""
         if self.dynamics.timed or any(part.moving for part in self.unsafe):
             return False
-        return all(np.array_equal(self.goal(step), self.goal(0)) for step in range(1, self.steps + 1))
+        return all(np.array_equal(self.goal(k), self.goal(0)) for k in range(1, (self.steps or SUBSAMPLES) + 1))
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
@@ -351,17 +353,24 @@ class ReachAvoidProblem:
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
-        Without a target that of the complement of G(t_k), to which what lies beyond unsafe ends belongs.
+        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends, with what lies beyond
+        safe ones.
         """
         t, grid = self.time(step), self.grid
         values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
             values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
-        for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)) if self.stays else ():
-            if np.isfinite([low, high]).any():
-                nodes = grid.nodes(axis)
-                values = np.maximum(values, grid.lift(np.maximum(low - nodes, nodes - high), (axis,)))
+        if self.stays:
+            values = np.minimum(np.maximum(values, -self.to_ends("unsafe")), self.to_ends("safe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def to_ends(self, kind: str) -> FloatArray:
+        """Distance to the nearest end of a kind, negative beyond it, +inf where there is none; broadcasts to the grid."""
+        grid, out = self.grid, np.full((1,) * self.grid.ndim, np.inf)
+        for axis, (low, high) in enumerate(zip(*grid.faces(kind), strict=True)):
+            nodes = grid.nodes(axis)
+            out = np.minimum(out, grid.lift(np.minimum(nodes - low, high - nodes), (axis,)))
+        return out
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""

@@ -72,13 +72,14 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     The table, the avoid tubes, and what is sampled and solved at a time; not what the problem's own functions take.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
-    table = LookupTable.rooms(problem) * grid.size * (item + -(-count // 8))
+    tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps each is asked for in turn
+    table = tubes * grid.size * (item + -(-count // 8))
 
     found = dangers(problem)
 
     def avoid(moving: bool) -> int:
         axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
-        return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
+        return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
     solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
@@ -196,7 +197,9 @@ class GridSets:
 
     def extend(self, step: int, within: int) -> None:
         """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
-        table, rows = self.table, self.rows
+        table, rows, endless = self.table, self.rows, self.problem.steps is None
+        if endless:
+            require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         tube[:] = np.inf if stays else before
@@ -205,8 +208,11 @@ class GridSets:
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
+            np.minimum(tube, self.problem.to_ends("safe"), out=tube)
 
     def stopped(self, step: int, within: int) -> bool:
+        if self.problem.steps is None:
+            return self.table.unchanged(step, within)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -214,9 +220,10 @@ class GridSets:
         self.shared += 1
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table; its details tell the options, the PDEs that Algorithm 1 asks for and those solved."""
-        steps = self.problem.steps
+        """The table, settled where no number of steps is given; its details tell the options, the PDEs that Algorithm 1 asks for and those solved."""
+        table = self.table if self.problem.steps else self.table.settled()
+        steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
-        return self.table.finish(self.told | told | dict(details))
+        return table.finish(self.told | told | dict(details))

@@ -36,7 +36,7 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
         if part.sampling == "cell":
             continue
         often = LOOKS if part.moving else 1
-        for t in np.linspace(0.0, problem.steps * problem.delta, often).tolist():
+        for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
             if told := _hidden(problem, part, t) or _abrupt(problem, part, t):
                 warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
@@ -48,7 +48,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     spacing = np.array(grid.spacing)
     bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
     for axis in range(grid.ndim):
-        corners = np.minimum(*_pairs(grid, corners, axis))
+        corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
         before, behind = seen.copy(), (slice(None),) * axis
@@ -89,7 +89,7 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     off = []
     for axis in range(grid.ndim):
-        here, there = _pairs(grid, values, axis)
+        here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
         crossing = crossing[:: crossing.size // CROSSINGS + 1]
         if crossing.size:
@@ -107,16 +107,8 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     )
 
 
-def _pairs(grid: Grid, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Values at the two nodes of every edge along an axis."""
-    if grid.periodic[axis]:
-        return values, np.roll(values, -1, axis)
-    behind = (slice(None),) * axis
-    return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
-
-
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    here, there = _pairs(grid, values, axis)
+    here, there = grid.edges(values, axis)
     return float(np.abs(there - here).max())
 
 

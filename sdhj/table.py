@@ -72,6 +72,9 @@ def in_a_line(table: Table) -> str:
     )
 
 
+ROUNDING = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
+
+
 @dataclass(frozen=True)
 class AvoidTubes:
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
@@ -134,9 +137,9 @@ class LookupTable:
         There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
         takes no memory.
         """
-        start, index = entries(problem.steps).T.copy()
+        start, index = entries(problem.most_steps).T.copy()
         if not problem.timeless:  # one behind the other as they are filled in
-            index += (problem.steps - start) * (problem.steps - start + 1) // 2
+            index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
         room = cls.rooms(problem)
         tubes = np.empty((room, *problem.grid.shape), dtype)
         masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
@@ -145,7 +148,7 @@ class LookupTable:
     @staticmethod
     def rooms(problem: ReachAvoidProblem) -> int:
         """T, how many tubes there are at most."""
-        return problem.steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
+        return problem.most_steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int) -> FloatArray:
         """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
@@ -161,26 +164,43 @@ class LookupTable:
         if place != self.index[self.entry(start, within - 1)]:
             self.index[self.index >= place] -= 1
 
-    def settled(self) -> "LookupTable | None":
-        """Of a problem that does not depend on time: the table up to the step after which nothing changes, if any.
+    def unchanged(self, start: int, within: int) -> bool:
+        """Whether (start, within) is (start, within - 1) but for rounding: the nodes in it, their inputs, its boundary.
 
-        Without a target what stays clear for ever is all that is kept, for every number of steps.
+        Deep inside, where no sign hangs on them, values may creep for long by the scheme's error.
         """
-        last = int(self.index[self.entry(0, self.steps)])
+        tube, before = self.value_array(start, within), self.value_array(start, within - 1)
+        inside, change = tube <= 0, np.abs(tube - before)
+        masks = np.array_equal(self.mask_array(start, within), self.mask_array(start, within - 1)) or within == 1
+        if not masks or not np.array_equal(inside, before <= 0):
+            return False
+        most = 0.0
+        for axis in range(self.grid.ndim):
+            one, other = self.grid.edges(inside, axis)
+            beside = one != other
+            most = max(most, *(float(part[beside].max(initial=0.0)) for part in self.grid.edges(change, axis)))
+        return most <= ROUNDING * float(np.abs(tube).max())
+
+    def settled(self) -> "LookupTable":
+        """The table up to the step after which nothing changes: without a target only what stays clear for ever.
+
+        Raises
+        ------
+        ValueError
+            Where everything still changes.
+        """
+        last = max(int(self.index[self.entry(0, self.steps)]), 1)
         if last == self.steps:
-            return None
-        problem, steps = replace(self.problem, steps=max(last, 1)), max(last, 1)
-        index = entries(steps)[:, 1]
-        kept = slice(last, last + 1) if problem.stays else slice(0, steps + 1)
-        avoid = replace(self.avoid, moving=self.avoid.moving[:steps])
-        index = np.zeros_like(index) if problem.stays else index
+            raise ValueError(f"the tubes still change after {last:,} steps; give the problem a number of steps")
+        stays = self.problem.stays
+        index, kept = entries(last)[:, 1], slice(last, last + 1) if stays else slice(0, last + 1)
         return replace(
             self,
-            problem=problem,
-            index=index,
-            tubes=self.tubes[kept].copy(),
+            problem=replace(self.problem, steps=last),
+            index=np.zeros_like(index) if stays else index,
+            tubes=self.tubes[kept].copy(),  # the room for all others is given back
             masks=self.masks[kept].copy(),
-            avoid=avoid,
+            avoid=replace(self.avoid, moving=self.avoid.moving[:last]),
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
@@ -196,7 +216,7 @@ class LookupTable:
 
     @property
     def steps(self) -> int:
-        return self.problem.steps
+        return self.problem.most_steps
 
     def entry(self, start: int, within: int) -> int:
         """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""

@@ -39,7 +39,7 @@ def too_far(states, disturbance=0.0):
 def test_the_viability_kernel_of_the_double_integrator(disturbance):
     """Wrong only within a cell of the boundary, where the slopes of `too_far` are 1 and v / brake."""
     shares = []
-    for nodes in (26, 51):
+    for nodes in (51, 101):
         table = sdhj.solve(double_integrator(None, disturbance, (nodes, nodes)), progress=False)
         exact = too_far(table.grid.points(), disturbance)
         inside = table.values(start=0, within=1).ravel() <= 0
@@ -82,6 +82,16 @@ def test_what_stays_clear_for_ever_does(disturbance, rng):
     assert np.mean(outcomes != "late") < 0.02, np.unique(outcomes, return_counts=True)
 
 
+def same_boundary(one, other, more):
+    """Sets equal at all nodes; values beside the boundary but for the rounding of so many more steps."""
+    np.testing.assert_array_equal(one <= 0, other <= 0)
+    beside = np.zeros(one.shape, bool)
+    for axis in range(one.ndim):
+        crossed = np.argwhere(np.diff(one <= 0, axis=axis))
+        beside[tuple(crossed.T)] = beside[tuple((crossed + np.eye(one.ndim, dtype=int)[axis]).T)] = True
+    np.testing.assert_allclose(one[beside], other[beside], rtol=0, atol=more * 4 * 2.0**-23 * np.abs(one).max())
+
+
 def test_without_a_target_the_sets_shrink_and_settle():
     problem = double_integrator(steps=60)
     table = sdhj.solve(problem, progress=False)
@@ -89,19 +99,19 @@ def test_without_a_target_the_sets_shrink_and_settle():
     assert shares == sorted(shares, reverse=True) and shares[0] == 1.0
     settled = sdhj.solve(replace(problem, steps=None), progress=False)
     assert shares[settled.steps] == shares[60] < shares[max(settled.steps // 2, 1)]
-    np.testing.assert_array_equal(settled.values(start=0, within=1), table.values(start=0, within=60))
+    same_boundary(settled.values(start=0, within=1), table.values(start=0, within=60), 60)
     np.testing.assert_array_equal(settled.inputs(start=0, within=1), table.inputs(start=0, within=60))
-    assert len(table.tubes) == settled.steps + 1  # one for each number of steps, however many start
+    assert len(table.tubes) <= 61 < len(table.index)  # one for each number of steps, however many start
 
 
 def test_without_steps_the_target_is_reached_some_time():
     problem = interval_problem()
     table = sdhj.solve(replace(problem, steps=None), progress=False)
     more = sdhj.solve(replace(problem, steps=table.steps + 7), progress=False)
-    np.testing.assert_array_equal(
-        table.values(start=0, within=table.steps), more.values(start=0, within=table.steps + 7)
-    )
-    assert (more.values(start=0, within=table.steps) != more.values(start=0, within=table.steps - 1)).any()
+    n = table.steps
+    same_boundary(table.values(start=0, within=n), more.values(start=0, within=n + 7), 7)
+    grown = more.values(start=0, within=n) <= 0, more.values(start=0, within=n - 1) <= 0
+    assert 1 < n < 30 and (grown[0] != grown[1]).any()
 
 
 def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
@@ -113,7 +123,7 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
     assert controller.safe_inputs([0.0, 2.3], 0).tolist() == [0]  # brake
     assert controller.filter([0.0, 2.3], 0, 2).inputs == 0
     report = sdhj.monte_carlo(controller, 2000, "worst", progress=False)
-    assert report.rate("reached") > 0.98 and report.counts["late"] == report.counts["left"] == 0
+    assert report.rate("reached") > 0.98 and report.counts["late"] == report.counts["collided"] == 0
     assert report.steps.min() < report.steps.max() == 30
 
 
@@ -152,7 +162,7 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
     problem = ReachAvoidProblem(grid, dynamics, None, (wall,), 0.25, 20)
     table = sdhj.solve(problem, "lax", progress=False)
     report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
-    assert report.counts["reached"] == 500 and report.steps.min() < 8
+    assert report.counts["reached"] == 500 and report.steps.max() < 20
     with pytest.raises(ValueError, match="problems without a target"):
         replace(problem, target=TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3) - 0.2))
 

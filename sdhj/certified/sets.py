@@ -97,6 +97,8 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
+        if problem.steps is None:
+            raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
