@@ -253,7 +253,7 @@ def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     """What of a problem is not as the file says; its functions are known by their values alone."""
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
-    told |= {name: (np.asarray(layout[name]).tolist(), list(getattr(grid, name))) for name in LAYOUT}
+    told |= {name: (np.asarray(layout[name]).tolist(), np.asarray(getattr(grid, name)).tolist()) for name in LAYOUT}
     told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
     found = [
         f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"

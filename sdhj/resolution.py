@@ -22,7 +22,7 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search asks for
 FINE = 4  # parts of a cell's edge, where the least value in it is asked for
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
-LOOKS = 3  # at which a moving set is looked at
+TIMES = 3  # at which a moving set is looked at
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -35,7 +35,7 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
-        often = LOOKS if part.moving else 1
+        often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
             if told := _hidden(problem, part, t) or _abrupt(problem, part, t):
                 warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)

@@ -72,7 +72,7 @@ def in_a_line(table: Table) -> str:
     )
 
 
-ROUNDING = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
+NO_CHANGE = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class LookupTable:
             one, other = self.grid.edges(inside, axis)
             beside = one != other
             most = max(most, *(float(part[beside].max(initial=0.0)) for part in self.grid.edges(change, axis)))
-        return most <= ROUNDING * float(np.abs(tube).max())
+        return most <= NO_CHANGE * float(np.abs(tube).max())
 
     def settled(self) -> "LookupTable":
         """The table up to the step after which nothing changes: without a target only what stays clear for ever.
@@ -189,9 +189,10 @@ class LookupTable:
         ValueError
             Where everything still changes.
         """
-        last = max(int(self.index[self.entry(0, self.steps)]), 1)
-        if last == self.steps:
-            raise ValueError(f"the tubes still change after {last:,} steps; give the problem a number of steps")
+        stored = int(self.index[self.entry(0, self.steps)])  # the last is as the one before
+        if stored == self.steps:
+            raise ValueError(f"the tubes still change after {stored:,} steps; give the problem a number of steps")
+        last = max(stored - 1, 1)
         stays = self.problem.stays
         index, kept = entries(last)[:, 1], slice(last, last + 1) if stays else slice(0, last + 1)
         return replace(

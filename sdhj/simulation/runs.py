@@ -193,11 +193,10 @@ def monte_carlo(
     controller : Controller
     runs : int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        As for `simulate`. A function of yours is called from one thread, the named ones from several.
+    walls : bool
+        As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
     seed : int
         The same seed gives the same report, whatever the number of threads.
-    walls : bool
-        As for `simulate`.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 

@@ -123,6 +123,24 @@ def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
     assert boxed.fraction(start=0, within=48) < recipes["ball"].fraction(start=0, within=48)
 
 
+def test_the_cart_stays_on_its_rail(recipes: dict[str, Any]) -> None:
+    """Full brakes from 1.9 m/s take (1.9 + a step of what was wanted before) to the end: the filter lets no more pass."""
+    safe, braked = recipes["safe"], recipes["braked"]
+    assert 0.3 < safe.fraction(start=0, within=1) < 0.7 and 5 < safe.steps < 100
+    assert braked.promised and braked.overruled and braked.commands.tolist() == [-3.0]
+
+
+def test_the_long_horizon_is_long_enough(recipes: dict[str, Any]) -> None:
+    some_time, at_most = recipes["some_time"], recipes["some_time"].steps
+    longer = sdhj.solve(recipes["problem"]([recipes["office"]], steps=at_most + 10), progress=False)
+    assert longer.fraction(start=0, within=at_most + 10) == some_time.fraction(start=0, within=at_most)
+
+
+def test_nothing_passes_the_thin_fence(recipes: dict[str, Any]) -> None:
+    fenced = recipes["fenced"]
+    assert fenced.contains([[2.6, 1.5], [1.4, 1.5]], start=0, within=48).tolist() == [True, False]
+
+
 def test_the_wind_blows_one_way(recipes: dict[str, Any]) -> None:
     low, high = recipes["windy"].problem.interval(0).extremes(0.0)[:, 0]  # of the input that rests
     np.testing.assert_allclose([low, high], [[0.0, -0.1], [0.2, 0.1]], rtol=0, atol=1e-15)

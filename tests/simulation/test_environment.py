@@ -100,7 +100,7 @@ def test_off_the_grid_is_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     env = ReachAvoidEnv(toys.interval_table(), "none")
     env.reset(seed=0)
     beyond = np.array([[-4.3]]), np.array([False])
-    monkeypatch.setattr("sdhj.simulation.environment._interval", lambda begun, play, watch: beyond)
+    monkeypatch.setattr("sdhj.simulation.environment._interval", lambda begun, play, watch, walls: beyond)
     observation, reward, terminated, truncated, info = env.step(np.int64(1))
     assert observation.tolist() == [-4.0, 1.0] and observation in env.observation_space
     assert (reward, terminated, truncated, info["outcome"]) == (-1.0, True, False, "off the grid")
