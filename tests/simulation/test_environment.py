@@ -95,13 +95,12 @@ def test_the_mask_is_what_the_filter_leaves_alone() -> None:
         assert info["promised"] == told.promised.all()
 
 
-def test_off_the_grid_is_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a plant that goes beyond the grid's end; what is observed is the nearest place on it."""
-    env = ReachAvoidEnv(toys.interval_table(), "none")
-    env.reset(seed=0)
-    beyond = np.array([[-4.3]]), np.array([False])
-    monkeypatch.setattr("sdhj.simulation.environment._interval", lambda begun, play, watch, walls: beyond)
-    observation, reward, terminated, truncated, info = env.step(np.int64(1))
+def test_off_the_grid_is_the_end() -> None:
+    """What is observed then is the nearest place on it."""
+    table = sdhj.solve(toys.interval_problem(ends="unsafe", steps=8), progress=False)
+    env = ReachAvoidEnv(table, "none")
+    env.reset(options={"state": [-3.8]})
+    observation, reward, terminated, truncated, info = env.step(np.int64(0))
     assert observation.tolist() == [-4.0, 1.0] and observation in env.observation_space
     assert (reward, terminated, truncated, info["outcome"]) == (-1.0, True, False, "off the grid")
     assert info["action_mask"].all() and not info["promised"]
