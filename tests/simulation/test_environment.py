@@ -98,7 +98,7 @@ def test_the_mask_is_what_the_filter_leaves_alone() -> None:
 def test_off_the_grid_is_the_end() -> None:
     """What is observed then is the nearest place on it."""
     table = sdhj.solve(toys.interval_problem(ends="unsafe", steps=8), progress=False)
-    env = ReachAvoidEnv(table, "none")
+    env = ReachAvoidEnv(table, "none", shield=False)
     env.reset(options={"state": [-3.8]})
     observation, reward, terminated, truncated, info = env.step(np.int64(0))
     assert observation.tolist() == [-4.0, 1.0] and observation in env.observation_space
