@@ -92,8 +92,8 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     widened = np.array([more * (i == own) for i in range(len(axes))])
     wide = ReachAvoidProblem(
         grid=Grid(
-            np.array(grid.lower) - widened * grid.spacing,
-            np.array(grid.upper) + widened * grid.spacing,
+            (np.array(grid.lower) - widened * grid.spacing).tolist(),
+            (np.array(grid.upper) + widened * grid.spacing).tolist(),
             [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
             grid.periodic,
             grid.names,

@@ -220,7 +220,7 @@ class Grid:
         """Whether states (M, ndim) are past an end of these kinds, by more than rounding; (M,) bool."""
         low, high = self.faces(*kinds)
         slack = SLACK * np.array(self.spacing)
-        return ((states < low - slack) | (states > high + slack)).any(axis=1)
+        return np.any((states < low - slack) | (states > high + slack), axis=1)
 
     @cached_property
     def weights(self) -> FloatArray:

@@ -365,7 +365,7 @@ class ReachAvoidProblem:
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def to_ends(self, kind: str) -> FloatArray:
-        """Distance to the nearest end of a kind, negative beyond it, +inf where there is none; broadcasts to the grid."""
+        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
         grid, out = self.grid, np.full((1,) * self.grid.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*grid.faces(kind), strict=True)):
             nodes = grid.nodes(axis)

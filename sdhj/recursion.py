@@ -220,7 +220,7 @@ class GridSets:
         self.shared += 1
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table, settled where no number of steps is given; its details tell the options, the PDEs that Algorithm 1 asks for and those solved."""
+        """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
         table = self.table if self.problem.steps else self.table.settled()
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)

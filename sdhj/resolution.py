@@ -51,11 +51,12 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
-        before, behind = seen.copy(), (slice(None),) * axis
-        seen[(*behind, slice(1, None))] |= before[(*behind, slice(0, -1))]
-        seen[(*behind, slice(0, -1))] |= before[(*behind, slice(1, None))]
+        along = np.moveaxis(seen, axis, 0)  # a view
+        before = along.copy()
+        along[1:] |= before[:-1]
+        along[:-1] |= before[1:]
         if grid.periodic[axis]:
-            seen[(*behind, [0, -1])] |= before[(*behind, [-1, 0])]
+            along[[0, -1]] |= before[[-1, 0]]
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1

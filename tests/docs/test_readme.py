@@ -124,7 +124,7 @@ def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
 
 
 def test_the_cart_stays_on_its_rail(recipes: dict[str, Any]) -> None:
-    """Full brakes from 1.9 m/s take (1.9 + a step of what was wanted before) to the end: the filter lets no more pass."""
+    """Full brakes from 1.9 m/s take 0.6 m of the 0.8: after an interval of what was wanted they would take too much."""
     safe, braked = recipes["safe"], recipes["braked"]
     assert 0.3 < safe.fraction(start=0, within=1) < 0.7 and 5 < safe.steps < 100
     assert braked.promised and braked.overruled and braked.commands.tolist() == [-3.0]
