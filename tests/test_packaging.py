@@ -169,7 +169,7 @@ OURS = {"sdhj"} | {path.stem for folder in ("figures", "notebooks", "tests") for
         ("sdhj/plotting/*.py", ["plot"]),
         ("figures/*.py", ["plot", "bench", "physics"]),
         ("notebooks/*.py", ["notebooks"]),
-        ("tests/**/*.py", ["test", "gym", "physics"]),  # the tests of gym and physics are skipped without them
+        ("tests/**/*.py", ["test", "bench", "gym", "physics"]),  # without them, tests are skipped
     ],
 )
 def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
