@@ -253,16 +253,10 @@ def decide(states, rows, when, shelf, reach, lattice, out):
 
 @kernel(nogil=True)
 def boxes_at(states, rows, axes, lattice, table, boxes, hull):
-    """Interpolate a table of boxes at some of the states (M, ndim), and find the box that holds those of all inputs.
+    """Interpolate a table of boxes at states[rows]; hull is the box that holds those of all inputs.
 
-    Parameters
-    ----------
-    rows : (R,) int64
-    axes : (k,) int64
-        Of the lattice, the fields of a `Lattice` of ndim axes, those that the table has.
-    table : (2, size of these axes, L, ndim)
-    boxes, hull : (2, R, L, ndim), (2, R, ndim)
-        To be written. States off the lattice are given anything.
+    states (M, ndim), rows (R,), lattice as for `decide`; table (2, size of its subgrid of `axes`, L, ndim). To be written:
+    boxes (2, R, L, ndim) and hull (2, R, ndim), with anything where a state is off the lattice.
     """
     lattice, index, weight = Lattice(*lattice), np.empty(1 << axes.size, np.int64), np.empty(1 << axes.size)
     for r in range(rows.size):

@@ -17,6 +17,7 @@ from sdhj.ahead import ROOM, WIDER, _interpolated, look_ahead
 from sdhj.dynamics import Interval
 from sdhj.lookup import Reach
 
+TORUS = Grid([-np.pi] * 2, [np.pi] * 2, [48, 48], [True] * 2)
 COURSES = 0.6 * np.array([[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)])  # m/s, of a boat
 
 
@@ -67,6 +68,7 @@ PROBLEMS: dict[str, Callable[[], ReachAvoidProblem]] = {
     "tide": lambda: boat(lambda q, u, t: u + current(q, t)),
     "truck": truck,
     "kink": lambda: boat(lambda q, u: u * (1 - 0.4 * np.abs(q[:, 1:] - 0.33)), grid=Grid([-2, -2], [2, 2], [31, 41])),
+    "seam": lambda: boat(lambda q, u: u * (q[:, :1] / np.pi) ** 2, np.eye(2), grid=TORUS),
     "slip": lambda: boat(gain=lambda q, u: (0.2 + np.cos(q[:, :1]))[:, :, None] * (np.eye(2) * (1 + u[0]))),
 }
 
