@@ -255,7 +255,7 @@ def decide(states, rows, when, shelf, reach, lattice, out):
 def boxes_at(states, rows, axes, lattice, table, boxes, hull):
     """Interpolate a table of boxes at states[rows]; hull is the box that holds those of all inputs.
 
-    states (M, ndim), rows (R,), lattice as for `decide`; table (2, size of its subgrid of `axes`, L, ndim). To be written:
+    states (M, ndim), rows (R,), lattice as for `decide`; table (2, size of its subgrid of `axes`, L, ndim). Written are
     boxes (2, R, L, ndim) and hull (2, R, ndim), with anything where a state is off the lattice.
     """
     lattice, index, weight = Lattice(*lattice), np.empty(1 << axes.size, np.int64), np.empty(1 << axes.size)
