@@ -24,10 +24,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from sdhj.ahead import ROOM, LookAhead, look_ahead
 from sdhj.batches import Batch, batched
 from sdhj.checks import whole
 from sdhj.grid import FloatArray, Grid
-from sdhj.lookup import Reach, Shelf, avoid_values, decide, tube_values
+from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
 
 if TYPE_CHECKING:
@@ -300,11 +301,11 @@ class LookupTable:
     def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
         within = self.steps if self.problem.stays else within  # to stay clear is to stay clear for all that is left
-        if self._shared:
-            reach = self._shared[min(batch.step, len(self._shared) - 1)]
-        else:
-            reach = self._boxes(batch.states[rows], batch.step)
         when = batch.step, min(within, self.steps - batch.step)
+        steps = self.steps if self.problem.dynamics.timed else 1
+        if (step := min(batch.step, steps - 1)) not in self._ahead:
+            self._ahead[step] = look_ahead(self.problem.interval(step), ROOM / steps)
+        reach = self._ahead[step](batch.states, rows)
         decide(batch.states, rows, when, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
 
     @cached_property
@@ -316,22 +317,9 @@ class LookupTable:
         return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
 
     @cached_property
-    def _shared(self) -> list[Reach]:
-        """The boxes of each step, of one where all are alike; none where they depend on the state."""
-        dynamics, states = self.problem.dynamics, np.zeros((1, self.grid.ndim))
-        steps = range(self.steps if dynamics.timed else 1)
-        return [self._boxes(states, step) for step in steps] if dynamics.stateless else []
-
-    def _boxes(self, states: FloatArray, step: int) -> Reach:
-        """The axes with the fewest different intervals go first, as in `sdhj.hopf_lax`."""
-        low, high = self.problem.interval(step).reachable(states)
-        lowest, highest = low.min(axis=1), high.max(axis=1)
-        cells = np.ceil((highest - lowest) / self.grid.spacing + 1e-6) + 2  # that it can touch, and one node more
-        order = np.arange(self.grid.ndim)
-        if self.problem.dynamics.stateless:
-            different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
-            order = np.argsort(different, kind="stable")
-        return Reach(low, high, lowest, highest, order, int(cells.prod(axis=1).max()))
+    def _ahead(self) -> dict[int, LookAhead]:
+        """What tells the boxes of each step so far asked for, of step 0 where all are alike."""
+        return {}
 
     # ---- on disk
 
