@@ -101,7 +101,7 @@ def boat_problem(
         return lambda points, t: np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
 
     return ReachAvoidProblem(
-        grid=Grid((-SIDE, -SIDE), (SIDE, SIDE), (nodes, nodes), names=("x", "y")),
+        grid=Grid((-SIDE, -SIDE), (SIDE, SIDE), (nodes, nodes), names=("x", "y"), ends="wall"),
         dynamics=Dynamics(u, drift, np.eye(2), np.array([wind, wind])),
         target=TargetSet((0, 1), disk(*target)),
         unsafe=(UnsafeSet((0, 1), disk(*obstacle)),),

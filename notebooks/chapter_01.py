@@ -16,7 +16,7 @@ OPERATIONS = ("union", "intersection", "difference")
 
 def canvas(nodes: int = 81) -> Grid:
     """The square [-1, 1]^2 with `nodes` nodes on each side."""
-    return Grid((-1.0, -1.0), (1.0, 1.0), (nodes, nodes), names=("x", "y"))
+    return Grid((-1.0, -1.0), (1.0, 1.0), (nodes, nodes), names=("x", "y"), ends="wall")
 
 
 def disk(grid: Grid, centre: Sequence[float], radius: float) -> FloatArray:

@@ -115,7 +115,7 @@ def shrink(
     dq/dt = velocity + v, and the exact cost is the largest distance from the disk over the box of places to end in.
     """
     scheme = Scheme(frame="fixed", dtype="float64") if scheme is None else scheme
-    grid = Grid((-1.5, -1.5), (1.5, 1.5), (nodes, nodes), names=("x", "y"))
+    grid = Grid((-1.5, -1.5), (1.5, 1.5), (nodes, nodes), names=("x", "y"), ends="wall")
     u, b = np.asarray(velocity, dtype=np.float64), np.full(2, adversary)
     rates = Velocities(u - b, u + b)
     start = disk(grid, (0.3, 0.15), 0.6)

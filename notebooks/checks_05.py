@@ -65,11 +65,11 @@ def check_evader(avoid, reach):
 def check_two(avoid_two):
     """Two planar games, lifted, against one in three dimensions."""
     n, numbers = 41, (0.5, 0.1, 0.3, 0.25)
-    grid = Grid((-1.0, -1.0), (1.0, 1.0), (n, n))
+    grid = Grid((-1.0, -1.0), (1.0, 1.0), (n, n), ends="wall")
     got = np.asarray(avoid_two(grid, *numbers))
     expect(got.shape == (n, n, n), "a value for each (q_r, q_a, q_b): broadcast the two tubes and join them.")
     u, v_d, v_p, delta = numbers
-    cube = Grid((-1.0,) * 3, (1.0,) * 3, (n,) * 3)
+    cube = Grid((-1.0,) * 3, (1.0,) * 3, (n,) * 3, ends="wall")
     r, a, b = cube.points().T.reshape(3, n, n, n)
     wall = 0.12 - np.minimum(np.abs(r - a), np.abs(r - b))
     box = Velocities(np.array([u - v_d, -v_p, -v_p]), np.array([u + v_d, v_p, v_p]))

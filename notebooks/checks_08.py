@@ -72,7 +72,7 @@ def check_free(share):
 @exercise("8.5")
 def check_round(round_maximum):
     """Against a polar lattice of 200 x 16 points; sharp functions of either sign."""
-    grid = Grid((-1.0, -1.0), (1.0, 1.0), (21, 21))
+    grid = Grid((-1.0, -1.0), (1.0, 1.0), (21, 21), ends="wall")
     points, r = grid.points(), 0.23
     angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -58,7 +58,7 @@ def check_steps(time_steps):
 
 
 def _reference(phi, a, b, ratios, periodic):
-    grid = Grid([0.0] * 3, [1.0] * 3, phi.shape, periodic)
+    grid = Grid([0.0] * 3, [1.0] * 3, phi.shape, periodic, ends="wall")
     velocities = Velocities(*(np.array(v) * ratios * np.array(grid.spacing) for v in (a, b)))
     scheme = Scheme(order=1, integrator="euler", frame="fixed", dtype="float64")
     return evolve(grid, phi, velocities, 1.0, scheme, steps=1)

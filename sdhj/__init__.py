@@ -36,7 +36,6 @@ __version__ = "0.2.0"
 
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
-from sdhj.files import TableFileError, load
 from sdhj.grid import Grid
 from sdhj.methods import HJI, HopfLax, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
@@ -45,12 +44,15 @@ from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
     from sdhj.arm.case_studies import arm_case_study, evader_case_study
+    from sdhj.files import TableFileError, load
     from sdhj.projections import Projected
     from sdhj.simulation.runs import monte_carlo, simulate
 
 _ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
     "Certified": "sdhj.certified",
     "Projected": "sdhj.projections",
+    "TableFileError": "sdhj.files",
+    "load": "sdhj.files",
     "monte_carlo": "sdhj.simulation.runs",
     "simulate": "sdhj.simulation.runs",
     "arm_case_study": "sdhj.arm.case_studies",

@@ -69,7 +69,7 @@ def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
 
     Which cells count as one follows from their places fitting in 16 bits, which are sorted ten times as fast.
     """
-    lower, spacing, shape, _ = grid.arrays
+    lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
     places = np.ravel_multi_index(tuple(cells.T), grid.shape)
     return np.argsort((places // (grid.size // 2**16 + 1)).astype(np.uint16), kind="stable")

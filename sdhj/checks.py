@@ -1,11 +1,15 @@
-"""Numbers and arrays that users give: taken if they fit, else refused with what was expected."""
+"""Numbers, arrays and functions that users give: taken if they fit, else refused with what was expected."""
 
+import inspect
 import reprlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
+USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -73,3 +77,58 @@ def sequence(name: str, value: Any) -> Any:
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.ndim(value) == 0:
         raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {value!r}")
     return value
+
+
+def ascending(axes: Any, name: str) -> tuple[int, ...]:
+    """The axes of a set as a tuple of int; ValueError naming the set where they are no whole numbers."""
+    try:
+        given = tuple(axes)
+    except TypeError:
+        given = (axes,) if isinstance(axes, float) else axes
+    if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
+        raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
+    return tuple(int(axis) for axis in given)
+
+
+def check_function(name: str, function: Any, *takes: str) -> None:
+    """Raise ValueError for what is not a function of those arguments, as far as it tells."""
+    expected = f"{name} must be a function of ({', '.join(takes)})"
+    if not callable(function):
+        raise ValueError(f"{expected}, got {function!r}")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some compiled functions do not tell
+        return
+    try:
+        signature.bind(*takes)
+    except TypeError:
+        raise ValueError(f"{expected}, got one of {signature}") from None
+
+
+def arguments(name: str, function: Any) -> tuple[str, ...]:
+    """Which of `ARGUMENTS[name]` a function takes, in its own order.
+
+    Parameters called points, u or t are those; others take the first place that is left. What else has a default is the
+    function's own.
+
+    Raises
+    ------
+    ValueError
+        Where it takes others, or is no function.
+    """
+    possible = ARGUMENTS[name]
+    expected = f"{name} must be an array or a function of ({', '.join(possible)}), those it does not need left out"
+    if not callable(function):
+        raise ValueError(f"{expected}, got {function!r}")
+    try:
+        given = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return USUAL[name]
+    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    taken = [p.name for p in places if p.default is p.empty or p.name in possible]
+    free = [one for one in possible if one not in taken]
+    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
+    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
+    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
+        raise ValueError(f"{expected}, got one of {inspect.signature(function)}")
+    return named

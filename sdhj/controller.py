@@ -7,6 +7,7 @@ answers, and `sdhj.table` says how. A rule picks one of the inputs.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from sdhj.batches import NOT_ADMISSIBLE, Batch, take_best
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import Table
+
+if TYPE_CHECKING:
+    from sdhj.shield import Fallback, Filtered
 
 
 class NotAdmissible(ValueError):
@@ -145,6 +149,12 @@ class Controller:
             )
         return chosen
 
+    def fallback(self, q: FloatArray, step: int) -> "Fallback":
+        """The input that stays clear of the unsafe sets longest from any q (ndim,): see `sdhj.shield.Fallback`."""
+        from sdhj.shield import fallback
+
+        return fallback(self.table, q, step)
+
     def _query(self, q: FloatArray, step: int) -> Batch:
         state, shape = np.asarray(q, dtype=np.float64), (self.problem.grid.ndim,)
         if state.shape != shape:
@@ -164,9 +174,10 @@ class Controller:
             where = f"its level-set value there is {value:.3g} > 0"
         else:
             where = "it is off the grid"
+        promise = "stay clear for" if self.problem.stays else "reach the target within"
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
-            f"outside the tube of the states that reach the target within {within} steps ({where}); choose a state "
+            f"outside the tube of the states that {promise} {within} steps ({where}); choose a state "
             f"where table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
         )
 
@@ -175,6 +186,18 @@ class Controller:
     def batch(self, states: FloatArray, step: int) -> Batch:
         """Steps to go and safe inputs of states (M, ndim) at one step, on all cores: see `Table.batch`."""
         return self.table.batch(states, step)
+
+    def filter(self, q: FloatArray, step: int, wanted: Any) -> "Filtered":
+        """What a commander wants where it is safe, else the nearest safe input, else the fallback.
+
+        Safe is every input after which the target can still be reached by the last step, not only in the fewest. For
+        one state (ndim,) or many (M, ndim); `wanted` are indices, int or (M,), or commands in the space of the inputs,
+        (m,) or (M, m), of which the nearest quantised one is taken (Euclidean). See `sdhj.shield.Filtered`. ValueError
+        at the last step, or for what is no command.
+        """
+        from sdhj.shield import filtered
+
+        return filtered(self.table, q, step, wanted)
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array
+from sdhj.checks import ARGUMENTS, arguments, finite_array
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.schemes import Velocities
@@ -23,37 +23,6 @@ MOST_INPUTS = 256
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # means over time, where velocities depend on nothing else
 # of an interval, at which velocities that depend on time are compared: evenly spaced ones would miss what vibrates
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
-ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
-USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
-
-
-def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `ARGUMENTS[name]` a function takes, in its own order.
-
-    Parameters called points, u or t are those; others take the first place that is left. What else has a default is the
-    function's own.
-
-    Raises
-    ------
-    ValueError
-        Where it takes others, or is no function.
-    """
-    possible = ARGUMENTS[name]
-    expected = f"{name} must be an array or a function of ({', '.join(possible)}), those it does not need left out"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        given = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return USUAL[name]
-    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    taken = [p.name for p in places if p.default is p.empty or p.name in possible]
-    free = [one for one in possible if one not in taken]
-    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
-    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
-    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
-        raise ValueError(f"{expected}, got one of {inspect.signature(function)}")
-    return named
 
 
 @dataclass(frozen=True)
@@ -143,6 +112,28 @@ class Dynamics:
     def alike(self) -> bool:
         """Whether gain and bounds are the same for every input."""
         return not any("u" in self.takes.get(name, ()) for name in ("gain", "bounds"))
+
+    def restricted(self, axes: Sequence[int], embedded: Callable[[FloatArray], FloatArray]) -> "Dynamics":
+        """The dynamics of some axes; `embedded` turns their coordinates (M, len(axes)) into states (M, ndim)."""
+        keep = list(axes)
+
+        def of_axes(function: Any, takes: tuple[str, ...], last: int) -> Any:
+            def restricted(*values: Any) -> FloatArray:
+                given = [
+                    embedded(value) if name == "points" else value for name, value in zip(takes, values, strict=True)
+                ]
+                return np.moveaxis(np.moveaxis(np.asarray(function(*given)), last, 0)[keep], 0, last)
+
+            parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in takes]
+            restricted.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+            return restricted
+
+        parts = [(self.drift, "drift", -1), (self.gain, "gain", -2)]
+        drift, gain = (
+            of_axes(part, self.takes[name], last) if callable(part) else np.take(part, keep, axis=last)
+            for part, name, last in parts
+        )
+        return Dynamics(self.inputs, drift, gain, self.bounds)
 
     def _called(self, name: str, points: FloatArray | None, j: int, t: float, shape: tuple[int, ...]) -> FloatArray:
         """A function's answer, checked: of `shape`, or of its tail where the function does not take the points."""
@@ -234,10 +225,12 @@ class Interval:
             velocity[inputs == j] = self.drift(states[inputs == j], int(j), t)
         return velocity
 
-    def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """States `duration` s after t under held inputs (M,) and v (M, D), the velocity clipped at walls.
+    def advance(
+        self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
+    ) -> FloatArray:
+        """States `duration` s after t under held inputs (M,) and v (M, D), clipped at the walls of the grid.
 
-        Exact for constant velocities, else one Runge-Kutta step of order 4.
+        Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
         """
 
         def velocity(q: FloatArray, now: float) -> FloatArray:
@@ -246,7 +239,8 @@ class Interval:
             return self.undisturbed(q, inputs, now) + np.einsum("mad,md->ma", self.gain(q, inputs, now), v)
 
         def moved(span: float, slope: FloatArray) -> FloatArray:
-            return self.grid.held(states + span * slope)
+            moved = states + span * slope
+            return self.grid.held(moved) if walls else moved
 
         k1 = velocity(states, t)
         if self.dynamics.constant:
@@ -338,19 +332,31 @@ class Interval:
     @cached_property
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, by its values at the nodes; (ndim, ndim) bool."""
+        return self._survey[0]
+
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
+        return self._survey[1]
+
+    @cached_property
+    def _survey(self) -> tuple[FloatArray, FloatArray]:
+        """`reads` and `speeds`, from the velocities sampled once."""
         ndim, dynamics = self.grid.ndim, self.dynamics
-        reads = np.zeros((ndim, ndim), np.bool_)
+        instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.timed else INSTANTS[:1])
+        reads, speeds = np.zeros((ndim, ndim), np.bool_), np.zeros(ndim)
         if dynamics.stateless:
-            return reads
+            return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0)
         require(self.sampling_bytes, f"sampling the velocities on {self.grid.size:.1e} nodes")
         points, everything = self.grid.points(), range(ndim)
         for j in range(len(dynamics.inputs)):
-            for instant in INSTANTS[::4] if dynamics.timed else INSTANTS[:1]:
-                sampled = self._sampled(j, everything, self.begin + instant * self.delta, self.grid, points)
+            for t in instants:
+                sampled = self._sampled(j, everything, t, self.grid, points)
+                speeds = np.maximum(speeds, np.abs(sampled).sum(axis=1).reshape(ndim, -1).max(axis=1))
                 for k in everything:
                     varies = sampled != sampled.take([0], axis=2 + k)
                     reads[:, k] |= varies.any(axis=tuple(range(1, varies.ndim)))
-        return reads
+        return reads, speeds
 
     def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FORMAT = "sdhj look-up table"
 FORMAT_VERSION = 2
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
-LAYOUT = ("lower", "upper", "shape", "periodic", "names")
+LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
@@ -253,7 +253,7 @@ def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     """What of a problem is not as the file says; its functions are known by their values alone."""
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
-    told |= {name: (np.asarray(layout[name]).tolist(), list(getattr(grid, name))) for name in LAYOUT}
+    told |= {name: (np.asarray(layout[name]).tolist(), np.asarray(getattr(grid, name)).tolist()) for name in LAYOUT}
     told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
     found = [
         f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"

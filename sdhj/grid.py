@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.checks import number, sequence, whole
-from sdhj.interpolation import Lattice, interpolate, wrap
+from sdhj.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.memory import require
 
 FloatArray = NDArray[Any]
 
+ENDS = ("unsafe", "wall", "safe")
 MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
@@ -37,8 +38,11 @@ class Grid:
         Nodes on each axis, at least 5.
     periodic : sequence of bool, optional
         A periodic axis leaves its upper end out (it is the lower end again). A bounded axis holds both ends as
-        nodes, and its ends are walls: a velocity that would leave through one is clipped, which on the grid is
-        constant extrapolation. Where your robot can really leave the grid, make the margin unsafe. Default: none.
+        nodes. Default: none.
+    ends : str, or sequence of str or of pairs of str, optional
+        What the ends of each bounded axis are, or its lower and its upper end apart: "unsafe" (default), leaving there
+        is losing, as nothing is known of what lies beyond; "wall", the state cannot pass and slides along it; "safe",
+        what leaves there is out of danger for good (for problems without a target). One word stands for all axes.
     names : sequence of str, optional
         Axis labels, for plots and files.
 
@@ -53,6 +57,7 @@ class Grid:
     shape: tuple[int, ...]
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
+    ends: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self,
@@ -61,6 +66,7 @@ class Grid:
         shape: Sequence[int],
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
+        ends: str | Sequence[Any] = ENDS[0],
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
@@ -80,6 +86,11 @@ class Grid:
         object.__setattr__(self, "shape", nodes)
         object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
         object.__setattr__(self, "names", tuple(str(name) for name in names))
+        given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
+        pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
+        if len(pairs) != ndim or any(len(pair) != 2 or not set(pair) <= set(ENDS) for pair in pairs):
+            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {ends!r}")
+        object.__setattr__(self, "ends", pairs)
 
     @property
     def ndim(self) -> int:
@@ -131,7 +142,14 @@ class Grid:
         def pick(field: tuple[Any, ...]) -> list[Any]:
             return [field[axis] for axis in axes]
 
-        return Grid(pick(self.lower), pick(self.upper), pick(self.shape), pick(self.periodic), pick(self.names))
+        return Grid(*(pick(getattr(self, one)) for one in ("lower", "upper", "shape", "periodic", "names", "ends")))
+
+    def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+        """Values (shape `shape`) at the two nodes of every edge along an axis, two views of one shape."""
+        if self.periodic[axis]:
+            return values, np.roll(values, -1, axis)
+        behind = (slice(None),) * axis
+        return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
 
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
@@ -169,24 +187,40 @@ class Grid:
 
     @cached_property
     def arrays(self) -> Lattice:
-        """(lower, spacing, shape, periodic) as the arrays that compiled code reads."""
+        """The grid as compiled code reads it."""
+        least, most = self.faces("unsafe")
+        slack = SLACK * np.array(self.spacing)
         return Lattice(
             np.array(self.lower),
             np.array(self.spacing),
             np.array(self.shape, dtype=np.int64),
             np.array(self.periodic, dtype=np.bool_),
+            least - slack,
+            most + slack,
         )
 
-    @cached_property
-    def walls(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of each axis, both (ndim,); infinite where it is periodic."""
-        free = np.array(self.periodic)
-        return np.where(free, -np.inf, self.lower), np.where(free, np.inf, self.upper)
+    def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
+        if kinds not in self._faces:
+            told = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+            low, high = np.where(told[:, 0], self.lower, -np.inf), np.where(told[:, 1], self.upper, np.inf)
+            self._faces[kinds] = low, high
+        return self._faces[kinds]
 
-    def held(self, states: FloatArray) -> FloatArray:
-        """States (M, ndim) with the coordinates of bounded axes clipped to the walls."""
-        low, high = self.walls
+    @cached_property
+    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        return {}
+
+    def held(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """States (M, ndim) clipped to the ends of these kinds, by default to walls."""
+        low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)
+
+    def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """Whether states (M, ndim) are past an end of these kinds, by more than rounding; (M,) bool."""
+        low, high = self.faces(*kinds)
+        slack = SLACK * np.array(self.spacing)
+        return np.any((states < low - slack) | (states > high + slack), axis=1)
 
     @cached_property
     def weights(self) -> FloatArray:

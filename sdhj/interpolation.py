@@ -19,6 +19,8 @@ class Lattice(NamedTuple):
     spacing: Any
     shape: Any
     periodic: Any
+    least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
+    most: Any
 
 
 @kernel()

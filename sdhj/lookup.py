@@ -146,21 +146,24 @@ def _reduce(values, source, nodes, rest, near, far):
 def _worst_values(values, state, reach, own, lattice, room, out):
     """out[j] = maximum of the interpolated `values` over the box of input j around a state.
 
-    The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side.
+    The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side. A box that goes past an unsafe
+    end has +inf.
     """
     _gather(values, state, reach, own, lattice, room)
     low, high, order, rest = reach.low[own], reach.high[own], reach.order, room.rest
     for j in range(out.size):
-        same = j > 0  # as for the input before
+        same, lost = j > 0, False  # as for the input before
         for a in range(order.size):
             axis = order[a]
             same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
+            lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
+            lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
             if not same:
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - room.begin[a]) * rest[a + 1]
                 _reduce(room.values, source, last - first + 2, rest[a + 1], near, far)
-        out[j] = room.values[1]
+        out[j] = np.inf if lost else room.values[1]
 
 
 @kernel(**UNCOUNTED)
@@ -198,9 +201,10 @@ def _judge(shelf, step, state, lattice, room, margin, safe):
 
 
 @kernel(**UNCOUNTED)
-def _decide(states, rows, step, shelf, reach, lattice, room, out):
+def _decide(states, rows, when, shelf, reach, lattice, room, out):
     """`decide` with room to work in."""
     to_go, safe, margins = out
+    step, within = when
     steps, index, weight = shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -216,7 +220,7 @@ def _decide(states, rows, step, shelf, reach, lattice, room, out):
         to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
         if to_go[m] < 0 or step == steps:
             continue
-        n = max(to_go[m], 1)  # in the target already: inputs that bring the state back into it
+        n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
         _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
         own = r if reach.low.shape[0] > 1 else 0
         _worst_values(shelf.tubes[shelf.index[following + n - 1]], state, reach, own, lattice, room, margins[m])
@@ -224,13 +228,15 @@ def _decide(states, rows, step, shelf, reach, lattice, room, out):
 
 
 @kernel(nogil=True)
-def decide(states, rows, step, shelf, reach, lattice, out):
+def decide(states, rows, when, shelf, reach, lattice, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
     ----------
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
+    when : (step, within)
+        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more.
     shelf, reach, lattice : tuples
         The fields of a `Shelf`, a `Reach` and a `Lattice`: plain tuples get into compiled code 3 us sooner.
     out : (to_go (M,), safe (M, L), margins (M, L))
@@ -242,7 +248,44 @@ def decide(states, rows, step, shelf, reach, lattice, out):
     marks, spans = np.empty(reach.low.shape[1], np.bool_), np.empty((2, ndim + 1), np.int64)
     block = np.empty(reach.size, np.int64), np.empty(2 * reach.size)
     room = Room(np.arange(ndim), np.empty(around, np.int64), np.empty(around), marks, spans[0], spans[1], *block)
-    _decide(states, rows, step, Shelf(*shelf), reach, lattice, room, out)
+    _decide(states, rows, when, Shelf(*shelf), reach, lattice, room, out)
+
+
+@kernel(nogil=True)
+def boxes_at(states, rows, axes, lattice, table, boxes, hull):
+    """Interpolate a table of boxes at states[rows]; hull is the box that holds those of all inputs.
+
+    states (M, ndim), rows (R,), lattice as for `decide`; table (2, size of its subgrid of `axes`, L, ndim). Written are
+    boxes (2, R, L, ndim) and hull (2, R, ndim), with anything where a state is off the lattice.
+    """
+    lattice, index, weight = Lattice(*lattice), np.empty(1 << axes.size, np.int64), np.empty(1 << axes.size)
+    for r in range(rows.size):
+        count = corners(states[rows[r]], axes, lattice, 0.0, index, weight)
+        for axis in range(hull.shape[2]):
+            hull[0, r, axis], hull[1, r, axis] = np.inf, -np.inf
+            for j in range(boxes.shape[2]):
+                low, high = 0.0, 0.0
+                for c in range(count):
+                    low += weight[c] * table[0, index[c], j, axis]
+                    high += weight[c] * table[1, index[c], j, axis]
+                boxes[0, r, j, axis], boxes[1, r, j, axis] = low, high
+                hull[0, r, axis], hull[1, r, axis] = min(hull[0, r, axis], low), max(hull[1, r, axis], high)
+
+
+@kernel(nogil=True)
+def avoid_values(states, step, shelf, lattice, out):
+    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
+
+    states (M, ndim), shelf and lattice as for `decide`, out (M, L). Coordinates must be finite.
+    """
+    shelf, lattice, around, none = Shelf(*shelf), Lattice(*lattice), (2, 1 << states.shape[1]), np.empty(0, np.int64)
+    index, weight, marks = np.empty(around, np.int64), np.empty(around), np.empty(out.shape[1], np.bool_)
+    room = Room(none, index, weight, marks, none, none, none, np.empty(0))
+    for m in range(out.shape[0]):
+        still = corners(states[m], shelf.static_axes, lattice, TINY, index[0], weight[0])
+        moving = corners(states[m], shelf.moving_axes, lattice, TINY, index[1], weight[1])
+        for j in range(out.shape[1]):
+            out[m, j] = _hazard(shelf, step, j, room, still, moving)
 
 
 @kernel(nogil=True)

@@ -13,7 +13,6 @@ from tqdm import tqdm
 
 from sdhj.checks import option
 from sdhj.compiling import announced, hidden
-from sdhj.files import imported
 from sdhj.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.hopf_lax import INTERPOLATIONS
 from sdhj.problem import ReachAvoidProblem
@@ -113,6 +112,8 @@ def method_of(method: str | Method) -> Method:
     ValueError
         Where it is neither.
     """
+    from sdhj.files import imported
+
     if isinstance(method, str) and method in METHODS:
         made = METHODS[method]
         return (imported(made) if isinstance(made, str) else made)()
@@ -149,10 +150,9 @@ def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress:
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     method, started = method_of(method), time.perf_counter()
-    steps = problem.steps
     with announced(progress):
-        sets = method.sets(problem, progress)
-        total = steps if sets.timeless else steps * (steps + 1) // 2
+        sets, steps = method.sets(problem, progress), problem.most_steps
+        total = None if problem.steps is None else steps if sets.timeless else steps * (steps + 1) // 2
         with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
             recursion(sets, steps, bar.update)
-    return sets.finish({"seconds": time.perf_counter() - started})
+        return sets.finish({"seconds": time.perf_counter() - started})

@@ -5,7 +5,7 @@ that a `ReachAvoidProblem` samples on its grid.
 """
 
 import hashlib
-import inspect
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -13,44 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array, number, whole
+from sdhj.checks import ascending, check_function, finite_array, number, option, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
+from sdhj.resolution import least_in_cells
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
 INTERVALS = 8  # in which a swept set is checked
+FOREVER = 1000  # steps that are tried where a problem gives no number of them
 CHECKED = 5000  # nodes at which the rate of a moving set is checked
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
-
-
-def _ascending(axes: Any, name: str) -> tuple[int, ...]:
-    try:
-        given = tuple(axes)
-    except TypeError:
-        given = (axes,) if isinstance(axes, float) else axes
-    if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
-        raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
-    return tuple(int(axis) for axis in given)
-
-
-def _check_function(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError for what is not a function of those arguments, as far as it tells."""
-    expected = f"{name} must be a function of ({', '.join(takes)})"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions do not tell
-        return
-    try:
-        signature.bind(*takes)
-    except TypeError:
-        raise ValueError(f"{expected}, got one of {signature}") from None
 
 
 @dataclass(frozen=True)
@@ -69,6 +46,11 @@ class UnsafeSet:
         A bound on how fast the level-set function changes in time; a moving set needs one. Zero (default): the set
         is static. For a moving set without `swept`, samples lowered by rate * gap / 2 take its place.
     name : str
+    slope : float, optional
+        A bound on how fast the level-set function changes with the state, per unit of distance.
+    sampling : {"nodes", "cell"}
+        What a node of the grid knows of the set: the value there, or a bound from below on the values in all cells that
+        touch it, with which nothing thin is lost and all is a cell larger (`sdhj.resolution`).
 
     The functions are called with the coordinates of periodic axes between the ends of the grid.
     """
@@ -78,14 +60,29 @@ class UnsafeSet:
     swept: SweptLevelSet | None = None
     rate: float = 0.0
     name: str = "unsafe"
+    slope: float | None = None
+    sampling: str = "nodes"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
-        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "cell"))
+        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
         if self.swept is not None:
-            _check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+        if self.slope is not None:
+            object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
         rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
         object.__setattr__(self, "rate", rate)
+
+    @classmethod
+    def from_map(cls, source: Any, axes: Sequence[int] = (0, 1), **options: Any) -> "UnsafeSet":
+        """What a robot's map does not show as free, from a map server's file or an array: see `sdhj.maps.from_map`."""
+        return importlib.import_module("sdhj.maps").from_map(source, axes, **options)
+
+    @classmethod
+    def polygon(cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), **options: Any) -> "UnsafeSet":
+        """A polygon with vertices (K, 2): see `sdhj.maps.polygon`."""
+        return importlib.import_module("sdhj.maps").polygon(vertices, axes, **options)
 
     @property
     def moving(self) -> bool:
@@ -117,8 +114,11 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", _ascending(self.axes, self.name))
-        _check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+
+
+ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
 
 
 @dataclass(frozen=True)
@@ -129,12 +129,14 @@ class ReachAvoidProblem:
     ----------
     grid : Grid
     dynamics : Dynamics
-    target : TargetSet
+    target : TargetSet, or None
+        None: stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps (`ANYWHERE`).
     unsafe : sequence of UnsafeSet
     delta : float
         Length of a sampling interval, s.
-    steps : int
-        N, how many of them.
+    steps : int, or None
+        N, how many of them. None: as many as it takes until no further one changes anything, to reach the target some
+        time or to stay clear for ever; where nothing depends on time. The problem of the table has that number.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
         (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
@@ -149,10 +151,10 @@ class ReachAvoidProblem:
 
     grid: Grid
     dynamics: Dynamics
-    target: TargetSet
+    target: TargetSet | Any
     unsafe: tuple[UnsafeSet, ...]
     delta: float
-    steps: int
+    steps: int | Any
     view_time: str = "swept"
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
@@ -163,7 +165,8 @@ class ReachAvoidProblem:
         if self.view_time not in VIEW_TIMES:
             raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
-        object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
         ndim = self.grid.ndim
         self.dynamics.check(ndim)
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -172,30 +175,57 @@ class ReachAvoidProblem:
                 raise ValueError(
                     f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
                 )
+        if self.steps is None and not self.timeless:
+            raise ValueError(
+                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
+                "or the target depend on time; give a number of steps"
+            )
         for part in self.unsafe:
             points = self._some_points(part)
             self._check_rate(part, points)
             if part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
-        steps = range(self.steps + 1)
-        if not any((self.goal(step) <= 0).any() for step in steps):
-            if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
-                raise ValueError(
-                    "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
-                    "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
-                )
+        self._check_goals()
+
+    def _check_goals(self) -> None:
+        steps = range((self.steps or 0) + 1)
+        if any((self.goal(step) <= 0).any() for step in steps):
+            return
+        if self.stays:
+            raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
+        if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
             raise ValueError(
-                "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
-                "check the sign of their level-set functions (negative is inside)"
+                "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+                "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
             )
+        raise ValueError(
+            "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+            "check the sign of their level-set functions (negative is inside)"
+        )
 
     def _check_parts(self) -> None:
+        if self.target is None:
+            object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.target, TargetSet):
-            raise ValueError(f"target must be a TargetSet, got {self.target!r}")
+            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {self.target!r}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
         object.__setattr__(self, "unsafe", unsafe)
+        if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
+            raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
+        if self.stays and not unsafe and not any(np.isfinite(face).any() for face in self.grid.faces("unsafe")):
+            raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
+
+    @property
+    def most_steps(self) -> int:
+        """N, or how many steps are tried where none is given."""
+        return self.steps or FOREVER
+
+    @property
+    def stays(self) -> bool:
+        """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
+        return self.target is ANYWHERE
 
     def _some_points(self, part: UnsafeSet) -> FloatArray:
         """Nodes, at most `CHECKED` of them, of the axes that a set depends on, (M, axes)."""
@@ -206,7 +236,8 @@ class ReachAvoidProblem:
 
     def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
         """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
-        times = [0.0, 0.37 * self.delta, 0.61 * self.delta * self.steps, self.delta * self.steps]
+        span = self.delta * (self.steps or SUBSAMPLES)
+        times = [0.0, 0.37 * self.delta, 0.61 * span, span]
         values = [finite_array(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
         for k in range(1, len(times)):
             changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
@@ -269,29 +300,32 @@ class ReachAvoidProblem:
         """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the safe target."""
         if self.dynamics.timed or any(part.moving for part in self.unsafe):
             return False
-        return all(np.array_equal(self.goal(step), self.goal(0)) for step in range(1, self.steps + 1))
+        return all(np.array_equal(self.goal(k), self.goal(0)) for k in range(1, (self.steps or SUBSAMPLES) + 1))
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
         subgrid = self.grid.subgrid(axes)
-        values = finite_array(f"level set of {name!r}", function(subgrid.points()), (subgrid.size,))
+        return self._checked(function(subgrid.points()), name, subgrid.size).reshape(subgrid.shape)
+
+    def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
+        values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
         if (largest := float(np.abs(values).max())) > LARGEST:
             raise ValueError(
                 f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
                 "from the boundary only the sign counts, so clip it"
             )
-        return values.reshape(subgrid.shape)
+        return values
 
     def _target_at(self, t: float) -> FloatArray:
         return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
 
-    def _unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
-        """A static set is sampled once: on a fine grid of many axes that is the costly part."""
+    def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+        """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
         if not part.moving:
             for known, values in self._static:
                 if known is part:
                     return values
-        values = self.sample(part.axes, lambda points: part.level_set(points, t), part.name)
+        values = self._sampled(part, lambda points: part.level_set(points, t))
         if not part.moving:
             self._static.append((part, values))
         return values
@@ -300,21 +334,43 @@ class ReachAvoidProblem:
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
-        axes = tuple(axes) or part.axes
-        local, view_time = [axes.index(axis) for axis in part.axes], view_time or self.view_time
-        return self.sample(axes, lambda points: part.over(points[:, local], t0, t1, view_time), part.name)
+        axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
+        values = self._sampled(part, lambda points: part.over(points, t0, t1, view_time))
+        grid = self.grid.subgrid(axes)
+        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
+
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        if part.sampling == "cell":
+            return least_in_cells(
+                self.grid.subgrid(part.axes), lambda points: self._checked(function(points), part.name)
+            )
+        return self.sample(part.axes, function, part.name)
 
     @cached_property
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
         return []
 
     def goal(self, step: int) -> FloatArray:
-        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1)."""
-        t = self.time(step)
-        values = self.grid.lift(self._target_at(t), self.target.axes)
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
+
+        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends, with what lies beyond
+        safe ones.
+        """
+        t, grid = self.time(step), self.grid
+        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
-            values = np.maximum(values, -self.grid.lift(self._unsafe_at(part, t), part.axes))
+            values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
+        if self.stays:
+            values = np.minimum(np.maximum(values, -self.to_ends("unsafe")), self.to_ends("safe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def to_ends(self, kind: str) -> FloatArray:
+        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
+        grid, out = self.grid, np.full((1,) * self.grid.ndim, np.inf)
+        for axis, (low, high) in enumerate(zip(*grid.faces(kind), strict=True)):
+            nodes = grid.nodes(axis)
+            out = np.minimum(out, grid.lift(np.minimum(nodes - low, high - nodes), (axis,)))
+        return out
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
@@ -351,7 +407,7 @@ class ReachAvoidProblem:
 
         grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
         add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
-        h.update(self.view_time.encode())
+        h.update(f"{self.view_time} {grid.ends}".encode())
         if dynamics.constant:
             add(dynamics.bounds, dynamics.drift, dynamics.gain)
         else:
@@ -360,11 +416,14 @@ class ReachAvoidProblem:
                 add(*(dynamics.drift_at(points, j, t) for j in inputs))
                 for j in inputs[:1] if dynamics.alike else inputs:
                     add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
-        add(self.target.axes, *(self._target_at(self.time(step)) for step in range(self.steps + 1)))
+        add(
+            self.target.axes,
+            *(self._target_at(self.time(step)) for step in range(1 if self.timeless else self.steps + 1)),
+        )
         for part in self.unsafe:
-            add(part.axes, part.rate, self._unsafe_at(part, 0.0))
+            add(part.axes, part.rate, self.unsafe_at(part, 0.0))
             for step in range(self.steps) if part.moving else ():
                 t0, t1 = self.time(step), self.time(step + 1)
                 # what happens between the samples counts too
-                add(self._unsafe_at(part, (t0 + t1) / 2), self._unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
+                add(self.unsafe_at(part, (t0 + t1) / 2), self.unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
         return h.hexdigest()

@@ -317,7 +317,9 @@ class Projected:
         told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
         dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
 
-        def games(problem: ReachAvoidProblem) -> ProjectedGames:
+        def games(played: ReachAvoidProblem) -> ProjectedGames | HJIGames | HopfLaxGames:
+            if played is not problem:  # the ends of an axis, on the few axes that it needs
+                return self.inner.on(played)
             return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), subspaces)
 
         return ProjectedSets(problem, self.name, games, dtype, told)

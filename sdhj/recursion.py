@@ -4,20 +4,24 @@
 
 With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, n - 1). `recursion` says so once, for
 every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
+
+Without a target the entry (k, n) holds the states that stay clear of G for n steps: those that an input keeps clear for
+one and takes into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from numba import prange
 
+from sdhj.avoid import avoid_tubes, dangers
 from sdhj.compiling import kernel
 from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.problem import ReachAvoidProblem
+from sdhj.resolution import check_resolution
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -68,12 +72,14 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     The table, the avoid tubes, and what is sampled and solved at a time; not what the problem's own functions take.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
-    table = LookupTable.rooms(problem) * grid.size * (item + -(-count // 8))
+    tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps each is asked for in turn
+    table = tubes * grid.size * (item + -(-count // 8))
+
+    found = dangers(problem)
 
     def avoid(moving: bool) -> int:
-        parts = [part for part in problem.unsafe if problem.moves(part) == moving]
-        axes = {axis for part in parts for axis in problem.avoid_axes(part)}
-        return item * count * grid.subgrid(sorted(axes)).size * (problem.steps if moving else 1) if axes else 0
+        axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
+        return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
     solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
@@ -82,36 +88,6 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         sampled += velocities + min(KEPT, count * velocities)
         solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
-
-
-def avoid_tubes(problem: ReachAvoidProblem, games: Games) -> AvoidTubes:
-    """Games 1 and 2 for every step and input: what stands still once, what moves for each step."""
-    count, felt = len(problem.inputs), set()
-
-    def merge(parts: list[UnsafeSet], step: int, axes: tuple[int, ...], total: FloatArray) -> None:
-        for part in parts:
-            tubes, own = games.avoid(part, step), [axes.index(axis) for axis in problem.avoid_axes(part)]
-            if tubes.max() > 0:
-                felt.add(id(part))
-            for j, tube in enumerate(tubes):
-                np.maximum(total[j], problem.grid.subgrid(axes).lift(tube, own), out=total[j])
-
-    kinds = [[part for part in problem.unsafe if problem.moves(part) == moves] for moves in (False, True)]
-    axes = [tuple(sorted({axis for part in parts for axis in problem.avoid_axes(part)})) for parts in kinds]
-    shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
-    static = np.full((count, *shapes[0]), -np.inf, games.dtype)
-    moving = np.full((problem.steps, count, *shapes[1]), -np.inf, games.dtype)
-    merge(kinds[0], 0, axes[0], static)
-    for step in range(problem.steps) if kinds[1] else ():
-        merge(kinds[1], step, axes[1], moving[step])
-    for part in problem.unsafe:
-        if id(part) not in felt:
-            warnings.warn(
-                f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
-                "between the nodes (use more, or enlarge it), or is out of reach",
-                stacklevel=5,
-            )
-    return AvoidTubes(axes[0], static, axes[1], moving)
 
 
 @kernel(parallel=True)
@@ -204,10 +180,14 @@ class GridSets:
         told: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
+        check_resolution(problem, stacklevel=4)
         self.timeless = problem.timeless
         self.problem, self.games, self.told = problem, games(problem), dict(told or {})
-        tubes = avoid_tubes(problem, self.games)
-        self.joint = getattr(self.games, "joint", False)  # whether the reach sets avoid already
+        tubes = avoid_tubes(problem, games, self.games)
+        # whether the reach sets avoid everything already: joint games know of no unsafe ends
+        self.joint = getattr(self.games, "joint", False) and not any(
+            np.isfinite(face).any() for face in problem.grid.faces("unsafe")
+        )
         self.rows = _Rows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared = 0
@@ -217,14 +197,22 @@ class GridSets:
 
     def extend(self, step: int, within: int) -> None:
         """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
-        table, rows = self.table, self.rows
+        table, rows, endless = self.table, self.rows, self.problem.steps is None
+        if endless:
+            require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
-        tube[:] = table.value_array(step, within - 1)
+        before, stays = table.value_array(step, within - 1), self.problem.stays
+        tube[:] = np.inf if stays else before
         for j, reach in self.games.reach(table.value_array(step + 1, within - 1), step):
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
+        if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
+            np.maximum(tube, before, out=tube)
+            np.minimum(tube, self.problem.to_ends("safe"), out=tube)
 
     def stopped(self, step: int, within: int) -> bool:
+        if self.problem.steps is None:
+            return self.table.unchanged(step, within)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -232,9 +220,10 @@ class GridSets:
         self.shared += 1
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table; its details tell the options, the PDEs that Algorithm 1 asks for and those solved."""
-        steps = self.problem.steps
+        """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
+        table = self.table if self.problem.steps else self.table.settled()
+        steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
-        return self.table.finish(self.told | told | dict(details))
+        return table.finish(self.told | told | dict(details))

@@ -19,18 +19,20 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Protocol
 
-import h5py
 import numpy as np
 
+from sdhj.ahead import ROOM, LookAhead, look_ahead
 from sdhj.batches import Batch, batched
 from sdhj.checks import whole
-from sdhj.files import PACKING, checksum, written_table
 from sdhj.grid import FloatArray, Grid
-from sdhj.lookup import Reach, Shelf, decide, tube_values
+from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
+
+if TYPE_CHECKING:
+    import h5py
 
 
 class Table(Protocol):
@@ -55,7 +57,8 @@ class Table(Protocol):
     def inputs(self, *, start: int, within: int) -> FloatArray: ...
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray: ...
     def fraction(self, *, start: int, within: int) -> float: ...
-    def batch(self, states: FloatArray, step: int) -> Batch: ...
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch: ...
+    def hazards(self, states: FloatArray, step: int) -> FloatArray: ...
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray: ...
     def save(self, path: str | os.PathLike[str]) -> None: ...
 
@@ -68,6 +71,9 @@ def in_a_line(table: Table) -> str:
         f"{len(problem.inputs)} inputs, {table.steps} steps of {problem.delta:g} s; "
         f"{table.fraction(start=0, within=table.steps):.1%} of the grid's volume within all of them>"
     )
+
+
+NO_CHANGE = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
 
 
 @dataclass(frozen=True)
@@ -132,9 +138,9 @@ class LookupTable:
         There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
         takes no memory.
         """
-        start, index = entries(problem.steps).T.copy()
+        start, index = entries(problem.most_steps).T.copy()
         if not problem.timeless:  # one behind the other as they are filled in
-            index += (problem.steps - start) * (problem.steps - start + 1) // 2
+            index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
         room = cls.rooms(problem)
         tubes = np.empty((room, *problem.grid.shape), dtype)
         masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
@@ -143,7 +149,7 @@ class LookupTable:
     @staticmethod
     def rooms(problem: ReachAvoidProblem) -> int:
         """T, how many tubes there are at most."""
-        return problem.steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
+        return problem.most_steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int) -> FloatArray:
         """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
@@ -159,6 +165,46 @@ class LookupTable:
         if place != self.index[self.entry(start, within - 1)]:
             self.index[self.index >= place] -= 1
 
+    def unchanged(self, start: int, within: int) -> bool:
+        """Whether (start, within) is (start, within - 1) but for rounding: the nodes in it, their inputs, its boundary.
+
+        Deep inside, where no sign hangs on them, values may creep for long by the scheme's error.
+        """
+        tube, before = self.value_array(start, within), self.value_array(start, within - 1)
+        inside, change = tube <= 0, np.abs(tube - before)
+        masks = np.array_equal(self.mask_array(start, within), self.mask_array(start, within - 1)) or within == 1
+        if not masks or not np.array_equal(inside, before <= 0):
+            return False
+        most = 0.0
+        for axis in range(self.grid.ndim):
+            one, other = self.grid.edges(inside, axis)
+            beside = one != other
+            most = max(most, *(float(part[beside].max(initial=0.0)) for part in self.grid.edges(change, axis)))
+        return most <= NO_CHANGE * float(np.abs(tube).max())
+
+    def settled(self) -> "LookupTable":
+        """The table up to the step after which nothing changes: without a target only what stays clear for ever.
+
+        Raises
+        ------
+        ValueError
+            Where everything still changes.
+        """
+        stored = int(self.index[self.entry(0, self.steps)])  # the last is as the one before
+        if stored == self.steps:
+            raise ValueError(f"the tubes still change after {stored:,} steps; give the problem a number of steps")
+        last = max(stored - 1, 1)
+        stays = self.problem.stays
+        index, kept = entries(last)[:, 1], slice(last, last + 1) if stays else slice(0, last + 1)
+        return replace(
+            self,
+            problem=replace(self.problem, steps=last),
+            index=np.zeros_like(index) if stays else index,
+            tubes=self.tubes[kept].copy(),  # the room for all others is given back
+            masks=self.masks[kept].copy(),
+            avoid=replace(self.avoid, moving=self.avoid.moving[:last]),
+        )
+
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table without the room that was not needed."""
         stored = int(self.index.max()) + 1
@@ -172,7 +218,7 @@ class LookupTable:
 
     @property
     def steps(self) -> int:
-        return self.problem.steps
+        return self.problem.most_steps
 
     def entry(self, start: int, within: int) -> int:
         """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""
@@ -216,15 +262,28 @@ class LookupTable:
 
     # ---- what it says of states between the nodes
 
-    def batch(self, states: FloatArray, step: int) -> Batch:
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """Steps to go, safe inputs and margins of states (M, ndim) at one step, on all cores.
+
+        Inputs are judged by the tube of the fewest steps to go, or of `within` where that is more: those that are safe
+        with N - step are all from which the target can still be reached.
 
         Raises
         ------
         ValueError
             Where a state is NaN or infinite, or shape or step do not fit.
         """
-        return batched(self.problem, states, step, self._answer)
+        return batched(self.problem, states, step, partial(self._answer, within=within))
+
+    def hazards(self, states: FloatArray, step: int) -> FloatArray:
+        """Interpolated avoid tube of every input at states (M, ndim) over the interval from `step`: (M, L).
+
+        <= 0 where the input stays clear of the unsafe sets, -inf where there are none. Beyond a wall, that at the wall.
+        """
+        states = np.ascontiguousarray(states, dtype=np.float64)
+        out = np.empty((len(states), len(self.problem.inputs)))
+        avoid_values(states, step, tuple(self._shelf), tuple(self.grid.arrays), out)
+        return out
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         """Interpolated level-set values at points (M, V, ndim) of the tubes (step, within[m]): (M, V).
@@ -239,13 +298,15 @@ class LookupTable:
         tube_values(points, self.index[first + within], self._shelf.tubes, self.grid.arrays, out)
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
         out = (batch.steps_to_go, batch.safe, batch.margins)
-        if self._shared:
-            reach = self._shared[min(batch.step, len(self._shared) - 1)]
-        else:
-            reach = self._boxes(batch.states[rows], batch.step)
-        decide(batch.states, rows, batch.step, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
+        within = self.steps if self.problem.stays else within  # to stay clear is to stay clear for all that is left
+        when = batch.step, min(within, self.steps - batch.step)
+        steps = self.steps if self.problem.dynamics.timed else 1
+        if (step := min(batch.step, steps - 1)) not in self._ahead:
+            self._ahead[step] = look_ahead(self.problem.interval(step), ROOM / steps)
+        reach = self._ahead[step](batch.states, rows)
+        decide(batch.states, rows, when, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
 
     @cached_property
     def _shelf(self) -> Shelf:
@@ -256,27 +317,16 @@ class LookupTable:
         return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
 
     @cached_property
-    def _shared(self) -> list[Reach]:
-        """The boxes of each step, of one where all are alike; none where they depend on the state."""
-        dynamics, states = self.problem.dynamics, np.zeros((1, self.grid.ndim))
-        steps = range(self.steps if dynamics.timed else 1)
-        return [self._boxes(states, step) for step in steps] if dynamics.stateless else []
-
-    def _boxes(self, states: FloatArray, step: int) -> Reach:
-        """The axes with the fewest different intervals go first, as in `sdhj.hopf_lax`."""
-        low, high = self.problem.interval(step).reachable(states)
-        lowest, highest = low.min(axis=1), high.max(axis=1)
-        cells = np.ceil((highest - lowest) / self.grid.spacing + 1e-6) + 2  # that it can touch, and one node more
-        order = np.arange(self.grid.ndim)
-        if self.problem.dynamics.stateless:
-            different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
-            order = np.argsort(different, kind="stable")
-        return Reach(low, high, lowest, highest, order, int(cells.prod(axis=1).max()))
+    def _ahead(self) -> dict[int, LookAhead]:
+        """What tells the boxes of each step so far asked for, of step 0 where all are alike."""
+        return {}
 
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
+        from sdhj.files import PACKING, written_table
+
         with written_table(path, self) as file:
             file["entries"] = entries(self.steps)
             file["entries"].attrs["columns"] = ["start", "within"]
@@ -290,7 +340,7 @@ class LookupTable:
                 data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
 
     @classmethod
-    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
+    def read(cls, file: "h5py.File", problem: ReachAvoidProblem) -> "LookupTable":
         """The table in an open file of this problem; ValueError where it is damaged."""
         axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
         avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
@@ -303,6 +353,8 @@ class LookupTable:
 
     def _checksum(self) -> str:
         """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
+        from sdhj.files import checksum
+
         problem, avoid = self.problem, self.avoid
         told = self.method, problem.digest, dict(problem.recipe), dict(self.details)
         axes = avoid.static_axes, avoid.moving_axes

@@ -59,7 +59,7 @@ def largest_in_box(values, low, high, order, grid):
     return reduced(len(order), [0] * len(order))
 
 
-def decide(q, tubes, following, marks, boxes, order, avoid, grid):
+def decide(q, tubes, following, marks, boxes, order, avoid, grid, within=1):
     """Steps to go (None where not admissible), safe inputs and margins at one state.
 
     Parameters
@@ -69,12 +69,13 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid):
     marks : list of bool arrays (*shape, L), which inputs each node marks, for each n
     boxes : list of (low, high), the corners of the box of states that each input can lead to
     avoid : list of (axes, values (L, *shape of those axes))
+    within : judge inputs by the tube of so many steps to go where that is more than the fewest
     """
     axes = list(range(len(q)))
     to_go = next((n for n, tube in enumerate(tubes) if interpolated(tube, q, axes, grid) <= 0.0), None)
     if to_go is None or not following:
         return to_go, [], []
-    n = max(to_go, 1)
+    n = max(to_go, within)
     inputs = range(len(boxes))
     margins = [largest_in_box(following[n - 1], low, high, order, grid) for low, high in boxes]
     nodes = [index for _, index in surrounding(q, axes, grid)]
@@ -99,3 +100,16 @@ def best(safe, scores, margins):
         ranked = [(next(scores), margin[j], j) for j in range(len(row)) if row[j]]
         chosen.append(min(ranked)[2] if ranked else -1)
     return chosen
+
+
+def fallback_scores(q, following, boxes, avoid, grid):
+    """For each input (avoid tube, margin) at one state, by which the fallback takes the least.
+
+    The margin is the largest value of the last of `following` at the corners of the input's box.
+    """
+    axes, scores = range(len(q)), []
+    for j, (low, high) in enumerate(boxes):
+        corners = itertools.product(*zip(low, high, strict=True))
+        margin = max(interpolated(following[-1], corner, axes, grid) for corner in corners)
+        scores.append((max(interpolated(values[j], q, own, grid) for own, values in avoid), margin))
+    return scores

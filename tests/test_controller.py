@@ -4,6 +4,8 @@ import threading
 import time
 from dataclasses import replace
 from functools import cache
+from itertools import product
+from typing import Any
 
 import naive_controller
 import numpy as np
@@ -11,9 +13,11 @@ import pytest
 import toys
 
 import sdhj
+from sdhj.ahead import WIDER
 from sdhj.batches import CHUNK, Batch, batched, take_best
 from sdhj.controller import RULES, Candidates, Controller
 from sdhj.problem import ReachAvoidProblem
+from sdhj.shield import fallbacks
 from sdhj.table import AvoidTubes, LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
@@ -68,11 +72,25 @@ def admissible_states(table: LookupTable, count: int, rng: np.random.Generator, 
     return found
 
 
-def twin(table: LookupTable, q: np.ndarray, step: int) -> tuple[int | None, list[int], list[float]]:
-    """What the slow twin says; the boxes are worked out here, from Eq. (1)."""
+def twin(
+    table: LookupTable, q: np.ndarray, step: int, within: int = 1, wider: float = 0.0
+) -> tuple[int | None, list[int], list[float]]:
+    """What the slow twin says of a state, its boxes wider by so many cells to each side."""
+    (boxes, order, avoid, grid), left = around(table, q, step), table.steps - step
+    more = wider * np.array(table.grid.spacing)
+    boxes = [(low - more, high + more) for low, high in boxes]
+    tubes, following = [
+        [table.value_array(start, n) for n in range(table.steps - start + 1)] if start <= table.steps else []
+        for start in (step, step + 1)
+    ]
+    marks = [table.inputs(start=step, within=n) for n in range(left + 1)]
+    return naive_controller.decide(q, tubes, following, marks, boxes, order, avoid, grid, within)
+
+
+def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], list[int], list[Any], dict[str, Any]]:
+    """The boxes of all inputs, worked out here from Eq. (1), the order of axes, the avoid tubes, and the grid."""
     problem, grid = table.problem, table.grid
-    dynamics, left = problem.dynamics, table.steps - step
-    boxes = []
+    dynamics, boxes = problem.dynamics, []
     for j in range(len(problem.inputs)):
         middle = problem.grid.lower, problem.grid.upper
         half = q + problem.delta / 2 * dynamics.drift_at(q[None], j)[0]
@@ -85,37 +103,58 @@ def twin(table: LookupTable, q: np.ndarray, step: int) -> tuple[int | None, list
     avoid = [(table.avoid.static_axes, table.avoid.static)]
     if step < table.steps:
         avoid.append((table.avoid.moving_axes, table.avoid.moving[step]))
-    return naive_controller.decide(
-        q,
-        [table.value_array(step, n) for n in range(left + 1)],
-        [table.value_array(step + 1, n) for n in range(left)],
-        [table.inputs(start=step, within=n) for n in range(left + 1)],
-        boxes,
-        order,
-        avoid,
-        {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic},
-    )
+    told = {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic}
+    return boxes, order, avoid, told
 
 
 @pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
 def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
+    """Where boxes come from a table, between the twin of the true ones and that of the largest they may be."""
     table = tables[name]
     controller = Controller(table)
-    seen = set()
-    for step in range(table.steps + 1):
+    seen, compared, wider = set(), {True: 0, False: 0}, 0.0 if table.problem.dynamics.constant else 2 * WIDER
+    for step, all_left in product(range(table.steps + 1), (False, True)):
         states = random_states(table.problem, 60, rng)
-        batch = controller.batch(states, step)
+        within = max(1, table.steps - step) if all_left else 1
+        batch = table.batch(states, step, within) if all_left else controller.batch(states, step)
         for m, q in enumerate(states):
-            to_go, safe, margins = twin(table, q, step)
+            to_go, safe, margins = twin(table, q, step, within)
+            _, other, most = twin(table, q, step, within, wider)
             assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
-            assert np.flatnonzero(batch.safe[m]).tolist() == safe
+            assert safe != other or np.flatnonzero(batch.safe[m]).tolist() == safe
             if safe:
                 # products and sums of a few dozen float64 numbers of order one, in another order
-                np.testing.assert_allclose(batch.margins[m], margins, rtol=0, atol=1e-12)
+                assert (batch.margins[m] >= np.array(margins) - 1e-12).all()
+                assert (batch.margins[m] <= np.array(most) + 1e-12).all()
             else:
                 assert np.isposinf(batch.margins[m]).all()
+            compared[safe == other] += 1
             seen.add(to_go)
     assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
+    assert compared[False] <= 0.01 * compared[True] and (wider or not compared[False])
+
+
+@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
+def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
+    table, promised = tables[name], set()
+    for step in range(table.steps):
+        states = random_states(table.problem, 30, rng)
+        chosen, steps, hazards = fallbacks(table, states, step)
+        every = table.hazards(states, step)
+        following = [table.value_array(step + 1, table.steps - step - 1)]
+        for m, q in enumerate(states):
+            boxes, _, avoid, grid = around(table, q, step)
+            scores = naive_controller.fallback_scores(q, following, boxes, avoid, grid)
+            with np.errstate(invalid="ignore"):  # -inf where nothing is unsafe
+                np.testing.assert_allclose(every[m], [hazard for hazard, _ in scores], rtol=0, atol=1e-12)
+            (hazard, margin), (least, best) = scores[chosen[m]], min(scores)
+            assert hazard == least or hazard - least < 1e-12  # rounding tells equals apart
+            assert hazard > least or margin - best < 1e-12
+            assert hazards[m] == every[m, chosen[m]] and steps[m] == (hazards[m] <= 0)
+            alone = Controller(table).fallback(q, step)
+            assert (alone.input, alone.steps, alone.hazard) == (chosen[m], steps[m], hazards[m])
+        promised |= set(steps.tolist())
+    assert 1 in promised
 
 
 @pytest.mark.parametrize("bounds", [0.4, 2.0, 0.0])

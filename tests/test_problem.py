@@ -100,7 +100,7 @@ def near(points, t):
         ({"steps": float("inf")}, "inf"),
         ({"steps": "many"}, "many"),
         ({"delta": "0.1"}, "delta.*'0.1'"),
-        ({"target": None}, "TargetSet.*None"),
+        ({"target": "home"}, "TargetSet.*None.*'home'"),
         ({"unsafe": UnsafeSet((0,), lambda p, t: p[:, 0])}, "sequence of UnsafeSet"),
         ({"unsafe": None}, "sequence of UnsafeSet.*None"),
         ({"target": TargetSet((0,), lambda p, t: np.abs(p[:, 0]) < 0.3)}, "real numbers.*bool"),

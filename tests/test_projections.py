@@ -399,7 +399,7 @@ def test_dropping_what_nothing_depends_on_costs_nothing():
     """y enters neither the sets nor the velocity of x: the solution on (x) alone is the full one."""
     drift = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
     problem = ReachAvoidProblem(
-        Grid([-3.0, -1.0], [3.0, 1.0], [41, 7]),
+        Grid([-3.0, -1.0], [3.0, 1.0], [41, 7], ends="wall"),
         Dynamics([[-1.0], [0.0], [1.0]], drift, np.eye(2), [0.2, 0.5]),
         TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.7),
         (UnsafeSet((0,), lambda p, t: 2.0 - p[:, 0]),),

@@ -57,9 +57,9 @@ def defined(path: Path) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("the package", FILES, 9_500),
-        ("the core, which `import sdhj` runs", CORE, 4_000),
-        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_000),
+        ("the package", FILES, 11_000),
+        ("the core, which `import sdhj` runs", CORE, 4_350),
+        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_200),
     ],
 )
 def test_a_ring_stays_small(what: str, paths: list[Path], most: int) -> None:

@@ -9,7 +9,9 @@ import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 
 
-def interval_problem(*, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True):
+def interval_problem(
+    *, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True, ends="wall"
+):
     """One axis, dq = u + v: u in {-1, 0, 1}, |v| <= disturbance, delta = 0.5; target |q| <= 1;
     unsafe q >= wall + rate t.
 
@@ -19,7 +21,7 @@ def interval_problem(*, nodes=81, steps=5, disturbance=0.2, view_time="swept", r
     dynamics = Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [disturbance])
     part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], rate=abs(rate), name="wall")
     return ReachAvoidProblem(
-        Grid([-4.0], [4.0], [nodes]),
+        Grid([-4.0], [4.0], [nodes], ends=ends),
         dynamics,
         TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
         (part,) if unsafe else (),
@@ -38,7 +40,7 @@ def unicycle_problem(*, nodes=(17, 17, 16), steps=3):
 
     dynamics = Dynamics([[-2.0], [0.0], [2.0]], drift, np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), [0.1, 0.1])
     return ReachAvoidProblem(
-        Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], nodes, [False, False, True], ["x", "y", "theta"]),
+        Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], nodes, [False, False, True], ["x", "y", "theta"], "wall"),
         dynamics,
         TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
         (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1]) - 0.2, name="pillar"),),

@@ -318,6 +318,7 @@ def _problem(
         shape=given["nodes"],
         periodic=(True, True, False, False),
         names=AXES,
+        ends="wall",  # the agent's centre stays in its box
     )
     grid.require_room()  # before the sets are sampled
     return ReachAvoidProblem(

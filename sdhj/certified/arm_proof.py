@@ -20,7 +20,7 @@ from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import CellAxis, measured, velocity_bounds
 from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.certified.links import Agent, joint_moves
-from sdhj.certified.packed import add_certified, erode_packed, erode_rows, to_words
+from sdhj.certified.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
 from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.memory import require
@@ -112,6 +112,20 @@ class ArmProof:
         index, following = (table.index[place] for place in places)
         arm_inputs(states, step, table.cells, self.motion, index, following, table.pool, out)
         return out
+
+    def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
+        """As `GeneralProof.hazards`: < 0 where an input is proved to stay clear from the cell of a state.
+
+        How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.
+        """
+        # asked about sets that hold every cell, so that what is left is whether the tube is clear
+        full, shown = np.ones(table.index.shape[1], np.uint32), np.full((2, table.pool.shape[1]), FULL)
+        out = np.empty((len(states), self.motion.parts.size), np.bool_)
+        arm_inputs(states, step, table.cells, self.motion, full, full, shown, out)
+        moved = states[:, None] + self.problem.interval(step).displacements(states)
+        ends = self.problem.grid.held(moved.reshape(-1, 4))
+        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(out.shape)
+        return np.where(out, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def save(self, group: h5py.Group) -> None:
         """Write what is not quickly computed again: where the arm is clear of the known obstacles."""

@@ -25,9 +25,9 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.cells import CellAxis, measured, velocity_bounds
-from sdhj.certified.packed import STATE_SLACK, cell_masks, covered, to_bits, to_words
+from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
 from sdhj.compiling import hidden
-from sdhj.grid import FloatArray
+from sdhj.grid import ENDS, FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.table import entry
@@ -94,8 +94,8 @@ def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
-    """The target and the unsafe sets."""
-    return [problem.target, *problem.unsafe]
+    """The target, if there is one, and the unsafe sets."""
+    return [*([] if problem.stays else [problem.target]), *problem.unsafe]
 
 
 def velocity_terms(
@@ -117,7 +117,8 @@ class Boxes:
 
     def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
         """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
-        value = np.asarray(problem.value_of(part, self.centre, start + (self.begin + self.end) / 2), dtype=np.float64)
+        centre, middle = problem.grid.held(self.centre, *ENDS), start + (self.begin + self.end) / 2
+        value = np.asarray(problem.value_of(part, centre, middle), dtype=np.float64)
         change, rounding = self.half[:, list(part.axes)] @ bounds, ALLOWANCE * (1.0 + np.abs(value))
         moved = part.rate * (self.end - self.begin) / 2 if self.end > self.begin else 0.0
         return [value - change - moved - rounding, value + change + moved + rounding]
@@ -183,6 +184,21 @@ class GeneralProof:
         cell_masks(states, table.cells, self.masks[places[0]], out)
         return np.unpackbits(out, axis=1, count=len(self.problem.inputs), bitorder="little").view(np.bool_)
 
+    def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
+        """Minus what is proved of the clearance on the way of every input from states (M, ndim): (M, L), < 0 if clear.
+
+        By the tube of the state itself, as `prepare` asks of its cell.
+        """
+        start, shape = self.problem.time(step), (len(self.problem.inputs), len(states))
+        clear, out = np.ones(shape, np.bool_), np.full(shape, -np.inf)
+        for j in range(len(clear)):
+            for boxes in self.reached(states - STATE_SLACK, states + STATE_SLACK, j, start)[0]:
+                clear[j] &= self._clear(boxes, start)
+                for part in self.problem.unsafe:
+                    least, _ = boxes.values(self.problem, part, self.sets[part.name], start)
+                    np.maximum(out[j], -least, out=out[j])
+        return np.where(clear, np.minimum(out, -TOUCHING), np.maximum(out, TOUCHING)).T
+
     def save(self, group: h5py.Group) -> None:
         """Write the inputs and the bounds that they rest on."""
         sets = {name: bounds.tolist() for name, bounds in self.sets.items()}  # a name may be anything, also a path
@@ -217,7 +233,9 @@ class GeneralProof:
         tube, held, time = [], self.problem.grid.held, self.problem.delta / self.parts
         for part in range(self.parts):
             centre, half = (low + high) / 2, (high - low) / 2
-            drift, gain, bounds = velocity_terms(self.problem, centre, j, start + (part + 0.5) * time)
+            # past an unsafe end, where nothing is certified, the user's functions are not asked
+            within = self.problem.grid.held(centre, *ENDS)
+            drift, gain, bounds = velocity_terms(self.problem, within, j, start + (part + 0.5) * time)
             push = np.abs(gain) @ bounds + self.drifting * (time / 2)
             push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
             away = (half + time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
@@ -242,8 +260,10 @@ class GeneralProof:
         return images, clear
 
     def _clear(self, boxes: Boxes, start: float) -> FloatArray:
-        """Whether boxes are outside every unsafe set at all their times, (M,)."""
-        out = np.ones(len(boxes.centre), np.bool_)
+        """Whether boxes are outside every unsafe set and between the unsafe ends at all their times, (M,)."""
+        out, beyond = np.ones(len(boxes.centre), np.bool_), self.problem.grid.beyond
+        for corner in (boxes.centre - boxes.half, boxes.centre + boxes.half):
+            out &= ~beyond(corner, "unsafe")
         for part in self.problem.unsafe:
             out &= boxes.values(self.problem, part, self.sets[part.name], start)[0] > 0.0
         return out
@@ -276,8 +296,10 @@ class GeneralProof:
         """Cells inside the target and outside the unsafe set at t_k."""
         (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
         boxes = Boxes((low + high) / 2, (high - low) / 2 + STATE_SLACK, 0.0, 0.0)
-        inside = boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
-        return to_words((inside & self._clear(boxes, t)).reshape(-1, self.axes[-1].count))
+        inside = self._clear(boxes, t)
+        if not self.problem.stays:
+            inside &= boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
+        return to_words(inside.reshape(-1, self.axes[-1].count))
 
     def share(self, step: int, within: int) -> None:
         """The inputs of entry (step, within) are those of (step, within - 1)."""

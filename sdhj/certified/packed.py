@@ -14,6 +14,7 @@ from sdhj.compiling import kernel
 from sdhj.grid import FloatArray
 
 STATE_SLACK = 1e-10  # of a state's coordinate: see the docstring of sdhj.certified.sets
+TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
 FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 BIT = np.uint64(1)
 

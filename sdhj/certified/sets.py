@@ -97,6 +97,8 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
+        if problem.steps is None:
+            raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
@@ -147,7 +149,11 @@ class CellSets:
         rows, blocks = self.added[step + 1, within - 1]
         self.following[rows] = blocks
         before = self.cells.copy()
+        if self.proof.problem.stays:  # nothing is united, and what stays clear longer does so for a step less
+            self.cells[:] = 0
         self.proof.add(self.prepared, self.cells, self.following, step, within)
+        if self.proof.problem.stays:
+            self.cells &= before
         self._keep(step, within, (self.cells != before).any(axis=1))
 
     def stopped(self, step: int, within: int) -> bool:

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
 import h5py
@@ -102,8 +102,14 @@ class CertifiedTable:
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,)."""
-        return self._fewest(states, self._place(step, 0), self._place(step, self.steps))
+        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,).
+
+        Without a target 0 where it is certified that the state stays clear for all that are left.
+        """
+        last = self._place(step, self.steps)
+        if self.problem.stays:
+            return self._fewest(states, last, last) * (self.steps - step + 1)
+        return self._fewest(states, self._place(step, 0), last)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
@@ -122,6 +128,9 @@ class CertifiedTable:
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
+        if self.problem.stays:
+            outside = ~self.contains(self.grid.points(), start=start, within=within)
+            return outside.reshape(self.grid.shape).astype(np.float32)
         within = self._place(start, within) - self._place(start, 0)
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
@@ -134,20 +143,26 @@ class CertifiedTable:
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - np.asarray(within)[:, None]).astype(np.float64)
 
-    def batch(self, states: FloatArray, step: int) -> Batch:
+    def hazards(self, states: FloatArray, step: int) -> FloatArray:
+        """As `LookupTable.hazards`, by the proof: <= 0 only where an input is proved to stay clear from the state."""
+        return self.proof.hazards(self, np.asarray(states, dtype=np.float64), step)
+
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """As `LookupTable.batch`, of certified inputs only.
 
         The margin is the steps to go that the undisturbed successor has, minus those it may have; at most 0 for a
         certified input, and the lower, the sooner the target; +inf for the others. From the target there may be no
         input that is proved to bring the state back into it one step later.
         """
-        return batched(self.problem, states, step, self._answer)
+        return batched(self.problem, states, step, partial(self._answer, within=within))
 
-    def _answer(self, batch: Batch, rows: FloatArray) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        ahead = np.where(to_go == 0, 1, to_go)  # in the target already: inputs that bring the state back into it
+        left = self.steps - step
+        least = left if self.problem.stays else min(within, left)  # in the target already: what brings q back into it
+        ahead = np.where(to_go < 0, to_go, np.maximum(to_go, least))
         for within in np.unique(ahead[ahead > 0]):
             safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))
         margins = np.full(safe.shape, np.inf)

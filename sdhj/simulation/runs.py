@@ -4,10 +4,12 @@ The robot measures its state at every sampling time t_k and asks the controller;
 for the adversary that is allowed to. Collisions are judged by the true level-set functions at 20 instants of every
 interval. The outcome of a run is one of
 
-* reached: at a sampling time the state was truly in the target, and no collision was seen before;
+* reached: at a sampling time the state was truly in the target, and no collision was seen before; without a target,
+  the last sampling time came, or the state left for good over a safe end;
 * collided: the state was in an unsafe set at one of the instants, the start included;
 * left: at a sampling time before the last no tube held the state, so the controller had no answer;
-* late: the last sampling time came without any of those.
+* late: the last sampling time came without any of those;
+* off the grid: the state left through an end of the grid that is unsafe (or, played with walls=False, a wall).
 
 Where the interpolated table calls a state reached that is truly just outside, the run goes on with the inputs that
 bring it back into the target: known geometry is measured, not interpolated.
@@ -30,7 +32,8 @@ from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
-OUTCOMES = ("reached", "collided", "left", "late")
+OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
+REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
@@ -53,9 +56,9 @@ class Trajectory:
         What the controller promised at the start of each interval.
     disturbances : (T - 1, D) array
         What the adversary played between one instant and the next.
-    outcome : {"reached", "collided", "left", "late"}
+    outcome : {"reached", "collided", "left", "late", "off the grid"}
         In the target at a sampling time; in an unsafe set before; at a sampling time in a state that no tube holds,
-        where the controller has no answer; or none of these by the last step.
+        where the controller has no answer; none of these by the last step; or past an end of the grid.
     """
 
     times: FloatArray
@@ -86,7 +89,7 @@ class Report:
     counts : mapping of outcome to int
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Places in `OUTCOMES`: 0 reached, 1 collided, 2 left, 3 late; see `Trajectory`.
+        Places in `OUTCOMES`; see `Trajectory`.
     steps : (runs,) int array
         Intervals that each run took.
     seconds : float
@@ -117,10 +120,10 @@ class Report:
 
     def __str__(self) -> str:
         head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
-        lines = [head, f"{'outcome':<10}{'runs':>10}{'rate':>10}   95% interval"]
+        lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            lines.append(f"{outcome:<10}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
+            lines.append(f"{outcome:<13}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
             lines.append(f"reached after {reached.mean():.2f} steps on average, {reached.max()} at most")
@@ -128,7 +131,9 @@ class Report:
         return "\n".join(lines)
 
 
-def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0) -> Trajectory:
+def simulate(
+    controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0, *, walls: bool = True
+) -> Trajectory:
     """Run the closed loop once from state q0 (ndim,) at step 0.
 
     Parameters
@@ -138,6 +143,8 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
         See `sdhj.simulation.adversaries`; yours is called at every substep.
     seed : int
+    walls : bool
+        Whether the plant is held by the walls of the grid; False plays beyond walls that are only assumed.
 
     Raises
     ------
@@ -158,7 +165,7 @@ def simulate(controller: Controller, q0: FloatArray, adversary: str | Adversary 
         if moment.substep == 0:
             held.append((moment.inputs[0], moment.steps_to_go[0]))
 
-    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), watch)
+    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), watch, walls=walls)
     inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
         times=np.array([0.0, *(t for t, _, _ in seen)]),
@@ -176,6 +183,7 @@ def monte_carlo(
     adversary: str | Adversary = "worst",
     seed: int = 0,
     *,
+    walls: bool = True,
     progress: bool | None = None,
 ) -> Report:
     """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
@@ -185,7 +193,8 @@ def monte_carlo(
     controller : Controller
     runs : int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        As for `simulate`. A function of yours is called from one thread, the named ones from several.
+    walls : bool
+        As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
     seed : int
         The same seed gives the same report, whatever the number of threads.
     progress : bool, optional
@@ -207,7 +216,7 @@ def monte_carlo(
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])
         starts = admissible_states(controller, sizes[number], rng)
-        return (starts, *rollouts(controller, starts, play, rng))
+        return (starts, *rollouts(controller, starts, play, rng, walls=walls))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
@@ -276,26 +285,34 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
 
 
 def rollouts(
-    controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, watch: Watch | None = None
+    controller: Controller,
+    starts: FloatArray,
+    play: Adversary,
+    rng: np.random.Generator,
+    watch: Watch | None = None,
+    *,
+    walls: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
     """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,)."""
     problem = controller.problem
-    reached, collided, left, late = range(len(OUTCOMES))
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
-    outcomes[problem.unsafe_value(states, 0.0) <= 0] = collided
+    outcomes[problem.unsafe_value(states, 0.0) <= 0] = COLLIDED
     for step in range(problem.steps + 1):
         alive = alive[outcomes[alive] == UNDECIDED]
-        inside = problem.target_value(states[alive], problem.time(step)) <= 0 if alive.size else np.zeros(0, dtype=bool)
-        outcomes[alive[inside]] = reached
+        inside = np.full(alive.size, problem.stays and step == problem.steps)
+        if alive.size and not problem.stays:
+            inside = problem.target_value(states[alive], problem.time(step)) <= 0
+        outcomes[alive[inside]] = REACHED
         alive = alive[~inside]
         if step == problem.steps or not alive.size:
             break
         batch = controller.batch(states[alive], step)
         inputs = controller.choose(batch)
-        outcomes[alive[inputs < 0]] = left
+        outcomes[alive[inputs < 0]] = LEFT
         known = inputs >= 0
         alive, to_go = alive[known], batch.steps_to_go[known]
+        left = np.full(alive.size, problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
         if not alive.size:
             break
         begun = Moment(
@@ -310,32 +327,35 @@ def rollouts(
             duration=problem.delta / SUBSTEPS,
             previous=np.zeros((alive.size, problem.dynamics.adversaries)),
             runs=alive,
-            tube=partial(controller.table.values_at, step=step + 1, within=np.maximum(to_go, 1) - 1),
+            tube=partial(controller.table.values_at, step=step + 1, within=left),
             rng=rng,
         )
-        states[alive], hit = _interval(begun, play, watch)
-        outcomes[alive[hit]] = collided
+        states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
         taken[alive] += 1
-    outcomes[outcomes == UNDECIDED] = late
+    outcomes[outcomes == UNDECIDED] = LATE
     return outcomes, taken
 
 
-def _interval(begun: Moment, play: Adversary, watch: Watch | None) -> tuple[FloatArray, FloatArray]:
-    """Hold the inputs over one interval: the states at its end (M, ndim), and which runs collided on the way (M,)."""
-    states, v, hit = begun.states, begun.previous, np.zeros(len(begun.states), dtype=bool)
+def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) -> tuple[FloatArray, FloatArray]:
+    """Hold the inputs over one interval: the states at its end (M, ndim), and how runs ended on the way (M,)."""
+    states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
+    lost = ("unsafe",) if walls else ("unsafe", "wall")
     for substep in range(SUBSTEPS):
         gone = substep * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=states, substep=substep, time=now, remaining=left, previous=v)
         v = _checked(play(moment), moment.bounds)
-        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration)
+        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
         clearance = begun.problem.unsafe_value(states, now + begun.duration)
-        hit |= clearance <= 0
+        ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
+        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
+        if begun.problem.stays:
+            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
-        if hit.all():
+        if (ended != UNDECIDED).all():
             break
-    return states, hit
+    return states, ended
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:

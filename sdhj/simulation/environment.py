@@ -1,0 +1,134 @@
+"""A Gymnasium environment over a table: an agent that learns may do what it likes, behind the filter or told by masks.
+
+Needs the extra `gym`: pip install 'sdhj[gym]'.
+"""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from sdhj.checks import finite_array
+from sdhj.controller import Controller
+from sdhj.grid import FloatArray
+from sdhj.simulation.adversaries import Adversary, Moment
+from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, UNDECIDED, _adversary, _interval, admissible_states
+from sdhj.table import Table
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise ImportError("the environment needs Gymnasium: pip install 'sdhj[gym]'") from error
+
+REWARDS = {"reached": 1.0, "collided": -1.0, "off the grid": -1.0, "late": 0.0, "": 0.0}
+DRAWN = 256  # starts of which the first outside the target is taken
+
+
+class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
+    """One run of a robot from within its tube, an action for each sampling interval; for `gymnasium`'s agents.
+
+    The observation is the state, coordinates of periodic axes between the ends of the grid, and the step; an action is
+    an index into problem.inputs. An episode terminates where the run has reached the target at a sampling time (reward
+    1), collided or gone off the grid (-1), as in `sdhj.simulate`, and is truncated after the last step (0).
+
+    `info` has "outcome", one of reached, collided, off the grid, late, or "" while the run goes on; "action_mask" (L,)
+    int8, which inputs are safe now, or the fallback where none is, all of them when the run is over; "promised",
+    whether the table promises that the target can still be reached safely. After a step also "applied", the index of
+    what was applied, and "overruled", whether that is not the action.
+
+    Parameters
+    ----------
+    table : Table
+    adversary : str or callable
+        As for `sdhj.simulate`.
+    shield : bool
+        Whether an action that is not safe is replaced as by `Controller.filter`; else the mask only tells.
+
+    Raises
+    ------
+    ValueError
+        For what is no table or no adversary.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
+        self.controller, self.play, self.shield = Controller(table), _adversary(adversary), shield
+        grid = table.grid
+        self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
+        self.observation_space = gymnasium.spaces.Box(self.low, self.high, dtype=np.float64)
+        self.action_space = gymnasium.spaces.Discrete(len(table.problem.inputs))
+        self.table, self.now, self.state, self.outcome = table, 0, np.zeros(grid.ndim), "late"
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Begin at step 0: in options["state"] (ndim,), or drawn uniformly from the tube outside the target."""
+        super().reset(seed=seed)
+        problem = self.table.problem
+        if options and "state" in options:
+            self.state = finite_array("options['state']", options["state"], (problem.grid.ndim,))
+        else:
+            drawn = admissible_states(self.controller, DRAWN, self.np_random)
+            self.state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
+        self.now, self.outcome = 0, ""
+        return self._observed(), self._told()
+
+    def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Hold an input over one interval, against the adversary.
+
+        Raises
+        ------
+        ValueError
+            For what is no action, and where the run is over.
+        """
+        if self.outcome:
+            raise ValueError("the run is over; call reset()")
+        if not self.action_space.contains(action):
+            raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
+        applied = int(self.controller.filter(self.state, self.now, int(action)).inputs if self.shield else action)
+        problem, end = self.table.problem, self.now + 1
+        states, ended = _interval(self._begun(applied), self.play, None, walls=True)
+        self.state, self.now = states[0], end
+        if ended[0] != UNDECIDED:
+            self.outcome = OUTCOMES[ended[0]]
+        elif end == self.table.steps if problem.stays else problem.target_value(states, problem.time(end))[0] <= 0:
+            self.outcome = "reached"
+        elif end == self.table.steps:
+            self.outcome = "late"
+        over, late = self.outcome != "", self.outcome == "late"
+        told = self._told() | {"applied": applied, "overruled": applied != int(action)}
+        return self._observed(), REWARDS[self.outcome], over and not late, late, told
+
+    def _begun(self, applied: int) -> Moment:
+        problem, batch = self.table.problem, self.table.batch(self.state[None], self.now)
+        left = np.array([self.table.steps - self.now - 1])
+        return Moment(
+            problem=problem,
+            states=self.state[None],
+            inputs=np.array([applied]),
+            steps_to_go=batch.steps_to_go,
+            step=self.now,
+            substep=0,
+            time=problem.time(self.now),
+            remaining=problem.delta,
+            duration=problem.delta / SUBSTEPS,
+            previous=np.zeros((1, problem.dynamics.adversaries)),
+            runs=np.zeros(1, np.int64),
+            tube=partial(self.table.values_at, step=self.now + 1, within=left),
+            rng=self.np_random,
+        )
+
+    def _observed(self) -> FloatArray:
+        state = self.table.grid.wrapped(self.state[None])[0]
+        return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest place on it
+
+    def _told(self) -> dict[str, Any]:
+        mask = np.ones(len(self.table.problem.inputs), np.int8)
+        if self.outcome:
+            return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
+        batch = self.table.batch(self.state[None], self.now, self.table.steps - self.now)
+        mask[:] = batch.safe[0]
+        if not mask.any():
+            mask[self.controller.fallback(self.state, self.now).input] = 1
+        return {"outcome": "", "action_mask": mask, "promised": bool(batch.promised[0])}

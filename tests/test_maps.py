@@ -1,0 +1,322 @@
+"""Maps and polygons: against brute-force distances, what they claim of slope and bounds, files good and bad."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import naive_maps
+import numpy as np
+import pytest
+from PIL import Image
+
+import sdhj
+from sdhj import UnsafeSet
+from sdhj.certified import Certified, LipschitzBounds
+from sdhj.maps import clearance
+
+GREY = {"free": 254, "occupied": 0, "unknown": 205}
+YAML = """image: map.pgm
+mode: trinary
+resolution: 0.05
+origin: [-0.4, -0.6, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+
+
+def flat() -> np.ndarray:
+    """A flat as a robot maps it, (24, 32) grey: walls of one pixel, a door, a pillar, and what no beam has reached."""
+    pixels = np.full((24, 32), GREY["unknown"], np.uint8)
+    pixels[2:22, 3:30] = GREY["free"]
+    pixels[2:22, [3, 29]] = pixels[[2, 21], 3:30] = GREY["occupied"]
+    pixels[2:22, 16] = GREY["occupied"]  # one pixel wide
+    pixels[9:15, 16] = GREY["free"]  # the door in it
+    pixels[6, 8] = GREY["occupied"]  # a pillar of one pixel
+    return pixels
+
+
+def binary_pgm(pixels: np.ndarray, most: int = 255) -> bytes:
+    kind = ">u2" if most > 255 else "u1"
+    return b"P5\n# made by a test\n%d %d\n%d\n" % (*pixels.shape[::-1], most) + pixels.astype(kind).tobytes()
+
+
+def plain_pgm(pixels: np.ndarray) -> bytes:
+    rows = "\n".join(" ".join(map(str, row)) for row in pixels)
+    return f"P2\n# made by a test\n{pixels.shape[1]} {pixels.shape[0]}\n255\n{rows}\n".encode()
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., Path]:
+    """A function that writes a map, its picture and its YAML with some lines changed, and gives the YAML's path."""
+
+    def write(picture: bytes | None = None, **changes: str | None) -> Path:
+        (tmp_path / "map.pgm").write_bytes(binary_pgm(flat()) if picture is None else picture)
+        told = dict(line.split(": ", 1) for line in YAML.splitlines()) | changes
+        text = "".join(f"{key}: {value}\n" for key, value in told.items() if value is not None)
+        (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+        return tmp_path / "map.yaml"
+
+    return write
+
+
+def some_points(rng: np.random.Generator, blocked: np.ndarray, side: float, count: int) -> np.ndarray:
+    """In and around the map's own frame: anywhere, on the nodes of the half pixels, and within a rounding of those."""
+    size = np.array(blocked.shape[::-1]) * side
+    anywhere = rng.uniform(-0.3 * size, 1.3 * size, (count, 2))
+    nodes = rng.integers(0, 2 * np.array(blocked.shape[::-1]) + 1, (count, 2)) * side / 2
+    return np.concatenate([anywhere, nodes, nodes + rng.uniform(-1e-12, 1e-12, nodes.shape)])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_distances_at_the_nodes_are_exact(seed: int) -> None:
+    rng, side = np.random.default_rng(seed), 0.3
+    blocked = rng.random((rng.integers(1, 7), rng.integers(1, 7))) < rng.random()
+    blocked[0, 0] = False
+    nodes = clearance(blocked, side)
+    assert nodes.shape == (2 * blocked.shape[1] + 1, 2 * blocked.shape[0] + 1)
+    for (i, j), value in np.ndenumerate(nodes):
+        told = naive_maps.signed_distance(i * side / 2, j * side / 2, blocked.tolist(), side)
+        assert abs(value - told) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_a_map_is_seen_whole_and_not_much_larger(seed: int, yaw: float) -> None:
+    """<= 0 wherever the robot's disk meets a blocked square; at most the half diagonal of a pixel below the truth."""
+    rng, side, radius, origin = np.random.default_rng(seed), 0.2, 0.11, np.array([1.3, -2.1])
+    blocked = rng.random((7, 9)) < 0.3
+    part = UnsafeSet.from_map(blocked, (0, 1), resolution=side, origin=(*origin, yaw), radius=radius)
+    local = some_points(rng, blocked, side, 150)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    values = part.level_set(local @ turn.T + origin, 0.0)
+    truth = np.array([naive_maps.signed_distance(x, y, blocked.tolist(), side) for x, y in local]) - radius
+    assert (values <= truth + 1e-12).all()
+    within = ((local >= 0) & (local <= np.array(blocked.shape[::-1]) * side)).all(axis=1)
+    assert within.sum() > 150 and (~within).sum() > 50
+    assert (values[within] >= truth[within] - side / np.sqrt(2) - 1e-12).all()
+    assert (values[~within] < 0).all()
+    assert not part.moving and part.axes == (0, 1)
+
+
+def test_what_is_claimed_of_the_slope_holds_and_is_not_idle(rng: np.random.Generator) -> None:
+    """sqrt(2) in any direction and 1 along an axis, also across the map's edge; at a corner it is reached."""
+    blocked = rng.random((12, 12)) < 0.25
+    part = UnsafeSet.from_map(blocked, resolution=0.1)
+    steepest, along = 0.0, 0.0
+    for step in (1e-4, 0.02, 0.3):
+        points, angle = rng.uniform(-0.3, 1.5, (40_000, 2)), rng.uniform(0, 2 * np.pi, 40_000)
+        for direction in (np.stack([np.cos(angle), np.sin(angle)], axis=1), np.eye(2)[rng.integers(0, 2, 40_000)]):
+            change = np.abs(part.level_set(points + step * direction, 0.0) - part.level_set(points, 0.0)).max() / step
+            straight = (direction == 0).any()
+            steepest, along = max(steepest, change), max(along, change if straight else 0.0)
+    assert part.slope == np.sqrt(2)
+    assert 1.3 < steepest <= part.slope + 1e-9
+    assert 0.99 < along <= 1.0 + 1e-9
+
+
+def test_one_pixel_is_seen_from_everywhere() -> None:
+    """A wall of one pixel, and a pillar: not a point of them is free, and half a pixel's diagonal beside them is."""
+    side = 0.05
+    blocked = flat() != GREY["free"]
+    part = UnsafeSet.from_map(blocked, resolution=side)
+    across = np.linspace(12.0, 20.0, 2001) * side
+    values = part.level_set(np.stack([across, np.full(2001, 5.3 * side)], axis=1), 0.0)
+    wall = (across >= 16 * side) & (across <= 17 * side)
+    assert (values[wall] <= 0).all()
+    assert (values[(across < (16 - 0.71) * side) | (across > (17 + 0.71) * side)] > 0).all()
+    door = part.level_set(np.array([[16.5 * side, 12.0 * side]]), 0.0)  # rows 9 to 14 from the top, of 24
+    assert door[0] == pytest.approx(3 * side - side / np.sqrt(8))  # on a node: less the allowance alone
+    assert part.level_set(np.array([[8.5 * side, 17.5 * side]]), 0.0)[0] < 0  # the pillar, row 6 from the top
+
+
+@pytest.mark.parametrize("make", [binary_pgm, plain_pgm, lambda pixels: binary_pgm(pixels * 257.0, 65535)])
+def test_a_file_is_its_array(written: Callable[..., Path], make: Any, rng: np.random.Generator) -> None:
+    array = UnsafeSet.from_map(flat() != GREY["free"], resolution=0.05, origin=(-0.4, -0.6), radius=0.1)
+    file = UnsafeSet.from_map(str(written(make(flat()))), axes=(0, 1), radius=0.1)
+    points = rng.uniform(-1, 2, (500, 2))
+    np.testing.assert_array_equal(file.level_set(points, 0.0), array.level_set(points, 0.0))
+    assert (array.level_set(points, 0.0) > 0).any()
+
+
+def test_pictures_in_colour_and_upside_down(written: Callable[..., Path], tmp_path: Path) -> None:
+    """PNG in grey, in colour and with pixels that are not opaque; `negate`; the rows are those of an image."""
+    points = np.array([[x, y] for x in np.arange(-0.35, 1.2, 0.05) for y in np.arange(-0.55, 0.6, 0.05)])
+    expected = UnsafeSet.from_map(written()).level_set(points, 0.0)
+    colour = np.stack([flat()] * 3 + [np.full_like(flat(), 255)], axis=2)
+    Image.fromarray(flat()).save(tmp_path / "grey.png")
+    Image.fromarray(colour).save(tmp_path / "colour.png")
+    Image.fromarray(255 - flat()).save(tmp_path / "negative.png")
+    for changes in ({"image": "grey.png"}, {"image": "colour.png"}, {"image": "negative.png", "negate": "1"}):
+        np.testing.assert_array_equal(UnsafeSet.from_map(written(**changes)).level_set(points, 0.0), expected)
+    colour[12, 10, 3] = 254
+    Image.fromarray(colour).save(tmp_path / "glass.png")
+    glass = UnsafeSet.from_map(written(image="glass.png", mode="scale")).level_set(points, 0.0)
+    hidden = [[-0.4 + 10.5 * 0.05, -0.6 + 11.5 * 0.05]]
+    assert UnsafeSet.from_map(written()).level_set(np.array(hidden), 0.0)[0] > 0
+    assert UnsafeSet.from_map(written(image="glass.png")).level_set(np.array(hidden), 0.0)[0] < 0
+    assert (glass <= expected).all() and (glass < expected).any()
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", None])
+def test_thresholds_are_the_map_servers(written: Callable[..., Path], mode: str | None) -> None:
+    """Free is what is darker than free_thresh by less than nothing: at the threshold itself it is not free."""
+    greys = np.array([[255, 206, 205, 204, 128, 0]], np.uint8)
+    map_ = UnsafeSet.from_map(written(binary_pgm(greys), mode=mode, origin="[0, 0, 0]", free_thresh="0.196"))
+    middles = np.stack([(np.arange(6) + 0.5) * 0.05, np.full(6, 0.025)], axis=1)
+    assert ((map_.level_set(middles, 0.0) > 0) == [True, True, False, False, False, False]).all()
+    exact = (255 - 205) / 255
+    map_ = UnsafeSet.from_map(written(binary_pgm(greys), mode=mode, origin="[0, 0, 0]", free_thresh=repr(exact)))
+    assert ((map_.level_set(middles, 0.0) > 0) == [True, True, False, False, False, False]).all()
+
+
+def test_the_unknown_that_counts_as_free_is_told(written: Callable[..., Path]) -> None:
+    with pytest.warns(UserWarning, match=r"map\.yaml counts the grey 205.*free_thresh 0\.25"):
+        UnsafeSet.from_map(written(free_thresh="0.25"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"resolution": None, "negate": None}, r"map\.yaml.*it lacks resolution, negate"),
+        ({"resolution": "-0.05"}, r"map\.yaml.*resolution must be greater than 0"),
+        ({"resolution": "fine"}, r"map\.yaml.*resolution must be a number"),
+        ({"origin": "[0, 0]"}, r"map\.yaml.*origin must have shape \(3,\)"),
+        ({"origin": "[0, 0, north]"}, r"map\.yaml.*origin must be real numbers"),
+        ({"mode": "raw"}, r"map\.yaml.*mode must be one of trinary, scale, got 'raw'"),
+        ({"negate": "2"}, r"map\.yaml.*negate must be a whole number from 0 to 1"),
+        ({"negate": "[]"}, r"map\.yaml.*"),
+        ({"free_thresh": "0.7"}, r"map\.yaml.*occupied_thresh must be at least 0\.7"),
+        ({"image": "3"}, r"map\.yaml.*image must be the name of a file"),
+        ({"image": "none.pgm"}, r"none\.pgm is not a picture.*No such file"),
+        ({"image": "map.yaml"}, r"map\.yaml is not a picture of a map, such as a PGM or PNG"),
+        ({"image": "[1, 2"}, r"map\.yaml is not the YAML file"),
+    ],
+)
+def test_bad_files_are_named(written: Callable[..., Path], changes: dict[str, str | None], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        UnsafeSet.from_map(written(**changes))
+
+
+@pytest.mark.parametrize("picture", [b"", b"P5\n4 4\n255\n12", b"P2\n2 2\n255\n1 2 three 4\n", b"P2\n2 2\n255\n1 2\n"])
+def test_bad_pictures_are_named(written: Callable[..., Path], picture: bytes) -> None:
+    with pytest.raises(ValueError, match=r"map\.pgm is not a picture of a map, such as a PGM or PNG file: \S"):
+        UnsafeSet.from_map(written(picture))
+
+
+def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path) -> None:
+    free = np.zeros((3, 3), bool)
+    with pytest.raises(ValueError, match=r"absent\.yaml is not the YAML file of a map"):
+        UnsafeSet.from_map(tmp_path / "absent.yaml")
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    with pytest.raises(ValueError, match=r"list\.yaml.*it holds no keys"):
+        UnsafeSet.from_map(tmp_path / "list.yaml")
+    with pytest.raises(ValueError, match="what the map's file says"):
+        UnsafeSet.from_map(written(), resolution=0.1)
+    with pytest.raises(ValueError, match=r"map\.yaml' is free"):
+        UnsafeSet.from_map(written(binary_pgm(np.zeros((4, 4)))))
+    with pytest.raises(ValueError, match="no pixel of the map 'office' is free"):
+        UnsafeSet.from_map(~free, resolution=0.1, name="office")
+    for array in (free.astype(int), free[0], free[:0]):
+        with pytest.raises(ValueError, match=r"a bool array \(rows, columns\)"):
+            UnsafeSet.from_map(array, resolution=0.1)
+    with pytest.raises(ValueError, match="resolution must be a number"):
+        UnsafeSet.from_map(free)
+    with pytest.raises(ValueError, match="origin must be"):
+        UnsafeSet.from_map(free, resolution=0.1, origin=(0.0,))
+    with pytest.raises(ValueError, match="radius must be at least 0"):
+        UnsafeSet.from_map(free, resolution=0.1, radius=-1)
+    for make in (partial(UnsafeSet.from_map, free, resolution=1.0), partial(UnsafeSet.polygon, SHAPE)):
+        with pytest.raises(ValueError, match="must be two axes of the grid, for x and y"):
+            make(axes=(0,))
+    with pytest.raises(ValueError, match="slope of 'post' must be at least 0"):
+        UnsafeSet((0,), lambda p, t: p[:, 0], name="post", slope=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("scipy", "from_map(np.zeros((3, 3), bool), resolution=1.0)"),
+        ("yaml", "from_map('map.yaml')"),
+        ("shapely", "polygon([[0, 0], [1, 0], [0, 1]])"),
+    ],
+)
+def test_a_missing_package_is_named(module: str, line: str) -> None:
+    code = f"import sys; sys.modules[{module!r}] = None\nimport numpy as np, sdhj\nsdhj.UnsafeSet.{line}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.stderr.splitlines()[-1].startswith("ImportError: ") and "sdhj[maps]" in run.stderr.splitlines()[-1]
+
+
+def test_pillow_missing_is_named(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(ImportError, match=r"Pillow.*sdhj\[maps\]"):
+        UnsafeSet.from_map(written())
+
+
+# ---- polygons
+
+SHAPE = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 0.4], [0.0, 1.5]]  # not convex
+
+
+@pytest.mark.parametrize("vertices", [SHAPE, SHAPE[::-1]])
+def test_a_polygon_has_its_signed_distance(vertices: list[list[float]], rng: np.random.Generator) -> None:
+    part = UnsafeSet.polygon(vertices, axes=(0, 1), radius=0.25, name="table")
+    points = rng.uniform(-1, 3, (2000, 2))
+    values = part.level_set(points, 0.0)
+    truth = [naive_maps.to_polygon(x, y, vertices) - 0.25 for x, y in points]
+    np.testing.assert_allclose(values, truth, rtol=0, atol=1e-12)
+    assert (values < -0.25).any() and part.slope == 1.0 and part.name == "table" and not part.moving
+    beside = points + 1e-3 * rng.standard_normal(points.shape)
+    change = np.abs(part.level_set(beside, 0.0) - values) / np.linalg.norm(beside - points, axis=1)
+    assert 0.99 < change.max() <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("vertices", "said"),
+    [
+        ([[0, 0], [1, 1]], "shape \\(K, 2\\), at least three"),
+        ([[0, 0, 0]] * 3, "shape \\(K, 2\\)"),
+        ([[0, 0], [1, 1], [1, 0], [0, 1]], "Self-intersection"),
+        ([[0, 0], [1, 1], [2, 2]], "edges do not meet"),
+        ([[0, 0], [1, np.nan], [2, 2]], "vertices has a NaN"),
+    ],
+)
+def test_what_is_no_polygon_is_refused(vertices: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        UnsafeSet.polygon(vertices)
+
+
+# ---- in a problem
+
+
+def flat_problem(nodes: tuple[int, int], part: UnsafeSet) -> sdhj.ReachAvoidProblem:
+    """From the left room of the flat through its door: 0.3 m/s along the axes, wind of 0.05 m/s."""
+    steps = 0.3 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [0, 0]])
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-0.4, -0.6], [1.2, 0.6], nodes),
+        dynamics=sdhj.Dynamics(steps, steps, np.eye(2), [0.05, 0.05]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1] - 0.0) - 0.2),
+        unsafe=(part,),
+        delta=0.25,
+        steps=24,
+    )
+
+
+def test_a_robot_comes_through_the_door_of_its_map(written: Callable[..., Path]) -> None:
+    """Solved, certified by the bounds that the docstring proves, and no run meets a square."""
+    part = UnsafeSet.from_map(written(), radius=0.02)
+    problem = flat_problem((65, 49), part)
+    start = [[0.05, -0.2]]
+    blocked = (flat() != GREY["free"]).tolist()
+    bounds = LipschitzBounds(sets={"target": [1.0, 1.0], "map": [1.0, 1.0]})
+    for method in (sdhj.HJI(), Certified((64, 48), bounds)):
+        table = sdhj.solve(problem, method, progress=False)
+        assert table.contains(start, start=0, within=24)[0]
+        assert not table.contains([[-0.4 + 16.5 * 0.05, -0.3]], start=0, within=24)[0]  # in the wall
+        run = sdhj.simulate(sdhj.Controller(table), start[0], adversary="worst", seed=3)
+        assert run.outcome == "reached"
+        clear = [naive_maps.signed_distance(x + 0.4, y + 0.6, blocked, 0.05) - 0.02 for x, y in run.states[::4]]
+        assert min(clear) > 0

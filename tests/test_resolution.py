@@ -1,0 +1,125 @@
+"""What a grid does not see of an unsafe set it says, and a sampling by cells sees everything."""
+
+import warnings
+from dataclasses import replace
+
+import judge
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.resolution import ResolutionWarning, check_resolution, least_in_cells
+
+MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
+
+
+def plan(p, half):
+    """A thick block merged with a wall around x = 4.1 into one set, as in a map; the way round is above."""
+    wall = np.maximum(np.abs(p[:, 0] - 4.1) - half, p[:, 1] - 6.5)
+    return np.minimum(wall, np.maximum(np.abs(p[:, 0] - 2.0) - 0.5, np.abs(p[:, 1] - 2.0) - 0.5))
+
+
+def room(nodes=41, half=0.05, sampling="nodes"):
+    return ReachAvoidProblem(
+        Grid([0.0, 0.0], [8.0, 8.0], [nodes, nodes]),
+        Dynamics(MOVES, MOVES, np.eye(2), [0.1, 0.1]),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 6.0, p[:, 1] - 4.0) - 0.6),
+        (UnsafeSet((0, 1), lambda p, t: plan(p, half), name="plan", sampling=sampling),),
+        delta=0.3,
+        steps=20,
+    )
+
+
+def lost(table, rng, half=0.05):
+    controller, starts = Controller(table), rng.uniform(0.0, 8.0, (8000, 2))
+    starts = starts[table.contains(starts, start=0, within=20)][:2000]
+    outcomes = judge.play(
+        lambda states, step: controller.choose(controller.batch(states, step)),
+        lambda states, inputs, signs, t: MOVES[inputs] + 0.1 * signs,
+        lambda states, inputs, t, end: rng.choice([-1.0, 1.0], states.shape),
+        lambda states, t: np.hypot(states[:, 0] - 6.0, states[:, 1] - 4.0) - 0.6,
+        lambda states, t: np.minimum(plan(states, half), np.minimum(states, 8.0 - states).min(axis=1) + 1e-9),
+        starts,
+        delta=0.3,
+        steps=20,
+    )
+    return (outcomes != "reached").mean()
+
+
+def test_a_wall_between_the_nodes_is_told_and_where_and_how_many_nodes_it_takes(rng):
+    with pytest.warns(ResolutionWarning, match=r"'plan' hides between the nodes at x1 = 4\.1") as told:
+        blind = sdhj.solve(room())
+    assert "about 0.1 thick" in str(told[0].message) and "81 nodes along x1" in str(told[0].message).replace("82", "81")
+    assert lost(blind, rng) > 0.1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert lost(sdhj.solve(room(nodes=101)), rng) < 0.01
+        cautious = sdhj.solve(room(sampling="cell"))
+    assert lost(cautious, rng) < 0.005 and cautious.fraction(start=0, within=20) > 0.2
+
+
+@pytest.mark.parametrize("half", [0.005, 0.02, 0.09])
+def test_walls_of_any_thickness_are_found(half):
+    with pytest.warns(ResolutionWarning, match="hides"):
+        check_resolution(room(half=half))
+
+
+def test_what_the_grid_sees_is_not_told():
+    """Round sets, oblique walls and corners, whose boundaries pass between nodes everywhere; the case study."""
+    shapes = {
+        "disk": lambda p, t: np.hypot(p[:, 0] - 3.03, p[:, 1] - 2.99) - 0.31,
+        "oblique": lambda p, t: np.abs(0.6 * p[:, 0] + 0.8 * p[:, 1] - 5.0) - 0.25,
+        "corner": lambda p, t: np.abs(p - 4.0).sum(axis=1) - 1.0,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name, shape in shapes.items():
+            check_resolution(replace(room(), unsafe=(UnsafeSet((0, 1), shape, name=name),)))
+        check_resolution(sdhj.arm_case_study())
+
+
+def test_a_wall_across_the_seam_of_a_periodic_axis_and_one_that_comes_later_are_found():
+    grid = Grid([0.0, 0.0], [8.0, 8.0], [40, 41], [True, False])
+    seam = UnsafeSet((0, 1), lambda p, t: 0.02 - np.abs(np.abs(p[:, 0] - 4.0) - 3.9), name="not a wall")
+    seam = replace(seam, level_set=lambda p, t: np.abs((p[:, 0] - 7.9 + 4.0) % 8.0 - 4.0) - 0.02, name="seam")
+    later = UnsafeSet((1,), lambda p, t: np.abs(p[:, 0] - 9.1 + 0.5 * t) - 0.02, rate=0.5, name="later")
+    problem = replace(room(), grid=grid)
+    for part in (seam, later):
+        with pytest.warns(ResolutionWarning, match=part.name):
+            check_resolution(replace(problem, unsafe=(part,)))
+
+
+def test_an_indicator_is_no_distance():
+    costmap = UnsafeSet((0, 1), lambda p, t: np.where(np.hypot(p[:, 0] - 3.0, p[:, 1] - 3.0) < 1.0, -1.0, 1.0))
+    with pytest.warns(ResolutionWarning, match="jumps at the set's boundary"):
+        check_resolution(replace(room(), unsafe=(costmap,)))
+
+
+def test_the_least_in_the_cells_is_that_of_the_closed_form_or_a_little_less(rng):
+    """The distance to a point, in the box of all cells around a node; its slope is at most 1 along each axis."""
+    grid, centre = Grid([0.0, 0.0], [2.0, 3.0], [12, 9]), np.array([0.83, 1.21])
+    least = least_in_cells(grid, lambda p: np.hypot(*(p - centre).T))
+    low, high = (np.clip(grid.points() + side * np.array(grid.spacing), 0.0, grid.upper) for side in (-1, 1))
+    exact = np.hypot(*(np.clip(centre, low, high) - centre).T).reshape(grid.shape)
+    assert (least <= exact).all() and (exact - least).max() <= sum(grid.spacing) / 4
+
+
+def test_the_least_in_the_cells_is_below_the_function_in_all_of_them(rng):
+    """Of random waves, across the seam of a periodic axis too."""
+    grid = Grid([0.0, 0.0], [2 * np.pi, 3.0], [12, 9], [True, False])
+    waves = rng.normal(size=(6, 2))
+
+    def function(p):  # periodic along the first axis
+        return sum(np.sin(np.round(3 * a) * p[:, 0] + b * p[:, 1]) for a, b in waves)
+
+    least, spacing = least_in_cells(grid, function), np.array(grid.spacing)
+    around = grid.points()[:, None] + spacing * rng.uniform(-1, 1, (500, 2))
+    around[..., 1] = np.clip(around[..., 1], 0.0, 3.0)
+    values = function(grid.wrapped(around.reshape(-1, 2))).reshape(*grid.shape, 500)
+    assert (values >= least[..., None]).all()
+
+
+def test_an_unknown_sampling_is_refused():
+    with pytest.raises(ValueError, match="sampling of the unsafe set 'unsafe' must be one of nodes, cell"):
+        UnsafeSet((0,), lambda p, t: p[:, 0], sampling="dense")

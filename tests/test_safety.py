@@ -1,0 +1,215 @@
+"""Problems without a target, and without a number of steps: closed forms, and runs judged without the library."""
+
+from dataclasses import replace
+
+import judge
+import numpy as np
+import pytest
+from toys import interval_problem
+
+import sdhj
+from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.certified.sets import Certified, LipschitzBounds
+
+BRAKE, DELTA = 3.0, 0.1
+INPUTS = np.array([[-BRAKE], [0.0], [BRAKE]])
+
+
+def double_integrator(steps=None, disturbance=0.0, nodes=(51, 51)):
+    """A cart that must stay on |x| <= 1; |v| <= 4 is more than it can brake from."""
+
+    def drift(points, u):
+        return np.stack([points[:, 1], np.full(len(points), u[0])], axis=1)
+
+    grid = Grid([-1.0, -4.0], [1.0, 4.0], nodes, names=["x", "v"])
+    return ReachAvoidProblem(grid, Dynamics(INPUTS, drift, [[0.0], [1.0]], [disturbance]), None, (), DELTA, steps)
+
+
+def too_far(states, disturbance=0.0):
+    """How far beyond |x| = 1 full brakes end, <= 0 in the viability kernel.
+
+    Sampling costs nothing: brakes held beyond the standstill move the cart away from the end that it came near.
+    """
+    x, v = states.T
+    way = v**2 / (2 * (BRAKE - disturbance))
+    return np.maximum(x + np.where(v > 0, way, 0), -x + np.where(v < 0, way, 0)) - 1
+
+
+@pytest.mark.parametrize("disturbance", [0.0, 0.6])
+def test_the_viability_kernel_of_the_double_integrator(disturbance):
+    """Wrong only within a cell of the boundary, where the slopes of `too_far` are 1 and v / brake."""
+    shares = []
+    for nodes in (51, 101):
+        table = sdhj.solve(double_integrator(None, disturbance, (nodes, nodes)), progress=False)
+        exact = too_far(table.grid.points(), disturbance)
+        inside = table.values(start=0, within=1).ravel() <= 0
+        cell = table.grid.spacing[0] + table.grid.spacing[1] * np.sqrt(2 * 2 / (BRAKE - disturbance))
+        assert np.abs(exact[inside != (exact <= 0)]).max(initial=0.0) < cell
+        shares.append(np.mean(inside != (exact <= 0)))
+    assert shares[1] < 0.7 * shares[0] and shares[1] < 0.03
+
+
+def judged(table, starts, disturbance, rng, steps=100):
+    """How runs end on the true cart, with the step 0 asked for at every time; colliding is to leave |x| <= 1."""
+    controller = Controller(table)
+
+    def velocity(states, inputs, signs, t):
+        return np.stack([states[:, 1], INPUTS[np.maximum(inputs, 0), 0] + disturbance * signs[:, 0]], axis=1)
+
+    return judge.play(
+        lambda states, step: controller.choose(controller.batch(states, 0)),
+        velocity,
+        lambda states, inputs, t, end: rng.choice([-1.0, 1.0], (len(states), 1)),
+        lambda states, t: np.ones(len(states)),
+        lambda states, t: 1 - np.abs(states[:, 0]) + 1e-9,
+        starts,
+        delta=DELTA,
+        steps=steps,
+    )
+
+
+def drawn(table, count, rng):
+    states = rng.uniform(table.grid.lower, table.grid.upper, (20 * count, 2))
+    return states[table.contains(states, start=0, within=table.steps)][:count]
+
+
+@pytest.mark.parametrize("disturbance", [0.0, 0.6])
+def test_what_stays_clear_for_ever_does(disturbance, rng):
+    """Ten seconds, a hundred intervals, though the table has settled after fewer."""
+    table = sdhj.solve(double_integrator(None, disturbance, (101, 101)), progress=False)
+    assert 5 < table.steps < 100 and len(table.tubes) == 1
+    outcomes = judged(table, drawn(table, 2000, rng), disturbance, rng)
+    assert np.mean(outcomes != "late") < 0.02, np.unique(outcomes, return_counts=True)
+
+
+def same_boundary(one, other, more):
+    """Sets equal at all nodes; values beside the boundary but for the rounding of so many more steps."""
+    np.testing.assert_array_equal(one <= 0, other <= 0)
+    beside = np.zeros(one.shape, bool)
+    for axis in range(one.ndim):
+        crossed = np.argwhere(np.diff(one <= 0, axis=axis))
+        beside[tuple(crossed.T)] = beside[tuple((crossed + np.eye(one.ndim, dtype=int)[axis]).T)] = True
+    np.testing.assert_allclose(one[beside], other[beside], rtol=0, atol=more * 4 * 2.0**-23 * np.abs(one).max())
+
+
+def test_without_a_target_the_sets_shrink_and_settle():
+    problem = double_integrator(steps=60)
+    table = sdhj.solve(problem, progress=False)
+    shares = [table.fraction(start=0, within=n) for n in range(61)]
+    assert shares == sorted(shares, reverse=True) and shares[0] == 1.0
+    settled = sdhj.solve(replace(problem, steps=None), progress=False)
+    assert shares[settled.steps] == shares[60] < shares[max(settled.steps // 2, 1)]
+    same_boundary(settled.values(start=0, within=1), table.values(start=0, within=60), 60)
+    np.testing.assert_array_equal(settled.inputs(start=0, within=1), table.inputs(start=0, within=60))
+    assert len(table.tubes) <= 61 < len(table.index)  # one for each number of steps, however many start
+
+
+def test_without_steps_the_target_is_reached_some_time():
+    problem = interval_problem()
+    table = sdhj.solve(replace(problem, steps=None), progress=False)
+    more = sdhj.solve(replace(problem, steps=table.steps + 7), progress=False)
+    n = table.steps
+    same_boundary(table.values(start=0, within=n), more.values(start=0, within=n + 7), 7)
+    assert 1 < n < 30 and table.fraction(start=0, within=n // 2) < table.fraction(start=0, within=n)
+
+
+def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
+    table = sdhj.solve(double_integrator(steps=30, nodes=(101, 101)), progress=False)
+    controller = Controller(table)
+    assert controller.steps_to_go([0.0, 0.0], 0) == 0 and controller.steps_to_go([0.9, 2.0], 0) is None
+    with pytest.raises(sdhj.NotAdmissible, match="stay clear for 30 steps"):
+        controller.select([0.9, 2.0], 0)
+    assert controller.safe_inputs([0.0, 2.3], 0).tolist() == [0]  # brake
+    assert controller.filter([0.0, 2.3], 0, 2).inputs == 0
+    report = sdhj.monte_carlo(controller, 2000, "worst", progress=False)
+    assert report.rate("reached") > 0.98 and report.counts["late"] == report.counts["collided"] == 0
+    assert report.steps.min() < report.steps.max() == 30
+
+
+def test_certified_carts_never_leave(rng):
+    disturbance = 0.3
+    problem = double_integrator(20, disturbance)
+    bounds = LipschitzBounds(dynamics=[[0.0, 1.0], [0.0, 0.0]])
+    table = sdhj.solve(problem, Certified(cells=(160, 160), bounds=bounds), progress=False)
+    shares = [table.fraction(start=0, within=n) for n in (0, 10, 20)]
+    assert shares == sorted(shares, reverse=True) and shares[-1] > 0.2
+    starts = drawn(table, 2000, rng)
+    assert too_far(starts, disturbance).max() < 0
+    controller = Controller(table)
+
+    def velocity(states, inputs, signs, t):
+        return np.stack([states[:, 1], INPUTS[np.maximum(inputs, 0), 0] + disturbance * signs[:, 0]], axis=1)
+
+    outcomes = judge.play(
+        lambda states, step: controller.choose(controller.batch(states, step)),
+        velocity,
+        lambda states, inputs, t, end: rng.choice([-1.0, 1.0], (len(states), 1)),
+        lambda states, t: np.ones(len(states)),
+        lambda states, t: 1 - np.abs(states[:, 0]) + 1e-9,
+        starts,
+        delta=DELTA,
+        steps=20,
+    )
+    assert (outcomes == "late").all(), np.unique(outcomes, return_counts=True)
+
+
+def test_what_leaves_over_a_safe_end_is_out_of_danger():
+    """A runner at speed 1 ahead of a wall that closes in from below at 0.8: who reaches the end is safe."""
+    grid = Grid([0.0], [4.0], [81], ends=[("unsafe", "safe")])
+    dynamics = Dynamics([[0.0], [1.0]], [[0.0], [1.0]], np.eye(1), [0.0])
+    wall = UnsafeSet((0,), lambda p, t: p[:, 0] - 0.8 * t, rate=0.8, name="wall")
+    problem = ReachAvoidProblem(grid, dynamics, None, (wall,), 0.25, 20)
+    table = sdhj.solve(problem, "lax", progress=False)
+    report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
+    assert report.counts["reached"] == 500 and report.steps.max() < 20
+    with pytest.raises(ValueError, match="problems without a target"):
+        replace(problem, target=TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3) - 0.2))
+
+
+@pytest.mark.parametrize("method", [HJI(), HJI(games="joint"), HopfLax(), Projected(), HopfLax("linear", "float64")])
+def test_every_method_stays_clear_of_a_disk(method, rng):
+    """A point that drifts to the right by 0.5 +- 0.2 and steers by 1 up or down: who is too close hits the disk."""
+    inputs = np.array([[-1.0], [0.0], [1.0]])
+    drift = np.hstack([np.full((3, 1), 0.5), inputs])
+    disk = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5, name="disk")
+    grid = Grid([-2.0, -2.0], [2.0, 2.0], [41, 41], ends="wall")
+    problem = ReachAvoidProblem(grid, Dynamics(inputs, drift, np.eye(2), [0.2, 0.2]), None, (disk,), 0.2, 5)
+    with np.testing.suppress_warnings() as quiet:
+        quiet.filter(UserWarning)
+        table = sdhj.solve(problem, method, progress=False)
+    assert 0.5 < table.fraction(start=0, within=5) < table.fraction(start=0, within=0)
+    assert not table.contains([[-0.52, 0.0]], start=0, within=5)[0]
+    states = rng.uniform(-2, 2, (4000, 2))
+    starts = states[table.contains(states, start=0, within=5)]
+    report = judge.play(
+        lambda states, step: Controller(table).choose(table.batch(states, step)),
+        lambda q, u, signs, t: drift[np.maximum(u, 0)] + 0.2 * signs,
+        lambda q, u, t, end: rng.choice([-1.0, 1.0], q.shape),
+        lambda q, t: np.ones(len(q)),
+        lambda q, t: np.hypot(q[:, 0], q[:, 1]) - 0.5,
+        starts[np.abs(starts).max(axis=1) < 0.7],  # no wall of the grid is met
+        delta=0.2,
+        steps=5,
+    )
+    assert np.mean(report != "late") < 0.02, np.unique(report, return_counts=True)
+
+
+def test_what_cannot_be_asked_for():
+    grid = Grid([-1.0], [1.0], [11], ends="wall")
+    still = Dynamics([[0.0]], [[0.0]], np.eye(1), [0.1])
+    with pytest.raises(ValueError, match="nothing to stay clear of"):
+        ReachAvoidProblem(grid, still, None, (), 0.1, 2)
+    with pytest.raises(ValueError, match="every grid node is in an unsafe set"):
+        ReachAvoidProblem(grid, still, None, (UnsafeSet((0,), lambda p, t: p[:, 0] - 2),), 0.1, 2)
+    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.1, rate=1.0)
+    with pytest.raises(ValueError, match="depend on time; give a number of steps"):
+        ReachAvoidProblem(grid, still, None, (moving,), 0.1, None)
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.3)
+    with pytest.raises(ValueError, match="depend on time; give a number of steps"):
+        ReachAvoidProblem(grid, still, target, (), 0.1, None)
+    with pytest.raises(ValueError, match="needs a number of steps"):
+        bounds = LipschitzBounds()
+        sdhj.solve(
+            replace(double_integrator(), dynamics=Dynamics([[0.0]], [[0.0, 0.0]], np.eye(2), [0, 0])),
+            Certified((9, 9), bounds=bounds),
+        )
