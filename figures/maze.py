@@ -70,7 +70,7 @@ def to_walls(points: FloatArray) -> FloatArray:
 
 
 def maze(
-    nodes: int = 61, headings: int = 36, steps: int | None = None, sampling: str = "nodes"
+    nodes: int = 61, headings: int = 36, steps: int | None = None, sampling: str = "steep"
 ) -> sdhj.ReachAvoidProblem:
     """The problem on nodes x nodes x headings; leaving the square is losing."""
     inputs = np.array([[speed, steering] for speed in LEVELS for steering in LEVELS])

@@ -120,6 +120,15 @@ def test_the_least_in_the_cells_is_below_the_function_in_all_of_them(rng):
     assert (values >= least[..., None]).all()
 
 
+def test_a_steep_sampling_is_ten_times_as_deep_inside_and_else_the_same(rng):
+    plain, steep = room(half=0.3), room(half=0.3, sampling="steep")
+    values, deeper = (problem.unsafe_at(problem.unsafe[0], 0.0) for problem in (plain, steep))
+    assert (values < 0).any() and np.array_equal(deeper, np.where(values < 0, 10 * values, values))
+    solved, cautious, states = sdhj.solve(plain), sdhj.solve(steep), rng.uniform(0.0, 8.0, (20_000, 2))
+    assert cautious.fraction(start=0, within=20) < solved.fraction(start=0, within=20)
+    assert not (cautious.contains(states, start=0, within=20) & ~solved.contains(states, start=0, within=20)).any()
+
+
 def test_an_unknown_sampling_is_refused():
-    with pytest.raises(ValueError, match="sampling of the unsafe set 'unsafe' must be one of nodes, cell"):
+    with pytest.raises(ValueError, match="sampling of the unsafe set 'unsafe' must be one of nodes, steep, cell"):
         UnsafeSet((0,), lambda p, t: p[:, 0], sampling="dense")

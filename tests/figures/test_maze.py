@@ -26,21 +26,29 @@ def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
         solved(maze(21, 12))
 
 
-@pytest.mark.slow
-def test_the_last_steps_of_the_maze(rng: np.random.Generator) -> None:
-    table = sdhj.solve(maze(61, steps=8), progress=False)
+def lost(sampling: str, rng: np.random.Generator) -> float:
+    """The share of the starts of 20 steps whose runs do not reach the target, walls being a node or two thick."""
+    table = sdhj.solve(maze(61, steps=20, sampling=sampling), progress=False)
     controller, inputs = sdhj.Controller(table), table.problem.inputs
     states = rng.uniform(table.grid.lower, table.grid.upper, (200_000, 3))
     away = to_box(states[:, :2], TARGET) > 0
-    starts = states[table.contains(states, start=0, within=8) & away][:2000]
+    starts = states[table.contains(states, start=0, within=20) & away][:2000]
     outcomes = judge.play(
-        lambda q, step: controller.choose(controller.batch(q, step)),
+        lambda q, step: controller.choose(controller.batch(q, 0)),
         lambda q, j, signs, t: velocity(q[:, 2], *inputs[np.maximum(j, 0)].T),
         lambda q, j, t, end: np.zeros((len(q), 1)),
         lambda q, t: to_box(q[:, :2], TARGET),
         lambda q, t: np.minimum(to_walls(q[:, :2]), np.minimum(q[:, :2], SIDE - q[:, :2]).min(axis=1) + 1e-9),
         starts,
         delta=table.problem.delta,
-        steps=8,
+        steps=40,
     )
-    assert len(starts) == 2000 and np.mean(outcomes != "reached") < 0.01, np.unique(outcomes, return_counts=True)
+    assert len(starts) == 2000
+    return float(np.mean(outcomes != "reached"))
+
+
+@pytest.mark.slow
+def test_the_last_steps_of_the_maze(rng: np.random.Generator) -> None:
+    """With steep walls all is kept; without, differences wear them down and the table leads through them."""
+    assert lost("steep", rng) < 0.005
+    assert lost("nodes", rng) > 0.2
