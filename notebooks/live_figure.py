@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.image import imsave
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
-FAST = {"compress_level": 1}  # four times as fast as the usual 6, for a file half as large again
+FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file a fifth to a third larger
 
 
 class LiveFigure(Figure):
@@ -80,8 +82,11 @@ class LiveFigure(Figure):
         self.draw(self._agg.get_renderer())
         for part in hidden:
             part.set_visible(True)
-        pixels = self._agg.buffer_rgba()
-        imsave(fname, pixels, format="png", dpi=self.dpi, metadata=dict(metadata), pil_kwargs=FAST)
+        words = PngInfo()
+        for name, text in metadata.items():
+            words.add_text(name, text)
+        picture = Image.fromarray(np.asarray(self._agg.buffer_rgba())).convert("RGB")
+        picture.save(fname, "png", pnginfo=words, dpi=(self.dpi, self.dpi), compress_level=FAST)
 
     def _draw_frames(self, frames: list[Any]) -> None:
         """Put the background on the canvas, drawn anew where something else is to be seen on it."""
