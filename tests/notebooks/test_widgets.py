@@ -17,7 +17,7 @@ from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_i
 from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
 from chapter_07 import explore_plane_game, explore_row
 from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_09 import explore_gap, explore_surface, turned
+from chapter_09 import explore_gap, explore_surface, paint, turned
 from chapter_11 import explore_lookup, explore_pursuit, explore_run
 from chapter_12 import explore_interpolation
 from chapter_13 import explore_certified, explore_line
@@ -266,6 +266,28 @@ def test_turning_keeps_lengths(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), np.linalg.norm(points, axis=1), rtol=1e-12)
     towards = turned(np.array([[1.0, 0.0, 0.0]]), 0.0, 0.0)
     np.testing.assert_allclose(towards, [[0.0, 0.0, 1.0]], atol=1e-12)  # seen from the x axis, it points at us
+
+
+def test_paint_shows_the_nearest_triangle(rng: np.random.Generator) -> None:
+    """Each pixel on its own: barycentric coordinates from a linear system, then the highest of all that hold it."""
+    side = 24
+    triangles = rng.uniform(-6, side + 6, (30, 3, 3))  # some of them partly outside
+    triangles[0, 2] = (triangles[0, 0] + triangles[0, 1]) / 2  # seen from its side
+    colours = rng.integers(0, 255, (30, 3)).astype(np.uint8)
+    image, heights = np.zeros((side, side, 4), dtype=np.uint8), np.full((side, side), -np.inf)
+    paint(triangles, colours, image, heights)
+    expected = np.zeros_like(image)
+    for y, x in np.ndindex(side, side):
+        found = []
+        for place, triangle in enumerate(triangles[1:], 1):
+            shares = np.linalg.solve(np.vstack([triangle[:, :2].T, np.ones(3)]), (x, y, 1.0))
+            if shares.min() >= 0:
+                found.append((shares @ triangle[:, 2], place))
+        if found:
+            height, place = max(found)
+            expected[y, x] = *colours[place], 255
+            assert heights[y, x] == pytest.approx(height, abs=1e-9)  # rounding of coordinates up to 30
+    np.testing.assert_array_equal(image, expected)
 
 
 def test_interpolation_at_the_corners() -> None:
