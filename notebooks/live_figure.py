@@ -19,7 +19,7 @@ class LiveFigure(Figure):
 
     Cleared axes are as new, but for the objects that draw their ticks: to make these takes longest. They come in the
     order in which they were made; where another place is asked for, new ones are made. Axes are laid out when they are
-    new. What frames them (background, ticks, labels) is drawn below all else.
+    new. What frames them (background, ticks, labels) is drawn below all else. For axes in the plane.
 
     Parameters
     ----------
@@ -79,9 +79,11 @@ class LiveFigure(Figure):
         hidden = [part for part in frames if part.get_visible()]
         for part in hidden:
             part.set_visible(False)
-        self.draw(self._agg.get_renderer())
-        for part in hidden:
-            part.set_visible(True)
+        try:
+            self.draw(self._agg.get_renderer())
+        finally:
+            for part in hidden:
+                part.set_visible(True)
         words = PngInfo()
         for name, text in metadata.items():
             words.add_text(name, text)
