@@ -11,7 +11,7 @@ from matplotlib.gridspec import SubplotSpec
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file a fifth to a third larger
+FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file at most a third larger
 
 
 class LiveFigure(Figure):
