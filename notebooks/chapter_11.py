@@ -45,20 +45,23 @@ def explore_run(
 
     @lru_cache(maxsize=64)
     def run(number: int, adversary: str, rule: str, seed: int) -> Any:
-        return sdhj.simulate(
+        one = sdhj.simulate(
             controllers[rule], np.asarray(states[number], dtype=np.float64), adversary=adversary, seed=seed
         )
+        return one, _closest(table.problem, one)
 
     def draw(figure: Figure, number: int, adversary: str, rule: str, seed: int, moment: float) -> Numbers:
-        one = run(number, adversary, rule, seed)
+        one, cost = run(number, adversary, rule, seed)
         index = round(moment / 100 * (len(one.times) - 1))
         draw_moment(figure, table, one, index=index)
         draw_way(figure, table.problem, one)
+        title = figure.axes[0].get_title(loc="left")
+        figure.axes[0].set_title(title.replace("$", ""))
         return {
             "time (s)": float(one.times[index]),
             "outcome": one.outcome,
             "steps taken": len(one.inputs),
-            "cost so far": _closest(table.problem, one, index),
+            "cost so far": float(cost[index]),
         }
 
     controls = {
@@ -83,10 +86,12 @@ def draw_way(figure: Figure, problem: ReachAvoidProblem, run: Any, axes: Sequenc
     draw_path(right, problem.grid, run.states, gid="whole-path", **looks)
 
 
-def _closest(problem: ReachAvoidProblem, played: Any, index: int) -> float:
-    """The least clearance so far, m, negated: positive after a collision (the second term of Eq. (5))."""
-    clearances = [problem.unsafe_value(played.states[i : i + 1], float(played.times[i]))[0] for i in range(index + 1)]
-    return -float(min(clearances))
+def _closest(problem: ReachAvoidProblem, played: Any) -> FloatArray:
+    """The least clearance up to each time, m, negated: positive after a collision (the second term of Eq. (5))."""
+    clearances = [
+        problem.unsafe_value(state[None], float(t))[0] for state, t in zip(played.states, played.times, strict=True)
+    ]
+    return -np.minimum.accumulate(clearances)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -104,22 +109,22 @@ def row_image(table: Table, state: Sequence[float], start: int) -> tuple[FloatAr
     fewest = steps_image(table, through=state, start=start, within=most, resolution=CELL)
     where = plane(grid, state, resolution=CELL)
     unsafe = where.shaped(table.problem.unsafe_value(where.points, table.problem.time(start))) <= 0
-    image = np.full((CELL, (table.steps + 1) * (CELL + GAP), 4), BARE)
+    image = np.full((CELL + GAP, (table.steps + 1) * (CELL + GAP), 4), BARE)
     for n in range(most + 1):
         cell = np.where(unsafe[..., None], (0.91, 0.91, 0.91, 1.0), (0.985, 0.985, 0.985, 1.0))
         cell[fewest <= n] = colours[n]
-        image[:, n * (CELL + GAP) : n * (CELL + GAP) + CELL] = cell
+        image[:CELL, n * (CELL + GAP) : n * (CELL + GAP) + CELL] = cell
     held = fewest_steps(table, state, start, most)
     return image, None if np.isnan(held) else int(held)
 
 
 def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> dict[int, int | None]:
     """Rows of the look-up table from the top down, each through a state, which is dotted; its set is framed."""
-    found, grid, side = {}, table.grid, CELL + GAP
+    found, images, grid, side = {}, [], table.grid, CELL + GAP
     for place, (start, state) in enumerate(states.items()):
         image, found[start] = row_image(table, state, start)
+        images.insert(0, image)
         bottom = -(place + 1) * side
-        draw_pixels(ax, image, (0, image.shape[1], bottom, bottom + CELL), f"row-{start}")
         ax.text(-4, bottom + CELL / 2, f"k = {start}", ha="right", va="center")
         dot = (here(grid, state) - grid.lower[:2]) / (np.array(grid.upper[:2]) - grid.lower[:2]) * CELL
         columns = side * np.arange(table.steps - start + 1)
@@ -128,6 +133,7 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
         if (n := found[start]) is not None:
             looks = {"facecolor": "none", "edgecolor": OUTCOME_INK, "linewidth": 1.8, "gid": f"frame-{start}"}
             ax.add_patch(Rectangle((n * side, bottom), CELL, CELL, zorder=6.0, **looks))
+    draw_pixels(ax, np.concatenate(images), (0, (table.steps + 1) * side, -len(images) * side, 0), "rows")
     for n in range(table.steps + 1):
         ax.text(n * side + CELL / 2, 3, f"n = {n}", ha="center", va="bottom")
     ax.set(xlim=(-20, (table.steps + 1) * side), ylim=(-len(states) * side - 2, 18), aspect="equal")

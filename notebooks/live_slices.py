@@ -33,10 +33,11 @@ def slice_values(
 
     The axes that are left out are interpolated first, on the nodes, so that only the slice itself is made fine.
     """
-    slab = np.asarray(values, dtype=np.float64)
+    slab = np.asarray(values)
     for axis in reversed(range(grid.ndim)):
         if axis not in axes:
-            slab = np.tensordot(_weights(grid, axis, np.array([through[axis]]))[0], slab, axes=(0, axis))
+            weights = _weights(grid, axis, np.array([through[axis]]))[0]
+            slab = sum(weights[node] * slab.take(node, axis) for node in np.flatnonzero(weights))
     return _weights(grid, axes[1], y) @ slab.T @ _weights(grid, axes[0], x).T
 
 

@@ -17,6 +17,7 @@ import ipywidgets
 import matplotlib as mpl
 import numpy as np
 from IPython.display import Image, display
+from live_figure import LiveFigure
 from matplotlib.figure import Figure
 
 from sdhj.arm.case_studies import scene
@@ -31,29 +32,18 @@ Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
 
 
-def render(
-    draw: Draw, size: tuple[float, float], *data: Any, places: list[Any] | None = None, **values: Any
-) -> tuple[bytes, dict[str, float | str]]:
-    """Draw on a new figure and return its PNG file and the numbers that `draw` returned.
+def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes, dict[str, float | str]]:
+    """Draw on a figure, cleared before, and return its PNG file and the numbers that `draw` returned.
 
-    `draw` takes a figure, or the only axes of one where its first argument is named "ax". `places` remembers where the
-    axes came to lie, so that the next picture need not lay them out again, which takes longer than to draw them. Where
-    it follows a slider write "n = 3", not "$n = 3$": each new figure parses formulas again (`live_slices.frame_live`).
+    `draw` takes a figure, or the only axes of one where its first argument is named "ax". Where it follows a slider
+    write "n = 3", not "$n = 3$": to parse a formula takes longer than to draw it (`live_slices.frame_live`).
     """
     with style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
-        figure = new_figure(*size, layout="none" if places else "constrained")
+        figure.clear()
         first = next(iter(inspect.signature(draw).parameters))
         numbers = draw(figure.subplots() if first == "ax" else figure, *data, **values)
-        if places and len(places) == len(figure.axes):
-            for ax, place in zip(figure.axes, places, strict=True):
-                ax.set_position(place)
-        elif places:
-            figure.set_layout_engine("constrained")
         told = dict(numbers) if isinstance(numbers, Mapping) else {}
-        png = _png(figure, _told(told))
-        if places is not None:
-            places[:] = [ax.get_position(original=True) for ax in figure.axes]
-        return png, told
+        return _png(figure, _told(told)), told
 
 
 def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
@@ -66,7 +56,9 @@ def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
 
 def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str = "", **values: Any) -> None:
     """Show draw(figure or axes, *data, **values) once; `size` in inches, `alt` a description for screen readers."""
-    png, numbers = render(draw, size, *data, **values)
+    with style():
+        figure = new_figure(*size)
+    png, numbers = render(draw, figure, *data, **values)
     display(Image(data=png, format="png", alt=alt or _first_line(draw)))
     if numbers:
         print(_told(numbers))
@@ -94,7 +86,7 @@ def _number(value: float | str) -> str:
 
 @contextmanager
 def garbage_waits() -> Iterator[None]:
-    """Until the picture is there: a figure is 10^5 new objects, and looking for garbage among them takes a quarter."""
+    """Until the picture is there: a picture is 10^5 new objects, and looking for garbage among them takes a quarter."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -128,6 +120,8 @@ class Explorer:
         What the picture shown now says.
     error : str
         Why the last change was refused; empty where it was not.
+    figure : LiveFigure
+        What all pictures are drawn on.
     """
 
     def __init__(
@@ -139,14 +133,15 @@ class Explorer:
         slow: bool = False,
         alt: str = "",
     ) -> None:
-        self.draw, self.controls, self.size, self.slow, self.alt = draw, dict(controls), size, slow, alt
+        self.draw, self.controls, self.slow, self.alt = draw, dict(controls), slow, alt
         self.numbers: dict[str, float | str] = {}
         self.error = ""
         self._picture: Any = None
-        self._places: list[Any] = []
+        with style():
+            self.figure = LiveFigure(size, DPI)
         self._status = ipywidgets.HTML()
         self._asked = self.values
-        self.png, self.numbers = render(draw, size, places=self._places, **self._asked)  # raises what is refused
+        self.png, self.numbers = render(draw, self.figure, **self._asked)  # raises what is refused
         self._tell()
         for control in self.controls.values():
             control.observe(self._changed, names="value")
@@ -170,7 +165,7 @@ class Explorer:
             self._status.value = WORKING
         with garbage_waits():
             try:
-                self.png, self.numbers = render(self.draw, self.size, places=self._places, **self._asked)
+                self.png, self.numbers = render(self.draw, self.figure, **self._asked)
                 self.error = ""
             except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
                 self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"

@@ -17,7 +17,7 @@ from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_i
 from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
 from chapter_07 import explore_plane_game, explore_row
 from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_09 import explore_gap, explore_surface, turned
+from chapter_09 import explore_gap, explore_surface, paint, turned
 from chapter_11 import explore_lookup, explore_pursuit, explore_run
 from chapter_12 import explore_interpolation
 from chapter_13 import explore_certified, explore_line
@@ -25,12 +25,14 @@ from chapter_14 import explore_evader
 from chapter_15 import explore_car
 from checks_15 import reference_car
 from live_slices import slice_values, steps_image
+from matplotlib.axis import Tick
 from matplotlib.figure import Figure
 from paper import paper_figure, starts_of_runs
 from PIL import Image
 
 import sdhj
 from sdhj.plotting import plane
+from sdhj.plotting.looks import style
 from sdhj.schemes import Scheme
 from sdhj.table import LookupTable
 
@@ -65,16 +67,40 @@ def ends(control: Any) -> tuple[Any, Any]:
     return control.min, control.max
 
 
+def pixels(png: bytes) -> Any:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def drawn_anew(explorer: widgets.Explorer) -> Any:
+    """The explorer's picture on one of Matplotlib's own figures, its axes where the explorer has them."""
+    kept = explorer.figure
+
+    class Placed(Figure):
+        def add_subplot(self, *args: Any, **options: Any) -> Any:
+            ax = super().add_subplot(*args, **options)
+            ax.set_position(kept.axes[len(self.axes) - 1].get_position(original=True))
+            return ax
+
+    with style():
+        figure = Placed(kept.get_size_inches(), dpi=widgets.DPI)
+    return pixels(widgets.render(explorer.draw, figure, **explorer.values)[0])
+
+
 def visit_corners(explorer: widgets.Explorer) -> list[dict[str, Any]]:
-    """Move every control to both ends on its own, then all at once; the numbers shown at each stop."""
+    """Move every control to both ends on its own, then all at once; the numbers shown at each stop.
+
+    At one end of each, and for one end of all, the picture is compared to one on a figure that never showed another.
+    """
     shown = []
     first = explorer.values
     stops = [{name: end} for name, control in explorer.controls.items() for end in ends(control)]
     stops += [{name: ends(control)[side] for name, control in explorer.controls.items()} for side in (0, 1)]
-    for stop in stops:
+    for place, stop in enumerate(stops):
         shown.append(dict(explorer.set(**first | stop)))
         assert explorer.error == "", f"{stop}: {explorer.error}"
         assert explorer.png.startswith(PNG)
+        if place % 2:
+            np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=str(stop))
     explorer.set(**first)
     return shown
 
@@ -240,6 +266,28 @@ def test_turning_keeps_lengths(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), np.linalg.norm(points, axis=1), rtol=1e-12)
     towards = turned(np.array([[1.0, 0.0, 0.0]]), 0.0, 0.0)
     np.testing.assert_allclose(towards, [[0.0, 0.0, 1.0]], atol=1e-12)  # seen from the x axis, it points at us
+
+
+def test_paint_shows_the_nearest_triangle(rng: np.random.Generator) -> None:
+    """Each pixel on its own: barycentric coordinates from a linear system, then the highest of all that hold it."""
+    side = 24
+    triangles = rng.uniform(-6, side + 6, (30, 3, 3))  # some of them partly outside
+    triangles[0, 2] = (triangles[0, 0] + triangles[0, 1]) / 2  # seen from its side
+    colours = rng.integers(0, 255, (30, 3)).astype(np.uint8)
+    image, heights = np.zeros((side, side, 4), dtype=np.uint8), np.full((side, side), -np.inf)
+    paint(triangles, colours, image, heights)
+    expected = np.zeros_like(image)
+    for y, x in np.ndindex(side, side):
+        found = []
+        for place, triangle in enumerate(triangles[1:], 1):
+            shares = np.linalg.solve(np.vstack([triangle[:, :2].T, np.ones(3)]), (x, y, 1.0))
+            if shares.min() >= 0:
+                found.append((shares @ triangle[:, 2], place))
+        if found:
+            height, place = max(found)
+            expected[y, x] = *colours[place], 255
+            assert heights[y, x] == pytest.approx(height, abs=1e-9)  # rounding of coordinates up to 30
+    np.testing.assert_array_equal(image, expected)
 
 
 def test_interpolation_at_the_corners() -> None:
@@ -413,16 +461,75 @@ def test_what_plays_begins_where_the_slider_is() -> None:
 
 
 def test_a_picture_holds_what_it_says() -> None:
-    png, _ = widgets.render(draw_share, (4.0, 3.0), share=0.5)
-    assert Image.open(io.BytesIO(png)).info["Description"] == "share: 0.5"
+    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
+    for _ in range(2):
+        assert Image.open(io.BytesIO(explorer.png)).info["Description"] == widgets._told(explorer.numbers)
+        explorer.set(share=0.2)
 
 
-def test_axes_stay_where_the_first_picture_had_them() -> None:
-    places: list[Any] = []
-    one, _ = widgets.render(draw_share, (4.0, 3.0), places=places, share=0.5)
-    kept = list(places)
-    two, _ = widgets.render(draw_share, (4.0, 3.0), places=places, share=0.5)
-    assert one == two and [list(p.bounds) for p in places] == [list(p.bounds) for p in kept]
+# ---- the figure that it draws on
+
+
+def draw_anything(figure: Figure, axes: int, wide: bool, share: float) -> None:
+    """Other axes, ticks, labels, limits, legends, frames and words at each setting."""
+    row = figure.subplots(1, axes, squeeze=False, sharey=axes == 3)[0]
+    for number, ax in enumerate(row):
+        ax.plot([0, 1], [0, 1 + share], label="a line")
+        if wide:
+            ax.set(xticks=[0.1, 0.5], ylabel="height", title="wide", ylim=(-3, 3))
+        if share > 0.5:
+            ax.legend()
+            ax.set(xlabel=f"{share}", aspect="equal")
+            ax.imshow(np.eye(3) * share)
+        elif number:
+            ax.axis("off")
+            ax.text(0.5, 0.5, "no frame")
+    if share > 0.8:
+        figure.legend(handles=row[0].lines)
+        figure.text(0.5, 0.5, "on top")
+
+
+def test_a_figure_forgets_what_it_showed() -> None:
+    controls = {"axes": widgets.slider("axes", 1, 3, 1, 2), "wide": widgets.choice("wide", (False, True), False)}
+    explorer = widgets.Explorer(draw_anything, controls | {"share": slider(0.5)})
+    tried = [(2, True, 0.5), (2, True, 0.6), (2, False, 0.9), (2, False, 0.2), (2, True, 0.2), (1, False, 0.2)]
+    for axes, wide, share in [*tried, (3, True, 1.0), (3, True, 0.1), (2, False, 0.9), (2, False, 0.0)]:
+        explorer.set(axes=axes, wide=wide, share=share)
+        np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer), err_msg=f"{axes}, {wide}, {share}")
+
+
+def test_axes_are_made_once_and_framed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which is what takes time; the picture follows all the same."""
+
+    def draw(figure: Figure, share: float) -> None:
+        ax = figure.subplots()
+        ax.plot([0, 1], [0, share])
+        ax.set(xlim=(0, 2), ylim=(0, 2))
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
+    (ax,), before = explorer.figure.axes, explorer.png
+    explorer.set(share=0.4)
+    monkeypatch.setattr(Tick, "draw", lambda *_: pytest.fail("drawn again"))
+    explorer.set(share=0.3)
+    assert explorer.error == "" and explorer.figure.axes == [ax] and explorer.png != before
+
+
+def test_what_was_refused_half_drawn_leaves_no_trace() -> None:
+    def draw(figure: Figure, share: float) -> None:
+        left, right = figure.subplots(1, 2)
+        left.plot([0, share])
+        if share > 0.8:
+            raise ValueError("not more than 0.8")
+        right.plot([share, 0])
+        right.set_title(r"$\no$" if share > 0.6 else "")  # fails only when it is drawn
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
+    for refused in (0.9, 0.7):
+        explorer.set(share=refused)
+        assert explorer.error
+        explorer.set(share=0.2)
+        np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
+        explorer.set(share=0.5)
 
 
 def shown_by(act: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
