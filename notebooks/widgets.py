@@ -9,6 +9,7 @@ import gc
 import html
 import inspect
 import io
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -23,6 +24,7 @@ from matplotlib.figure import Figure
 from sdhj.arm.case_studies import scene
 from sdhj.plotting.looks import UNDATED, new_figure, style
 from sdhj.problem import ReachAvoidProblem
+from sdhj.resolution import ResolutionWarning
 from sdhj.table import Table
 
 DPI = 115
@@ -100,7 +102,8 @@ class Explorer:
     """Controls and a picture that answers to them.
 
     What `draw` refuses, by an exception of any kind, is told in words below the controls, and the picture stays that of
-    the last setting that could be drawn. A value that comes back from the browser rounded is no new value.
+    the last setting that could be drawn. What a solve says that its grid does not see is told beside the numbers. A
+    value that comes back from the browser rounded is no new value.
 
     Parameters
     ----------
@@ -141,7 +144,8 @@ class Explorer:
             self.figure = LiveFigure(size, DPI)
         self._status = ipywidgets.HTML()
         self._asked = self.values
-        self.png, self.numbers = render(draw, self.figure, **self._asked)  # raises what is refused
+        self._unseen: dict[tuple[Any, ...], str] = {}  # what solves said, by the controls' values: each solves once
+        self._render()  # raises what is refused
         self._tell()
         for control in self.controls.values():
             control.observe(self._changed, names="value")
@@ -157,6 +161,21 @@ class Explorer:
             self.controls[name].value = value
         return self.numbers
 
+    def _render(self) -> None:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            self.png, self.numbers = render(self.draw, self.figure, **self._asked)
+        for warning in told:
+            if issubclass(warning.category, ResolutionWarning):
+                self._unseen[tuple(self._asked.values())] = str(warning.message)
+            else:
+                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+    @property
+    def note(self) -> str:
+        """What the solve of the picture shown now said that its grid does not see; empty where it sees all."""
+        return self._unseen.get(tuple(self._asked.values()), "")
+
     def _changed(self, _change: Any) -> None:
         if self.values == self._asked:
             return
@@ -165,7 +184,7 @@ class Explorer:
             self._status.value = WORKING
         with garbage_waits():
             try:
-                self.png, self.numbers = render(self.draw, self.figure, **self._asked)
+                self._render()
                 self.error = ""
             except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
                 self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
@@ -178,7 +197,8 @@ class Explorer:
             reason = f"Not possible: {html.escape(self.error)}.<br>The picture is still that of the setting before."
             self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
         else:
-            self._status.value = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
+            told = "<br>".join(html.escape(text) for text in (_told(self.numbers), self.note) if text)
+            self._status.value = f"<div role='status' style='line-height:1.4'>{told}</div>"
 
     def _image(self) -> Image:
         alt = self.alt or _first_line(self.draw)

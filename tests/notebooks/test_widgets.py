@@ -4,6 +4,7 @@ import gc
 import io
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -343,6 +344,16 @@ def test_arm_game_at_the_corners() -> None:
     visit_corners(explorer)
     strong = explorer.set(v_d=2.0)["share of C inside"]
     assert explorer.set(v_d=0.0)["share of C inside"] > strong
+
+
+def test_what_a_coarse_grid_hides_is_told_below_the_picture_also_the_second_time() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        explorer = explore_arm_game(nodes=15, method="lax")
+        for moved in (1.0, 0.3):
+            assert "hides between the nodes" in explorer.note and "hides between" in explorer.panel().children[1].value
+            explorer.set(v_d=moved)
+    assert explore_arm_game(nodes=7, method="lax").note == ""  # every cell is near a node that sees
 
 
 @pytest.mark.slow
