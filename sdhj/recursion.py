@@ -21,7 +21,7 @@ from sdhj.games import KEPT, Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
-from sdhj.resolution import check_resolution
+from sdhj.resolution import check_promises, check_resolution
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -226,4 +226,6 @@ class GridSets:
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
-        return table.finish(self.told | told | dict(details))
+        table = table.finish(self.told | told | dict(details))
+        check_promises(table, stacklevel=3)
+        return table
