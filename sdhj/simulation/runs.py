@@ -346,7 +346,8 @@ def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) 
         moment = replace(begun, states=states, substep=substep, time=now, remaining=left, previous=v)
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
-        clearance = begun.problem.unsafe_value(states, now + begun.duration)
+        met = begun.problem.grid.held(states, "safe")  # what lies beyond a safe end no longer matters
+        clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
         if begun.problem.stays:
