@@ -31,13 +31,15 @@ class ResolutionWarning(UserWarning):
 
 
 def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
-    """Warn of unsafe sets that hide between the nodes, and of level-set functions that jump at the set's boundary."""
+    """Warn of unsafe sets that hide between nodes or are too thin, and of level-set functions that jump at the edge."""
+    from sdhj.thin import too_thin
+
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            if told := _hidden(problem, part, t) or _abrupt(problem, part, t):
+            if told := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
                 warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
 
