@@ -228,4 +228,6 @@ class GridSets:
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
+        if self.problem.steps is None:
+            told["endless"] = True
         return table.finish(self.told | told | dict(details))
