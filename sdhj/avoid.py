@@ -50,7 +50,7 @@ def dangers(problem: ReachAvoidProblem) -> list[Danger]:
 def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
     """The avoid tubes for every input: of what stands still once, of what moves for each step.
 
-    `games` are those of the problem; `make` makes those of a wide one.
+    `games` are those of the problem, with a rim where it has safe ends; `make` makes those of a wide one.
     """
     count, felt, everything = len(problem.inputs), set(), dangers(problem)
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
@@ -77,7 +77,9 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
                 "between the nodes (use more, or enlarge it), or is out of reach",
                 stacklevel=5,
             )
-    return AvoidTubes(axes[0], static, axes[1], moving)
+    inner = [tuple(problem.grid.inner[axis] for axis in own) for own in axes]
+    static, moving = static[(slice(None), *inner[0])], moving[(slice(None), slice(None), *inner[1])]
+    return AvoidTubes(axes[0], np.ascontiguousarray(static), axes[1], np.ascontiguousarray(moving))
 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
@@ -90,6 +92,12 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
     more = int(np.ceil(speed * delta / grid.spacing[own])) + MARGIN
     widened = np.array([more * (i == own) for i in range(len(axes))])
+    # who leaves over a safe end is out of danger here too
+    ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
+    rim = [
+        (a + more * (i == own and ends[i][0] == "safe"), b + more * (i == own and ends[i][1] == "safe"))
+        for i, (a, b) in enumerate(grid.rim)
+    ]
     wide = ReachAvoidProblem(
         grid=Grid(
             (np.array(grid.lower) - widened * grid.spacing).tolist(),
@@ -97,7 +105,8 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
             [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
             grid.periodic,
             grid.names,
-            ends="wall",
+            ends,
+            rim,
         ),
         dynamics=_on_axes(problem, axes),
         target=ANYWHERE,

@@ -83,8 +83,8 @@ RULES: dict[str, Rule] = {  # of the scores (P,) the least wins
 class Controller:
     """Set-valued feedback from a table, for any state, on or off the grid (Algorithm 2).
 
-    Queries of one state may come from several threads at once, also while a solve runs. Where neither target nor unsafe
-    sets depend on the time, `select(q, 0)` is right at any time, so a robot may run for as long as it likes.
+    Queries of one state may come from several threads at once, also while a solve runs. Where nothing depends on time
+    the step may be left out: what is right at step 0 is at any time, so a robot may run for as long as it likes.
 
     Parameters
     ----------
@@ -110,12 +110,12 @@ class Controller:
 
     # ---- one state
 
-    def steps_to_go(self, q: FloatArray, step: int) -> int | None:
+    def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
         """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible."""
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
 
-    def safe_inputs(self, q: FloatArray, step: int) -> FloatArray:
+    def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
 
         With no steps to go they bring the state back into the target one step later. None at the last step. Where no
@@ -128,7 +128,7 @@ class Controller:
         """
         return np.flatnonzero(self._admissible(q, step).safe[0])
 
-    def select(self, q: FloatArray, step: int) -> int:
+    def select(self, q: FloatArray, step: int | None = None) -> int:
         """Index into problem.inputs of the safe input that the rule prefers.
 
         Raises
@@ -149,19 +149,24 @@ class Controller:
             )
         return chosen
 
-    def fallback(self, q: FloatArray, step: int) -> "Fallback":
+    def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets longest from any q (ndim,): see `sdhj.shield.Fallback`."""
         from sdhj.shield import fallback
 
-        return fallback(self.table, q, step)
+        return fallback(self.table, q, self._at(step))
 
-    def _query(self, q: FloatArray, step: int) -> Batch:
+    def _at(self, step: int | None) -> int:
+        if step is None and not self.problem.timeless:
+            raise ValueError("the answer depends on time: say at which step, for example select(q, step=0)")
+        return 0 if step is None else step
+
+    def _query(self, q: FloatArray, step: int | None) -> Batch:
         state, shape = np.asarray(q, dtype=np.float64), (self.problem.grid.ndim,)
         if state.shape != shape:
             raise ValueError(f"a state must have shape {shape}, got {state.shape}; for many states use batch()")
-        return self.table.batch(state[None], step)
+        return self.batch(state[None], step)
 
-    def _admissible(self, q: FloatArray, step: int) -> Batch:
+    def _admissible(self, q: FloatArray, step: int | None) -> Batch:
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
@@ -183,11 +188,11 @@ class Controller:
 
     # ---- many states
 
-    def batch(self, states: FloatArray, step: int) -> Batch:
+    def batch(self, states: FloatArray, step: int | None = None) -> Batch:
         """Steps to go and safe inputs of states (M, ndim) at one step, on all cores: see `Table.batch`."""
-        return self.table.batch(states, step)
+        return self.table.batch(states, self._at(step))
 
-    def filter(self, q: FloatArray, step: int, wanted: Any) -> "Filtered":
+    def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """What a commander wants where it is safe, else the nearest safe input, else the fallback.
 
         Safe is every input after which the target can still be reached by the last step, not only in the fewest. For
@@ -197,7 +202,7 @@ class Controller:
         """
         from sdhj.shield import filtered
 
-        return filtered(self.table, q, step, wanted)
+        return filtered(self.table, q, self._at(step), wanted)
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""

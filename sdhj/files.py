@@ -13,6 +13,7 @@ import reprlib
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -193,7 +194,8 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     path : path
     problem : ReachAvoidProblem, optional
         The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds
-        functions that no file can hold, so give it here. It must have the digest that the file records.
+        functions that no file can hold, so give it here. It must have the digest that the file records; where it gives
+        no number of steps, with as many as the file says that it took.
 
     Raises
     ------
@@ -212,6 +214,8 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
                     f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
                 )
             problem = imported(rebuild)(recipe)
+        if problem.steps is None and json.loads(attrs["details"]).get("endless"):
+            problem = replace(problem, steps=int(attrs["steps"]))  # as many as it took
         if problem.digest != (digest := str(attrs["digest"])):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "

@@ -45,6 +45,9 @@ class Grid:
         what leaves there is out of danger for good (for problems without a target). One word stands for all axes.
     names : sequence of str, optional
         Axis labels, for plots and files.
+    rim : sequence of (int, int), optional
+        How many of an axis's nodes are past its lower and its upper end: the games are played on a grid that goes on
+        past safe ends (`sdhj.rim`). Default: none.
 
     Raises
     ------
@@ -58,6 +61,7 @@ class Grid:
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
+    rim: tuple[tuple[int, int], ...] = ()
 
     def __init__(
         self,
@@ -67,6 +71,7 @@ class Grid:
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] = ENDS[0],
+        rim: Sequence[Any] = (),
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
@@ -91,6 +96,8 @@ class Grid:
         if len(pairs) != ndim or any(len(pair) != 2 or not set(pair) <= set(ENDS) for pair in pairs):
             raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {ends!r}")
         object.__setattr__(self, "ends", pairs)
+        rim = rim if len(rim) else [(0, 0)] * ndim
+        object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
 
     @property
     def ndim(self) -> int:
@@ -142,7 +149,13 @@ class Grid:
         def pick(field: tuple[Any, ...]) -> list[Any]:
             return [field[axis] for axis in axes]
 
-        return Grid(*(pick(getattr(self, one)) for one in ("lower", "upper", "shape", "periodic", "names", "ends")))
+        fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
+        return Grid(*(pick(getattr(self, one)) for one in fields))
+
+    @property
+    def inner(self) -> tuple[slice, ...]:
+        """The nodes that are past no end."""
+        return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.rim, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
         """Values (shape `shape`) at the two nodes of every edge along an axis, two views of one shape."""
@@ -188,7 +201,7 @@ class Grid:
     @cached_property
     def arrays(self) -> Lattice:
         """The grid as compiled code reads it."""
-        least, most = self.faces("unsafe")
+        (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
         slack = SLACK * np.array(self.spacing)
         return Lattice(
             np.array(self.lower),
@@ -197,19 +210,29 @@ class Grid:
             np.array(self.periodic, dtype=np.bool_),
             least - slack,
             most + slack,
+            np.array([low - slack, high + slack]),
         )
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
         if kinds not in self._faces:
             told = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
-            low, high = np.where(told[:, 0], self.lower, -np.inf), np.where(told[:, 1], self.upper, np.inf)
-            self._faces[kinds] = low, high
+            past = np.array(self.rim).T * self.spacing
+            low = np.where(told[:, 0], self.lower + past[0], -np.inf)
+            self._faces[kinds] = low, np.where(told[:, 1], self.upper - past[1], np.inf)
         return self._faces[kinds]
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
         return {}
+
+    def to_ends(self, kind: str) -> FloatArray:
+        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
+        out = np.full((1,) * self.ndim, np.inf)
+        for axis, (low, high) in enumerate(zip(*self.faces(kind), strict=True)):
+            nodes = self.nodes(axis)
+            out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
+        return out
 
     def held(self, states: FloatArray, *kinds: str) -> FloatArray:
         """States (M, ndim) clipped to the ends of these kinds, by default to walls."""

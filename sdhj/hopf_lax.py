@@ -29,6 +29,7 @@ from numba import prange
 
 from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
+from sdhj.rim import out_of_danger
 from sdhj.stages import MATH, raise_to
 
 INTERPOLATIONS = ("linear", "limited")
@@ -156,4 +157,4 @@ def maximum_over_boxes(
             moved = values if same else maximum_over_interval(grid, values, axis, *span, interpolation)
             yield from descend(moved, depth + 1, chosen)
 
-    yield from descend(np.asarray(values), 0, range(len(low)))
+    yield from descend(out_of_danger(grid, np.asarray(values)), 0, range(len(low)))

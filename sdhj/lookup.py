@@ -147,23 +147,25 @@ def _worst_values(values, state, reach, own, lattice, room, out):
     """out[j] = maximum of the interpolated `values` over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.hopf_lax`, so it errs to the safe side. A box that goes past an unsafe
-    end has +inf.
+    end has +inf, one that is past a safe end with all it has -inf.
     """
     _gather(values, state, reach, own, lattice, room)
     low, high, order, rest = reach.low[own], reach.high[own], reach.order, room.rest
     for j in range(out.size):
-        same, lost = j > 0, False  # as for the input before
+        same, lost, left = j > 0, False, False  # as for the input before
         for a in range(order.size):
             axis = order[a]
             same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
             lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
             lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
+            left = left or state[axis] + high[j, axis] < lattice.left[0, axis]
+            left = left or state[axis] + low[j, axis] > lattice.left[1, axis]
             if not same:
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - room.begin[a]) * rest[a + 1]
                 _reduce(room.values, source, last - first + 2, rest[a + 1], near, far)
-        out[j] = np.inf if lost else room.values[1]
+        out[j] = np.inf if lost else -np.inf if left else room.values[1]
 
 
 @kernel(**UNCOUNTED)

@@ -17,6 +17,7 @@ from sdhj.checks import ascending, check_function, finite_array, number, option,
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
+from sdhj.rim import with_rim
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # times as deep inside, by sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
@@ -286,13 +287,22 @@ class ReachAvoidProblem:
     def _intervals(self) -> dict[int, Interval]:
         return {}
 
+    @cached_property
+    def rimmed(self) -> "ReachAvoidProblem":
+        """This problem as the games are played: on a grid that goes on past its safe ends (`sdhj.rim`)."""
+        return with_rim(self)
+
     def moves(self, part: UnsafeSet) -> bool:
         """Whether the avoid tubes of an unsafe set differ from step to step."""
         return part.moving or self.dynamics.timed
 
     def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need."""
-        axes: tuple[int, ...] = part.axes
+        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need.
+
+        And those with safe ends: who has left over one is met by nothing.
+        """
+        safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
+        axes: tuple[int, ...] = tuple(sorted({*part.axes, *np.flatnonzero(safe).tolist()}))
         intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
         while (grown := reduce(lambda known, interval: interval.closed(known), intervals, axes)) != axes:
             axes = grown
@@ -357,24 +367,15 @@ class ReachAvoidProblem:
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
-        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends, with what lies beyond
-        safe ones.
+        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends.
         """
         t, grid = self.time(step), self.grid
         values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
         for part in self.unsafe:
             values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
         if self.stays:
-            values = np.minimum(np.maximum(values, -self.to_ends("unsafe")), self.to_ends("safe"))
+            values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
-
-    def to_ends(self, kind: str) -> FloatArray:
-        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
-        grid, out = self.grid, np.full((1,) * self.grid.ndim, np.inf)
-        for axis, (low, high) in enumerate(zip(*grid.faces(kind), strict=True)):
-            nodes = grid.nodes(axis)
-            out = np.minimum(out, grid.lift(np.minimum(nodes - low, high - nodes), (axis,)))
-        return out
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""

@@ -318,8 +318,8 @@ class Projected:
         dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
 
         def games(played: ReachAvoidProblem) -> ProjectedGames | HJIGames | HopfLaxGames:
-            if played is not problem:  # the ends of an axis, on the few axes that it needs
+            if played is not problem.rimmed:  # the ends of an axis, on the few axes that it needs
                 return self.inner.on(played)
-            return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), subspaces)
+            return ProjectedGames(played, lambda axes: self.inner.on(played, axes), subspaces)
 
         return ProjectedSets(problem, self.name, games, dtype, told)

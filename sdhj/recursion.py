@@ -182,8 +182,8 @@ class GridSets:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
         check_resolution(problem, stacklevel=4)
         self.timeless = problem.timeless
-        self.problem, self.games, self.told = problem, games(problem), dict(told or {})
-        tubes = avoid_tubes(problem, games, self.games)
+        self.problem, self.games, self.told = problem, games(problem.rimmed), dict(told or {})
+        tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         self.joint = getattr(self.games, "joint", False) and not any(
             np.isfinite(face).any() for face in problem.grid.faces("unsafe")
@@ -203,12 +203,14 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         tube[:] = np.inf if stays else before
-        for j, reach in self.games.reach(table.value_array(step + 1, within - 1), step):
+        played, values = self.problem.rimmed.grid, table.value_array(step + 1, within - 1)
+        if played is not self.problem.grid:
+            values = np.pad(values, played.rim, "edge")
+        for j, reach in self.games.reach(values, step):
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
-            add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
+            add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach[played.inner]), *walls, np.uint8(1 << j % 8))
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
-            np.minimum(tube, self.problem.to_ends("safe"), out=tube)
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
@@ -226,6 +228,7 @@ class GridSets:
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
+        told |= {"endless": True} if self.problem.steps is None else {}
         table = table.finish(self.told | told | dict(details))
         check_promises(table, stacklevel=3)
         return table

@@ -25,7 +25,7 @@ FINE = 4  # parts of a cell's edge, where the least value in it is asked for
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
 TIMES = 3  # at which a moving set is looked at
 ASKED = 4000  # states, whether an input is promised there
-FEW = 20  # steps, in which a state without one is met in less than half of the runs even where they are 3 % of all
+BRIEF = 20  # steps, in which a state without one is met in less than half of the runs even where they are 3 % of all
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -34,13 +34,15 @@ class ResolutionWarning(UserWarning):
 
 
 def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
-    """Warn of unsafe sets that hide between the nodes, and of level-set functions that jump at the set's boundary."""
+    """Warn of unsafe sets that hide between nodes or are too thin, and of level-set functions that jump at the edge."""
+    from sdhj.thin import too_thin
+
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            if told := _hidden(problem, part, t) or _abrupt(problem, part, t):
+            if told := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
                 warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
 
@@ -139,7 +141,7 @@ def check_promises(table: "LookupTable", stacklevel: int = 2) -> None:
     Between the nodes there are such states for every grid. A run of a few steps meets them rarely, and most of what is
     then chosen leads on; where one is met for certain before the target, runs end by standing there.
     """
-    if table.steps < FEW or table.problem.stays:
+    if table.steps < BRIEF or table.problem.stays:
         return
     grid = table.grid
     told = table.batch(np.random.default_rng(0).uniform(grid.lower, grid.upper, (ASKED, grid.ndim)), 0)

@@ -29,6 +29,7 @@ import numpy as np
 from sdhj.checks import option
 from sdhj.compiling import choice
 from sdhj.grid import FloatArray, Grid
+from sdhj.rim import most_on_rim, out_of_danger
 from sdhj.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 
 DTYPES = ("float32", "float64")
@@ -229,7 +230,7 @@ def evolve(
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(tau = 0) = values, with Phi >= obstacle if one is given.
+    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a rim, <= `most_on_rim`.
 
     Parameters
     ----------
@@ -242,8 +243,7 @@ def evolve(
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
-        Number of time steps; by default what the CFL condition asks for, which velocities that depend on tau do not
-        say: they need it.
+        Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for.
 
     Returns
     -------
@@ -258,15 +258,20 @@ def evolve(
         if callable(velocities):
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
         steps = velocities.steps(grid, duration, scheme.cfl)
-    layout, dt = layout_of(grid, scheme.order), duration / max(steps, 1)
-    phi, none = _padded(grid, layout, np.asarray(values), scheme.dtype), np.empty((0,) * grid.ndim, scheme.dtype)
-    wall = _over_time(obstacle, lambda g: none if g is None else _padded(grid, layout, np.asarray(g), scheme.dtype))
+    layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
+
+    def arranged(g: Any) -> FloatArray:
+        return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
+
+    phi, wall = arranged(values), _over_time(obstacle, arranged)
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    kind = np.dtype(scheme.dtype).type
+    kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
         stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        if most.size:
+            np.minimum(out, most, out=out)
 
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)

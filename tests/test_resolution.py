@@ -132,3 +132,93 @@ def test_a_steep_sampling_is_ten_times_as_deep_inside_and_else_the_same(rng):
 def test_an_unknown_sampling_is_refused():
     with pytest.raises(ValueError, match="sampling of the unsafe set 'unsafe' must be one of nodes, steep, cell"):
         UnsafeSet((0,), lambda p, t: p[:, 0], sampling="dense")
+
+
+TURNS = np.array([[v, w] for v in (-1.0, 1.0) for w in (-1.0, 0.0, 1.0)])
+
+
+def turning(q, u):
+    """Velocities of a unicycle at states (M, 3) under inputs (M, 2)."""
+    return np.stack([u[:, 0] * np.cos(q[:, 2]), u[:, 0] * np.sin(q[:, 2]), u[:, 1]], axis=1)
+
+
+def hall(level, nodes=31):
+    """A unicycle on 6 m x 6 m, by default nodes 0.2 m apart; behind x = 3 is the target."""
+    return ReachAvoidProblem(
+        Grid([0.0, 0.0, -np.pi], [6.0, 6.0, np.pi], [nodes, nodes, 24], [False, False, True]),
+        Dynamics(TURNS, lambda q, u: turning(q, np.tile(u, (len(q), 1))), np.zeros((3, 1)), [0.0]),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 4.6, p[:, 1] - 3.0) - 0.6),
+        (UnsafeSet((0, 1), lambda p, t: level(p), name="it"),),
+        delta=0.3,
+        steps=20,
+    )
+
+
+def wall(x, half):
+    return lambda p: np.maximum(np.abs(p[:, 0] - x) - half, p[:, 1] - 5.0)
+
+
+def disk(x, radius):
+    return lambda p: np.hypot(p[:, 0] - x, p[:, 1] - 3.0) - radius
+
+
+def aslant(half):
+    return lambda p: np.maximum(np.abs(p[:, 0] - p[:, 1]) / np.sqrt(2) - half, p.sum(axis=1) - 8.0)
+
+
+THIN = {"a node": wall(3.0, 0.11), "two": wall(3.1, 0.11), "aslant": aslant(0.1), "dot": disk(3.0, 0.1)}
+THICK = {"one deep node": wall(3.0, 0.19), "three": wall(3.0, 0.25), "aslant": aslant(0.25), "disk": disk(3.0, 0.3)}
+TIPS = {f"disk of {radius}": disk(3.0, radius) for radius in (0.401, 0.41, 0.601, 0.805)}  # poles of one node each
+TIPS["diamond"] = lambda p: np.abs(p - 3.0).sum(axis=1) - 0.61
+
+
+@pytest.mark.parametrize("name", THIN)
+def test_what_is_seen_but_thin_is_told(name):
+    with pytest.warns(ResolutionWarning, match="'it' is too thin for the grid at x1 = .* nodes along x1"):
+        check_resolution(hall(THIN[name]))
+
+
+def test_a_thin_wall_is_told_with_its_place_thickness_and_the_nodes_that_resolve_it():
+    with pytest.warns(ResolutionWarning) as told:
+        check_resolution(hall(wall(3.0, 0.11)))
+    assert "at x1 = 3, x2 = " in str(told[0].message) and "about 0.22 along x1 thick" in str(told[0].message)
+    assert "Use 70 nodes along x1, or" in str(told[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for nodes in (70, 71, 72):
+            check_resolution(hall(wall(3.0, 0.11), nodes))
+            check_resolution(hall(wall(3.03, 0.11), nodes))
+
+
+@pytest.mark.parametrize("shape", [*THICK.values(), *TIPS.values()], ids=[*THICK, *TIPS])
+def test_what_is_thick_and_tips_are_not_told(shape):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_resolution(hall(shape))
+
+
+@pytest.mark.slow
+def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
+    """Judged on the true unicycle: why the line is drawn at three quarters of a cell."""
+    lost = {}
+    for name, level in {"thin": wall(3.0, 0.11), "deep": wall(3.0, 0.19), "cell": wall(3.0, 0.11)}.items():
+        problem = hall(level)
+        if name == "cell":
+            problem = replace(problem, unsafe=(replace(problem.unsafe[0], sampling="cell"),))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            controller = Controller(sdhj.solve(problem, progress=False))
+        states = rng.uniform(problem.grid.lower, problem.grid.upper, (20_000, 3))
+        starts = states[controller.table.contains(states, start=0, within=20) & (states[:, 0] < 2.7)][:2000]
+        outcomes = judge.play(
+            lambda q, step, controller=controller: controller.choose(controller.batch(q, step)),
+            lambda q, u, v, t: turning(q, TURNS[u]),
+            lambda q, u, t, end: np.zeros((len(q), 1)),
+            lambda q, t: np.hypot(q[:, 0] - 4.6, q[:, 1] - 3.0) - 0.6,
+            lambda q, t, level=level: np.minimum(level(q), np.minimum(q, 6.0 - q)[:, :2].min(axis=1) + 1e-9),
+            starts,
+            delta=0.3,
+            steps=20,
+        )
+        lost[name] = np.mean(outcomes == "collided")
+    assert lost["thin"] > 0.05 and lost["deep"] < 0.02 and lost["cell"] < 0.02, lost

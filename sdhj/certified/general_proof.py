@@ -9,7 +9,8 @@ and at s, the middle of a time of length T. Over that time the state moves away 
 
 so its velocity is within A r + w + B T / 2 of f(c, u_j, s) throughout, and the box moves with it. The interval is cut
 into parts so that A r stays small. Nothing is integrated and no step is approximate. Walls only hold the state back: a
-box is cut at them.
+box is cut at them. What has left over a safe end is out of danger for good, so there too a box is cut, and what is left
+of it are the states of which something is still to be proved.
 """
 
 import itertools
@@ -108,12 +109,16 @@ def velocity_terms(
 
 @dataclass(frozen=True)
 class Boxes:
-    """Boxes with centres and half-widths, each (M, ndim), over a time [begin, end] of the interval."""
+    """Boxes with centres and half-widths, each (M, ndim), over a time [begin, end] of the interval.
+
+    `left` (M,) bool tells those that had left over a safe end before.
+    """
 
     centre: FloatArray
     half: FloatArray
     begin: float
     end: float
+    left: Any = False
 
     def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
         """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
@@ -229,8 +234,12 @@ class GeneralProof:
     def reached(
         self, low: FloatArray, high: FloatArray, j: int, start: float
     ) -> tuple[list[Boxes], FloatArray, FloatArray]:
-        """Tube (`Boxes` for each part) and image of boxes low..high (M, ndim) under u_j from `start` on."""
+        """Tube (`Boxes` for each part) and image of boxes low..high (M, ndim) under u_j from `start` on.
+
+        Of what has all left over a safe end the image is empty: its lower end is above the upper one.
+        """
         tube, held, time = [], self.problem.grid.held, self.problem.delta / self.parts
+        safe, left = self.problem.grid.faces("safe"), np.zeros(len(low), np.bool_)
         for part in range(self.parts):
             centre, half = (low + high) / 2, (high - low) / 2
             # past an unsafe end, where nothing is certified, the user's functions are not asked
@@ -241,10 +250,11 @@ class GeneralProof:
             away = (half + time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
             slack = away @ self.matrix.T + push
             after = held(low + time * (drift - slack)), held(high + time * (drift + slack))
-            least, most = np.minimum(low, after[0]), np.maximum(high, after[1])
-            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * time, (part + 1) * time))
-            low, high = after
-        return tube, low, high
+            least, most = held(np.minimum(low, after[0]), "safe"), held(np.maximum(high, after[1]), "safe")
+            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * time, (part + 1) * time, left))
+            left = left | ((after[0] > safe[1]) | (after[1] < safe[0])).any(axis=1)
+            low, high = held(after[0], "safe"), held(after[1], "safe")
+        return tube, low, np.where(left[:, None], low - 1.0, high)
 
     def prepare(self, progress: bool | None) -> tuple[dict[tuple[int, int], Any], FloatArray]:
         """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
@@ -266,7 +276,7 @@ class GeneralProof:
             out &= ~beyond(corner, "unsafe")
         for part in self.problem.unsafe:
             out &= boxes.values(self.problem, part, self.sets[part.name], start)[0] > 0.0
-        return out
+        return out | boxes.left
 
     def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
         """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
@@ -278,6 +288,7 @@ class GeneralProof:
                 first[axis], number[axis] = (table[own[axis].ravel()] for table in tables)
             else:
                 first[axis], number[axis] = cover(low[:, axis], high[:, axis], cells)
+        number[:, (low > high).any(axis=1)] = 0  # of what has left no cell is asked for
         return first, number
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:

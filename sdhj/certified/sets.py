@@ -47,6 +47,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds, velocity_bounds
 from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
@@ -101,6 +102,12 @@ class Certified:
             raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
+            if rebuild(problem.recipe).digest != problem.digest:  # its geometry is the recipe's, its target too
+                raise ValueError(
+                    f"the proof for the arm is of what {problem.recipe['builder']} builds, and this problem, with "
+                    f"{'no target' if problem.stays else 'other parts'}, is another: build it with other arguments, or "
+                    "give Certified(bounds=LipschitzBounds(...)), which proves any problem"
+                )
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
         return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
 

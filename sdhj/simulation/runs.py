@@ -37,6 +37,7 @@ REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
+FOREVER_PLAYED = 100  # steps, where staying clear has no end
 DRAWS = 1000  # rounds of rejection sampling before giving up
 
 
@@ -132,7 +133,13 @@ class Report:
 
 
 def simulate(
-    controller: Controller, q0: FloatArray, adversary: str | Adversary = "worst", seed: int = 0, *, walls: bool = True
+    controller: Controller,
+    q0: FloatArray,
+    adversary: str | Adversary = "worst",
+    seed: int = 0,
+    *,
+    walls: bool = True,
+    steps: int | None = None,
 ) -> Trajectory:
     """Run the closed loop once from state q0 (ndim,) at step 0.
 
@@ -145,13 +152,18 @@ def simulate(
     seed : int
     walls : bool
         Whether the plant is held by the walls of the grid; False plays beyond walls that are only assumed.
+    steps : int, optional
+        How many to play, more than the table has or fewer, where nothing depends on time: the table then is asked as of
+        step 0 at each of them. By default those of the table, one after the other; of a table solved with steps=None as
+        many, asked as of step 0, and without a target `FOREVER_PLAYED` = 100.
 
     Raises
     ------
     NotAdmissible
         Where no tube holds q0.
     ValueError
-        For a state that is not one, an unknown adversary, or one that leaves its bounds.
+        For a state that is not one, an unknown adversary, or one that leaves its bounds, or steps of what depends on
+        time.
     """
     check_controller(controller)
     play, seed = _adversary(adversary), whole("seed", seed, least=0)
@@ -165,7 +177,8 @@ def simulate(
         if moment.substep == 0:
             held.append((moment.inputs[0], moment.steps_to_go[0]))
 
-    outcomes, _ = rollouts(controller, start[None], play, np.random.default_rng(seed), watch, walls=walls)
+    rng, steps = np.random.default_rng(seed), _length(controller, steps)
+    outcomes, _ = rollouts(controller, start[None], play, rng, watch, walls=walls, steps=steps)
     inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
         times=np.array([0.0, *(t for t, _, _ in seen)]),
@@ -184,6 +197,7 @@ def monte_carlo(
     seed: int = 0,
     *,
     walls: bool = True,
+    steps: int | None = None,
     progress: bool | None = None,
 ) -> Report:
     """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
@@ -193,7 +207,7 @@ def monte_carlo(
     controller : Controller
     runs : int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-    walls : bool
+    walls, steps
         As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
     seed : int
         The same seed gives the same report, whatever the number of threads.
@@ -206,9 +220,8 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play = _adversary(adversary)
-    runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
-    began = time.perf_counter()
+    play, runs, seed = _adversary(adversary), whole("runs", runs, least=1), whole("seed", seed, least=0)
+    began, length = time.perf_counter(), _length(controller, steps)
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
@@ -216,7 +229,7 @@ def monte_carlo(
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         rng = np.random.default_rng(seeds[number])
         starts = admissible_states(controller, sizes[number], rng)
-        return (starts, *rollouts(controller, starts, play, rng, walls=walls))
+        return (starts, *rollouts(controller, starts, play, rng, walls=walls, steps=length))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
@@ -224,7 +237,7 @@ def monte_carlo(
         for result in pool.map(chunk, range(len(sizes))):
             bar.update(len(result[0]))
             results.append(result)
-    starts, outcomes, steps = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
+    starts, outcomes, taken = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
     return Report(
         runs=runs,
         adversary=named(adversary),
@@ -234,9 +247,21 @@ def monte_carlo(
         counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
         starts=starts,
         outcomes=outcomes,
-        steps=steps,
+        steps=taken,
         seconds=time.perf_counter() - began,
     )
+
+
+def _length(controller: Controller, steps: int | None) -> int | None:
+    """How many steps to play, asked as of step 0; None: those of the table, one after the other."""
+    table = controller.table
+    if steps is None and table.details.get("endless"):
+        return FOREVER_PLAYED if table.problem.stays else table.steps
+    if steps is not None and not table.problem.timeless:
+        raise ValueError(
+            f"runs follow the {table.steps} steps of the table, as something depends on time; leave out steps"
+        )
+    return None if steps is None else whole("steps", steps, least=1)
 
 
 def named(option: object) -> str:
@@ -292,20 +317,25 @@ def rollouts(
     watch: Watch | None = None,
     *,
     walls: bool = True,
+    steps: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,)."""
-    problem = controller.problem
+    """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,).
+
+    `steps` as `_length` returns them.
+    """
+    problem, last = controller.problem, controller.problem.steps if steps is None else steps
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
     outcomes[problem.unsafe_value(states, 0.0) <= 0] = COLLIDED
-    for step in range(problem.steps + 1):
+    for number in range(last + 1):
+        step, now = number if steps is None else 0, problem.time(number)
         alive = alive[outcomes[alive] == UNDECIDED]
-        inside = np.full(alive.size, problem.stays and step == problem.steps)
+        inside = np.full(alive.size, problem.stays and number == last)
         if alive.size and not problem.stays:
-            inside = problem.target_value(states[alive], problem.time(step)) <= 0
+            inside = problem.target_value(states[alive], now) <= 0
         outcomes[alive[inside]] = REACHED
         alive = alive[~inside]
-        if step == problem.steps or not alive.size:
+        if number == last or not alive.size:
             break
         batch = controller.batch(states[alive], step)
         inputs = controller.choose(batch)
@@ -322,7 +352,7 @@ def rollouts(
             steps_to_go=to_go,
             step=step,
             substep=0,
-            time=problem.time(step),
+            time=now,
             remaining=problem.delta,
             duration=problem.delta / SUBSTEPS,
             previous=np.zeros((alive.size, problem.dynamics.adversaries)),
@@ -346,7 +376,8 @@ def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) 
         moment = replace(begun, states=states, substep=substep, time=now, remaining=left, previous=v)
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
-        clearance = begun.problem.unsafe_value(states, now + begun.duration)
+        met = begun.problem.grid.held(states, "safe")  # what lies beyond a safe end no longer matters
+        clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
         if begun.problem.stays:

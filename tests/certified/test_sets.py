@@ -1,5 +1,6 @@
 """The method and its options, and what its tables promise: runs, whatever the adversary does."""
 
+import dataclasses
 import math
 
 import naive_certified as naive
@@ -76,3 +77,13 @@ def test_sets_survive_a_file(small, tmp_path, rng):
 def test_options_are_checked(options, message):
     with pytest.raises(ValueError, match=message):
         sdhj.Certified(**options).sets(sdhj.arm_case_study(**SMALL))
+
+
+def test_a_case_study_that_was_changed_is_refused():
+    """Its proof would be of what the recipe says: with a target, without the set added here."""
+    arm = sdhj.arm_case_study(nodes=9, steps=2)
+    wall = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.3, name="wall")
+    with pytest.raises(ValueError, match=r"what arm_case_study builds, and this problem, with no target, is another"):
+        sdhj.solve(dataclasses.replace(arm, target=None), sdhj.Certified(cells=(20, 20, 12, 12)))
+    with pytest.raises(ValueError, match=r"with other parts, is another: build it with other arguments, or give"):
+        sdhj.solve(dataclasses.replace(arm, unsafe=(*arm.unsafe, wall)), sdhj.Certified(cells=(20, 20, 12, 12)))

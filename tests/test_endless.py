@@ -1,0 +1,117 @@
+"""Tables of problems without a number of steps: kept in files, asked without a step, played for any time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_safety import double_integrator, too_far
+from toys import interval_problem
+
+import sdhj
+from sdhj import Controller, UnsafeSet
+from sdhj.simulation.runs import FOREVER_PLAYED
+
+NODES = (101, 101)
+
+
+@pytest.fixture(scope="module")
+def staying():
+    return sdhj.solve(double_integrator(None, 0.6, NODES), progress=False)
+
+
+@pytest.fixture(scope="module")
+def reaching():
+    return sdhj.solve(replace(interval_problem(), steps=None), progress=False)
+
+
+def same(one, other):
+    assert one.problem.digest == other.problem.digest and one.details == other.details and one.steps == other.steps
+    for name in ("index", "tubes", "masks"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_it_is_loaded_for_the_problem_that_it_was_solved_for(staying, reaching, tmp_path):
+    for table, problem in (
+        (staying, double_integrator(None, 0.6, NODES)),
+        (reaching, replace(interval_problem(), steps=None)),
+    ):
+        path = tmp_path / "table.h5"
+        table.save(path)
+        same(sdhj.load(path, problem=problem), table)
+        same(sdhj.load(path, problem=replace(problem, steps=table.steps)), table)
+        assert Controller(sdhj.load(path, problem=problem)).steps_to_go(np.zeros(problem.grid.ndim)) is not None
+
+
+def test_other_problems_are_still_told(staying, reaching, tmp_path):
+    path = tmp_path / "table.h5"
+    staying.save(path)
+    for other in (double_integrator(None, 0.5, NODES), double_integrator(None, 0.6), double_integrator(7, 0.6, NODES)):
+        with pytest.raises(sdhj.TableFileError, match="another problem"):
+            sdhj.load(path, problem=other)
+    finite = sdhj.solve(replace(interval_problem(), steps=reaching.steps), progress=False)
+    finite.save(path)  # what was solved for some steps is no answer for ever
+    with pytest.raises(sdhj.TableFileError, match=r"another problem.*steps is"):
+        sdhj.load(path, problem=replace(interval_problem(), steps=None))
+
+
+def test_no_step_is_asked_for(staying):
+    controller, q = Controller(staying), np.array([0.0, 2.0])
+    assert controller.steps_to_go(q) == controller.steps_to_go(q, 0) == 0
+    assert controller.safe_inputs(q).tolist() == controller.safe_inputs(q, 0).tolist() == [0]
+    assert controller.select(q) == 0 and controller.filter(q, wanted=2).inputs == 0
+    assert controller.fallback(np.array([0.9, 2.0])) == controller.fallback(np.array([0.9, 2.0]), 0)
+    np.testing.assert_array_equal(controller.batch(q[None]).safe, controller.batch(q[None], 0).safe)
+
+
+def test_what_depends_on_time_asks_for_the_step():
+    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0 + 0.1 * t) - 0.2, rate=0.1, name="moving")
+    controller = Controller(sdhj.solve(replace(interval_problem(), unsafe=(moving,)), progress=False))
+    q = np.zeros(1)
+    assert controller.steps_to_go(q, 0) is not None
+    for ask in (controller.steps_to_go, controller.safe_inputs, controller.select, controller.fallback):
+        with pytest.raises(ValueError, match=r"depends on time: say at which step"):
+            ask(q)
+    for ask in (lambda: controller.batch(q[None]), lambda: controller.filter(q, wanted=0)):
+        with pytest.raises(ValueError, match=r"depends on time: say at which step"):
+            ask()
+    for play in (lambda: sdhj.simulate(controller, q, steps=9), lambda: sdhj.monte_carlo(controller, 9, steps=9)):
+        with pytest.raises(ValueError, match=r"follow the .* steps of the table.*leave out steps"):
+            play()
+
+
+def test_runs_are_as_long_as_one_likes(staying):
+    controller = Controller(staying)
+    assert staying.steps < FOREVER_PLAYED == 100
+    run = sdhj.simulate(controller, [0.2, 0.5], steps=3 * staying.steps)
+    assert run.outcome == "reached" and len(run.inputs) == 3 * staying.steps
+    assert run.times[-1] == pytest.approx(3 * staying.steps * 0.1) and too_far(run.states, 0.6).max() < 0.05
+    assert len(sdhj.simulate(controller, [0.2, 0.5]).inputs) == 100
+    report = sdhj.monte_carlo(controller, 500, steps=250, progress=False)
+    assert report.steps.max() == 250 and report.rate("reached") > 0.98
+    assert sdhj.monte_carlo(controller, 50, progress=False).steps.max() == 100
+    for steps in (0, 2.5, True):
+        with pytest.raises(ValueError, match="steps must be"):
+            sdhj.simulate(controller, [0.0, 0.0], steps=steps)
+
+
+def test_a_target_may_be_reached_later_than_the_table_is_long(reaching):
+    """Pushed out again and again by what the table does not know of, the robot still has an answer."""
+
+    def push(moment):  # within its bounds, but for the first steps everything is undone
+        return moment.bounds
+
+    far = np.linspace(*reaching.grid.lower, *reaching.grid.upper, 400)[:, None]
+    start = far[reaching.contains(far, start=0, within=reaching.steps)][0]
+    run, report = sdhj.simulate(Controller(reaching), start, push), sdhj.monte_carlo(Controller(reaching), 300)
+    assert run.outcome == "reached" and len(run.inputs) <= reaching.steps and report.rate("reached") > 0.97
+    few = sdhj.simulate(Controller(reaching), start, push, steps=1)
+    assert few.outcome == "late" and len(few.inputs) == 1
+    assert (run.steps_to_go[:-1] >= run.steps_to_go[1:]).all()
+
+
+def test_a_table_of_a_number_of_steps_is_played_as_before():
+    table = sdhj.solve(interval_problem(), progress=False)
+    assert "endless" not in table.details
+    one, other = (sdhj.monte_carlo(Controller(table), 500, **options) for options in ({}, {"steps": table.steps}))
+    assert one.counts["reached"] == other.counts["reached"] == 500
+    assert (one.steps <= other.steps.max()).all() and one.steps.max() <= table.steps
