@@ -34,6 +34,11 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 __version__ = "0.2.0"
 
+from sdhj.stopping import is_the_command, stop_at_signals
+
+if is_the_command():  # before the imports that take a second
+    stop_at_signals()
+
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics
 from sdhj.grid import Grid
