@@ -25,6 +25,7 @@ array([ True, False])
 
 import importlib
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
@@ -34,9 +35,10 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 __version__ = "0.2.0"
 
-from sdhj.stopping import is_the_command, stop_at_signals
+# The command `sdhj`, or `python -m sdhj`, ends well at Ctrl-C from here on: the imports below take a second.
+if os.path.basename(next(iter(getattr(sys, "argv", [])), "")) in ("sdhj", "sdhj.exe", "-m"):
+    from sdhj.stopping import stop_at_signals
 
-if is_the_command():  # before the imports that take a second
     stop_at_signals()
 
 from sdhj.controller import Controller, NotAdmissible

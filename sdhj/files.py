@@ -176,9 +176,7 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
-    with h5py.File(
-        "image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block
-    ) as file:
+    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
         file["samples"] = table.problem.identity[1]
         yield file
         file.flush()
@@ -316,7 +314,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py
     with stream:
         text = _whole(path, stream)
         try:
-            told = _checked(json.loads(text))
+            told = _believed(json.loads(text))
             with h5py.File(stream, "r") as file:
                 yield told, file
         except TableFileError:
@@ -333,8 +331,8 @@ def _whole(path: Path, stream: BinaryIO) -> bytes:
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
     if version is None and first.startswith(b"\x89HDF"):
         raise TableFileError(
-            f"{path} is an HDF5 file that does not begin as a table does: sdhj before 0.3 wrote it, or it is no look-up "
-            "table; solve it anew"
+            f"{path} is an HDF5 file that does not begin as a table does: sdhj before 0.3 wrote it, or it is no "
+            "look-up table; solve it anew"
         )
     if version and int(version[1]) != FORMAT_VERSION:
         raise TableFileError(
@@ -349,7 +347,7 @@ def _whole(path: Path, stream: BinaryIO) -> bytes:
     return stream.readline(MOST_TOLD)
 
 
-def _checked(told: Any) -> dict[str, Any]:
+def _believed(told: Any) -> dict[str, Any]:
     """What a file tells with its numbers checked; what an error is raised for makes no sense."""
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(told[name], str) for name in words) or not isinstance(told["recipe"], dict):

@@ -16,7 +16,6 @@ import numpy as np
 from sdhj.checks import ascending, check_function, finite_array, number, option, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
-from sdhj.identity import identity
 from sdhj.resolution import least_in_cells
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
@@ -210,7 +209,7 @@ class ReachAvoidProblem:
         try:
             json.dumps(dict(self.recipe), allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"recipe must be a mapping that JSON can tell, {{}} for your own problem: {error}") from None
+            raise ValueError(f"recipe must be a mapping that JSON can tell, or left out: {error}") from None
         if self.target is None:
             object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.target, TargetSet):
@@ -410,4 +409,6 @@ class ReachAvoidProblem:
     @cached_property
     def identity(self) -> tuple[str, FloatArray]:
         """The digest, and sums that tell another problem from another machine's rounding: see `sdhj.identity`."""
+        from sdhj.identity import identity  # which files alone ask for
+
         return identity(self)

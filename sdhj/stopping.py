@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
@@ -27,8 +26,3 @@ def stop_at_signals() -> None:
         with suppress(ValueError):  # only the main thread may
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, stop)
-
-
-def is_the_command() -> bool:
-    """Whether this process is the command `sdhj`, by its name or as `python -m sdhj`, not a program that imports it."""
-    return os.path.basename(next(iter(getattr(sys, "argv", [])), "")) in ("sdhj", "sdhj.exe", "-m")

@@ -216,11 +216,11 @@ class GeneralProof:
         cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
         """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
-        bounds = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
+        matrix, drifting, sets = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
         size, entries = math.prod(axis.count for axis in axes), entry(problem.steps, problem.steps, 0) + 1
         masks = stored(file, "masks", "uint8", (entries, -(-len(problem.inputs) // 8), size))
-        matrix, drifting, sets = bounds
-        return cls(problem, axes, whole("parts", told["parts"], least=1, most=MOST_PIECES), matrix, drifting, sets, masks)
+        parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
+        return cls(problem, axes, parts, matrix, drifting, sets, masks)
 
     # ---- the recursion; sets are (rows, W) uint64
 

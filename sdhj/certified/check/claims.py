@@ -86,8 +86,8 @@ def verify(
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
     if kind != "arm":
         raise ValueError(
-            f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only the arm's "
-            "case study can be checked from a file alone"
+            f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only the "
+            "arm's case study can be checked from a file alone"
         )
     cover = cells_cover(file)
     if cover.failed:  # nothing else in the file means what it says
