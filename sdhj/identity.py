@@ -4,8 +4,8 @@ Mathematical libraries and processors differ in the last bits of sines and roots
 elsewhere may have another digest. Its numbers are then compared by sums with random signs: of each part of n numbers
 v every one counts as v / (c + |v|), in which an error of one unit in the last place of v or c is at most one of 1, c
 being their mean size or that of the grid's ends, whichever is less. Rounding alone cannot move a sum by more than
-`ULPS` n such units; one number that is another by more does, in every sum, and several hide each other with random
-signs in none.
+`ULPS` n such units; a number that is another one by more moves every sum, and several changes would have to hide each
+other under all of the signs.
 """
 
 import hashlib
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem
 
 ULPS = 16  # units in the last place by which numbers of one problem may differ from machine to machine
-AT_ONCE = 2**16  # numbers that are added up at a time, a multiple of 8
+SIGNS = 32
+AT_ONCE = 2**14  # numbers that are added up at a time
 
 
 def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
@@ -30,8 +31,8 @@ def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
     -------
     digest : str
         SHA-256 of everything the solver reads, hexadecimal.
-    sums : (parts, 9)
-        Of each part how many numbers it has, and their sums with eight random signs each.
+    sums : (parts, 1 + SIGNS)
+        Of each part how many numbers it has, and their sums with random signs, drawn `SIGNS` times.
     """
     grid, sums = problem.grid, []
     h = hashlib.sha256(f"{problem.view_time} {grid.ends}".encode())
@@ -54,11 +55,11 @@ def alike(sums: FloatArray, others: FloatArray) -> bool:
 def _signed(values: FloatArray, reach: float) -> list[float]:
     sizes = np.abs(values)
     scale = min(float(sizes.mean()), reach) if sizes.any() else 1.0
-    squashed, total, random = values / (scale + sizes), np.zeros(8), np.random.PCG64(0)
+    squashed, total, random = values / (scale + sizes), np.zeros(SIGNS), np.random.PCG64(0)
     for begin in range(0, values.size, AT_ONCE):
         some = squashed[begin : begin + AT_ONCE]
-        bits = random.random_raw(AT_ONCE // 8).astype("<u8").view(np.uint8)[: some.size]
-        total += some @ (1.0 - 2.0 * np.unpackbits(bits[:, None], axis=1))
+        bits = random.random_raw(AT_ONCE * SIGNS // 64).astype("<u8").view(np.uint8).reshape(AT_ONCE, -1)
+        total += some @ (1.0 - 2.0 * np.unpackbits(bits[: some.size], axis=1))
     return [float(values.size), *total.tolist()]
 
 

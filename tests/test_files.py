@@ -11,10 +11,11 @@ import h5py
 import numpy as np
 import pytest
 from forging import forged
-from toys import interval_problem, one_row, torus_problem
+from toys import interval_problem, one_row, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file
+from sdhj.identity import ULPS, _signed, alike
 from sdhj.plotting.looks import writable_folder
 from sdhj.table import entries
 
@@ -241,3 +242,80 @@ def test_what_files_name_is_there_and_not_imported_before():
     code = "import sys, sdhj\nprint([name for name in sys.modules if name.startswith(('sdhj.arm', 'sdhj.certified'))])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+# ---- one problem on two machines
+
+
+def machine(last_bits, *, steps=3, shift=0.0):
+    """The problem as a machine computes it whose mathematical library rounds otherwise: values moved by some ulps."""
+
+    def rounded(values):
+        random = np.random.default_rng(last_bits)  # a machine rounds alike whenever it is asked
+        for _ in range(abs(last_bits)):
+            values = np.nextafter(values, np.where(random.random(values.shape) < 0.5, -np.inf, np.inf))
+        return values
+
+    problem = unicycle_problem(nodes=(9, 9, 8), steps=steps)
+    (part,) = problem.unsafe
+    drift, target = problem.dynamics.drift, problem.target
+
+    def moved(points, t):
+        values = rounded(part.level_set(points, t))
+        values[len(values) // 3 : len(values) // 3 + 1] += shift
+        return values
+
+    return dataclasses.replace(
+        problem,
+        dynamics=dataclasses.replace(problem.dynamics, drift=lambda points, u: rounded(drift(points, u))),
+        target=dataclasses.replace(target, level_set=lambda points, t: rounded(target.level_set(points, t))),
+        unsafe=(dataclasses.replace(part, level_set=moved),),
+    )
+
+
+def test_a_table_is_read_where_values_are_rounded_otherwise(tmp_path):
+    """Every value of every function moved by one unit in the last place, or by as many as are allowed."""
+    table = sdhj.solve(machine(0), progress=False)
+    table.save(tmp_path / "own.h5")
+    for bits in (1, 2, ULPS):
+        problem = machine(bits)
+        assert problem.digest != table.problem.digest
+        same(table, sdhj.load(tmp_path / "own.h5", problem=problem))
+
+
+@pytest.mark.parametrize("shift", [1e-9, 1e-3, 0.5])
+def test_one_value_that_is_another_is_another_problem(tmp_path, shift):
+    sdhj.solve(machine(0), progress=False).save(tmp_path / "own.h5")
+    for bits in (0, 1):
+        with pytest.raises(sdhj.TableFileError, match=r"values of its functions, by more than rounding$"):
+            sdhj.load(tmp_path / "own.h5", problem=machine(bits, shift=shift))
+
+
+def test_changes_that_would_cancel_are_seen(rng):
+    """Pairs of equal and opposite changes, among values of any size."""
+    values = rng.normal(size=5000) * 10.0 ** rng.integers(-6, 10, 5000)
+    sums = identity_of(values)
+    assert alike(sums, identity_of(np.nextafter(values, np.inf)))
+    for _ in range(200):
+        i, j = rng.choice(np.flatnonzero(np.abs(values) < 1), 2, replace=False)
+        changed = values.copy()
+        changed[[i, j]] += (1e-6, -1e-6)
+        assert not alike(sums, identity_of(changed))
+
+
+def identity_of(values):
+    return np.array([_signed(values, 4.0)])
+
+
+def test_a_recipe_is_compared_as_well(arm_table, tmp_path, monkeypatch):
+    """With sums that are alike, as where a change is too small for them."""
+    arm_table.save(tmp_path / "arm.h5")
+    other = dataclasses.replace(arm_table.problem, delta=arm_table.problem.delta)
+    recipe = json.loads(json.dumps(dict(other.recipe)))
+    recipe["arguments"]["v_d_max"] *= 1 + 1e-15
+    object.__setattr__(other, "recipe", recipe)
+    other.__dict__["identity"] = "0" * 64, arm_table.problem.identity[1]
+    with pytest.raises(sdhj.TableFileError, match=r"another problem.*; recipe is "):
+        sdhj.load(tmp_path / "arm.h5", problem=other)
+    object.__setattr__(other, "recipe", dict(arm_table.problem.recipe))
+    same(arm_table, sdhj.load(tmp_path / "arm.h5", problem=other))
