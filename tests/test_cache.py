@@ -184,7 +184,7 @@ def test_kernel_does_without_what_numba_may_change(monkeypatch: pytest.MonkeyPat
         return lambda function: inside
 
     monkeypatch.setattr(compiling, "njit", njit)
-    assert compiling.kernel(parallel=True)(len) is inside
+    assert compiling.kernel(parallel=True)(len).dispatcher is inside
     assert asked == [{"cache": True, "parallel": True}]
 
 

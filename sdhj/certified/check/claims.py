@@ -116,7 +116,7 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
     world = file.scene.world(file.edges())
     counts, grow = counted(file)
     eroded, still = np.empty_like(file.pool), [Fraction(0)]
-    erode(file.pool, file.ends(2, still)[0], file.ends(3, still)[0], eroded)
+    erode_all(file.pool, file.ends(2, still)[0], file.ends(3, still)[0], eroded)
     ends = [file.ends(axis, [pair[axis] for pair in file.scene.inputs()]) for axis in (0, 1)]
     stored = Stored(file.pairs, file.index, file.pool, eroded, file.allowed, *ends)
     failed, example = np.zeros((2, len(rows), file.steps + 2), np.int64)
@@ -134,10 +134,17 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
     return [grow, *claims(file, rows, counts, failed, example)]
 
 
+def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
+    """`erode`, by threads."""
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        parts = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, len(pool), ROWS_AT_ONCE)]
+        list(threads.map(lambda part: erode(pool[part], along_x, along_y, out[part]), parts))
+
+
 def counted(file: Any) -> tuple[Array, Claim]:
     """Cells that the sets add to each row, (rows, steps + 1, 2): all, those at the boundary. And whether sets grow."""
     index, pool, inner = file.index, file.pool, np.empty_like(file.pool)
-    erode(pool, *(np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:]), inner)
+    erode_all(pool, *(np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:]), inner)
     grid = np.arange(index.shape[1]).reshape(file.shape[:2])
     beside = [np.roll(grid, side, axis).ravel() for axis in (0, 1) for side in (-1, 1)]
     counts, failures = np.zeros((index.shape[1], file.steps + 1, 2), np.int64), []
