@@ -125,11 +125,14 @@ def solve_command(
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
     chosen = sdhj.Certified(cells=counts) if method == "certified" else method
     table = sdhj.solve(problem, chosen)
-    output = _saved(table, output)
+    name = click.format_filename(_saved(table, output))
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(
-        f"{click.format_filename(output)}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s"
-    )
+    click.echo(f"{name}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
+
+
+def at_a_terminal() -> bool:
+    """Whether somebody can be asked."""
+    return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _saved(table: Any, output: Path) -> Path:
@@ -142,7 +145,7 @@ def _saved(table: Any, output: Path) -> Path:
             table.save(output)
             return output
         except OSError as error:
-            if sys.stdin is not None and sys.stdin.isatty():
+            if at_a_terminal():
                 click.echo(f"Error: {error}", err=True)
                 output = click.prompt("Another file to write the table to", type=click.Path(path_type=Path))
             else:
@@ -255,7 +258,7 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
             figure = plotting.new_figure(5.0, 4.6)
             plotting.draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
             figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
-            figure.savefig(temporary)
+            temporary.write_bytes(plotting.drawn(figure, output.suffix[1:].lower()))
         click.echo(output)
 
 

@@ -72,10 +72,15 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = _regular(path)
     with _temporary(path) as temporary:
-        yield temporary
-        with open(temporary, "r+b") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        try:
+            yield temporary
+            with open(temporary, "r+b") as file:
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except OSError as error:
+            if error.errno is None:  # told in words already
+                raise
+            raise OSError(f"cannot write {path}: {error.strerror}; make room, or choose another place") from error
         with suppress(OSError):  # not every system opens folders
             folder = os.open(path.parent, os.O_RDONLY)
             try:
@@ -184,16 +189,13 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
     text = text.ljust(block - before)
     digest = hashlib.sha256(text)
     digest.update(image)
-    with replaced_whole(path) as temporary:
-        try:
-            with open(temporary, "wb") as out:
-                for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, image):
-                    out.write(part)
-        except OSError as error:
-            raise OSError(
-                f"cannot write {path}: {error.strerror}; free {len(image) / 1e6:.0f} MB, or save it elsewhere: the "
-                "table is still in memory"
-            ) from error
+    try:
+        with replaced_whole(path) as temporary, open(temporary, "wb") as out:
+            for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, image):
+                out.write(part)
+    except OSError as error:
+        size = 1e-6 * len(image)
+        raise OSError(f"{error}; the table takes {size:.0f} MB, and is still in memory: save it elsewhere") from error
 
 
 def _told(table: "Table") -> dict[str, Any]:
