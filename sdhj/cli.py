@@ -185,9 +185,8 @@ def info(table: Path) -> None:
     """Say what a table holds and how it was computed."""
     told = header(table)
     grid, steps = told["grid"], told["steps"]
-    click.echo(
-        f"{click.format_filename(table)}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}"
-    )
+    name = click.format_filename(table)
+    click.echo(f"{name}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}")
     for axis in range(grid.ndim):
         kind = "periodic" if grid.periodic[axis] else "bounded"
         click.echo(

@@ -63,23 +63,6 @@ def test_a_folder_is_made_where_it_can_be(tmp_path):
         writable_folder(tmp_path / "file" / "c")
 
 
-def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path):
-    """A limit on the size of files stands for the disk."""
-    code = """
-import resource, sdhj
-table = sdhj.solve(sdhj.arm_case_study(nodes=7, steps=2), progress=False)
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-try:
-    table.save("table.h5")
-except OSError as error:
-    print(error)
-"""
-    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    assert "cannot write table.h5" in run.stdout and "still in memory" in run.stdout
-    assert os.listdir(tmp_path) == []
-
-
 # ---- tables
 
 
