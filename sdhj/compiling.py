@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import njit
+from numba import njit, threading_layer  # type: ignore[attr-defined]
 from numba.core.event import Listener, install_listener
 from numba.extending import overload
 from tqdm import tqdm
@@ -131,10 +131,9 @@ class Shared:
 
 def _forked() -> None:
     Shared.running = threading.RLock()
-    with suppress(ValueError, ImportError):  # no threads were started
-        from numba.np.ufunc import omppool
-
-        Shared.lost = Shared.lost or (numba.threading_layer() == "omp" and omppool.openmp_vendor == "GNU")
+    with suppress(ValueError):  # no threads were started
+        lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
+        Shared.lost = Shared.lost or lost
 
 
 if hasattr(os, "register_at_fork"):

@@ -17,8 +17,9 @@ import stat
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -30,11 +31,6 @@ from sdhj.identity import alike
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 from sdhj.stopping import TEMPORARIES
-
-try:
-    import fcntl
-except ImportError:  # nothing then tells what a killed process left from what another one writes, and it stays
-    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from sdhj.table import Table
@@ -49,6 +45,10 @@ PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of 
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
 RECIPES = dict.fromkeys(("arm_case_study", "evader_case_study"), "sdhj.arm.case_studies:rebuild")  # by the builder
+
+
+# Without locks of this kind nothing tells what a killed process left from what another one writes, and it stays.
+locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 
 class TableFileError(ValueError):
@@ -97,15 +97,15 @@ def _temporary(path: Path) -> Iterator[Path]:
     """
     lock, temporary = None, path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     try:
-        for left in path.parent.glob(".sdhj-*") if fcntl else ():
+        for left in path.parent.glob(".sdhj-*") if locks else ():
             with suppress(OSError), open(left, "r+b") as other:
-                fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locks.flock(other, locks.LOCK_EX | locks.LOCK_NB)
                 left.unlink()
         TEMPORARIES.add(temporary)
         while lock is None or not temporary.exists():  # another process may have cleaned up before it was locked
             lock = open(temporary, "w")
-            if fcntl:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+            if locks:
+                locks.flock(lock, locks.LOCK_EX)
             else:
                 lock.close()
     except OSError as error:
@@ -327,13 +327,13 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py
             ) from error
 
 
-def _whole(path: Path, stream: BinaryIO) -> bytes:
+def _whole(path: Path, stream: BufferedReader) -> bytes:
     """What a file tells, as text, once its bytes are known to be those that were written."""
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
     if version is None and first.startswith(b"\x89HDF"):
         raise TableFileError(
-            f"{path} is an HDF5 file that does not begin as a table does: sdhj before 0.3 wrote it, or it is no "
+            f"{path} is an HDF5 file that does not begin as a table does: an older sdhj wrote it, or it is no "
             "look-up table; solve it anew"
         )
     if version and int(version[1]) != FORMAT_VERSION:

@@ -14,7 +14,7 @@ def stop(number: int, frame: FrameType | None) -> None:
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
             temporary.unlink()
-    what = {signal.SIGINT: "interrupted", signal.SIGTERM: "told to end"}.get(number, f"ended by signal {number}")
+    what = "interrupted" if number == signal.SIGINT else "told to end"
     with suppress(OSError):
         os.write(2, f"\nsdhj was {what}; what it was writing is not there, older files are as they were\n".encode())
     os._exit(128 + number)

@@ -144,7 +144,8 @@ def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
 def counted(file: Any) -> tuple[Array, Claim]:
     """Cells that the sets add to each row, (rows, steps + 1, 2): all, those at the boundary. And whether sets grow."""
     index, pool, inner = file.index, file.pool, np.empty_like(file.pool)
-    erode_all(pool, *(np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:]), inner)
+    along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in file.shape[2:])
+    erode_all(pool, along_x, along_y, inner)
     grid = np.arange(index.shape[1]).reshape(file.shape[:2])
     beside = [np.roll(grid, side, axis).ravel() for axis in (0, 1) for side in (-1, 1)]
     counts, failures = np.zeros((index.shape[1], file.steps + 1, 2), np.int64), []
