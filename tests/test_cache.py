@@ -239,6 +239,7 @@ def mine(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_nothing_can_be_written(tmp_path: Path) -> None:
     """Neither the installation, nor the home, nor what NUMBA_CACHE_DIR names: it runs, and says so once.
 
@@ -263,6 +264,7 @@ def flipped(data: bytes) -> bytes:
     return bytes(byte ^ 0xFF if place % 100 == 50 else byte for place, byte in enumerate(data))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:100], lambda data: data[:-1], flipped])
 def test_a_damaged_cache_is_thrown_away(mine: Path, damage: Callable[[bytes], bytes]) -> None:
     """Every file of it: the answer is right, and the next process reads what was compiled in its place."""

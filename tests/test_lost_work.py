@@ -57,6 +57,16 @@ def test_programs_that_import_it_keep_their_own_signals(tmp_path):
     assert "KeyboardInterrupt" in told and os.listdir(tmp_path) == []
 
 
+def test_a_package_that_imports_it_keeps_its_own_signals(tmp_path):
+    """Also where `python -m` runs it, under whose name the command is known, too."""
+    (tmp_path / "robot").mkdir()
+    code = "import sdhj, signal\nprint(signal.getsignal(signal.SIGINT) is signal.default_int_handler)\n"
+    (tmp_path / "robot" / "__init__.py").write_text(code)
+    (tmp_path / "robot" / "__main__.py").touch()
+    done = subprocess.run([sys.executable, "-m", "robot"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "True\n", done.stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_what_a_killed_process_left_is_cleaned_and_nothing_else(tmp_path, number):
     killed, living = writing(tmp_path, name="robot.py"), writing(tmp_path)
