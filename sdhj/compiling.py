@@ -117,7 +117,7 @@ class Shared:
         self.dispatcher = dispatcher
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.dispatcher, name)
+        return getattr(vars(self)["dispatcher"], name)
 
     def __call__(self, *arguments: Any) -> Any:
         if Shared.lost:

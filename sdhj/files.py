@@ -78,7 +78,7 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
                 os.fsync(file.fileno())
             os.replace(temporary, path)
         except OSError as error:
-            if error.errno is None:  # told in words already
+            if error.errno is None or error.filename is not None:  # told in words, or of another file
                 raise
             raise OSError(f"cannot write {path}: {error.strerror}; make room, or choose another place") from error
         with suppress(OSError):  # not every system opens folders
