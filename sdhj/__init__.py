@@ -36,7 +36,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 __version__ = "0.2.0"
 
 # The command `sdhj`, or `python -m sdhj`, ends well at Ctrl-C from here on: the imports below take a second.
-if os.path.basename(sys.argv[0]) in ("sdhj", "sdhj.exe") or (sys.argv[0] == "-m" and "sdhj" in sys.orig_argv):
+if os.path.basename("".join(sys.argv[:1])) in ("sdhj", "sdhj.exe", *["-m"] * ("sdhj" in sys.orig_argv)):
     from sdhj.stopping import stop_at_signals
 
     stop_at_signals()

@@ -117,7 +117,9 @@ class Shared:
         self.dispatcher = dispatcher
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(vars(self)["dispatcher"], name)
+        if name.startswith("__"):  # which copies ask of one that is still empty
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
 
     def __call__(self, *arguments: Any) -> Any:
         if Shared.lost:
