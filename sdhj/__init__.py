@@ -25,6 +25,7 @@ array([ True, False])
 
 import importlib
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
@@ -33,6 +34,12 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 __version__ = "0.2.0"
+
+# The command `sdhj`, or `python -m sdhj`, ends well at Ctrl-C from here on: the imports below take a second.
+if os.path.basename("".join(sys.argv[:1])) in ("sdhj", "sdhj.exe", *["-m"] * ("sdhj" in sys.orig_argv)):
+    from sdhj.stopping import stop_at_signals
+
+    stop_at_signals()
 
 from sdhj.controller import Controller, NotAdmissible
 from sdhj.dynamics import Dynamics

@@ -3,10 +3,12 @@
 import functools
 import importlib
 import json
+import sys
 import time
+import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
 import click
@@ -28,6 +30,12 @@ READINGS = click.Choice(["relative", "printed"])
 WARM_CELLS = (63, 63, 18, 18)  # of the certified table that is made to compile its kernels: enough that its tubes grow
 
 
+class Interrupted(click.ClickException):
+    """One sentence on standard error, exit status 130, as shells expect after Ctrl-C."""
+
+    exit_code = 130
+
+
 class Refusal(click.ClickException):
     """One clear line on standard error, exit status 2."""
 
@@ -44,6 +52,10 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
                 command(*args, **kwargs)
         except BrokenPipeError:  # whoever read has seen enough; click ends without a word
             raise
+        except KeyboardInterrupt:
+            raise Interrupted(
+                "interrupted; what was being written is not there, older files are as they were"
+            ) from None
         except (ValueError, OSError, MemoryError, ImportError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
 
@@ -113,9 +125,33 @@ def solve_command(
     problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
     chosen = sdhj.Certified(cells=counts) if method == "certified" else method
     table = sdhj.solve(problem, chosen)
-    table.save(output)
+    name = click.format_filename(_saved(table, output))
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(f"{output}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
+    click.echo(f"{name}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
+
+
+def at_a_terminal() -> bool:
+    """Whether somebody can be asked."""
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
+def _saved(table: Any, output: Path) -> Path:
+    """Where the table was saved; if that fails, as on a full disk, at a terminal, another path that is asked for.
+
+    Without a terminal it is kept in the folder for temporary files, and the refusal says so.
+    """
+    while True:
+        try:
+            table.save(output)
+            return output
+        except OSError as error:
+            if at_a_terminal():
+                click.echo(f"Error: {error}", err=True)
+                output = click.prompt("Another file to write the table to", type=click.Path(path_type=Path))
+            else:
+                kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
+                table.save(kept)
+                raise Refusal(f"{error}; it is kept as {kept}") from error
 
 
 @main.command("simulate")
@@ -149,7 +185,8 @@ def info(table: Path) -> None:
     """Say what a table holds and how it was computed."""
     told = header(table)
     grid, steps = told["grid"], told["steps"]
-    click.echo(f"{table}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}")
+    name = click.format_filename(table)
+    click.echo(f"{name}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}")
     for axis in range(grid.ndim):
         kind = "periodic" if grid.periodic[axis] else "bounded"
         click.echo(
@@ -220,7 +257,7 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
             figure = plotting.new_figure(5.0, 4.6)
             plotting.draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
             figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
-            figure.savefig(temporary)
+            temporary.write_bytes(plotting.drawn(figure, output.suffix[1:].lower()))
         click.echo(output)
 
 

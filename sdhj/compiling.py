@@ -1,14 +1,20 @@
 """Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens."""
 
+import os
+import pickle
 import sys
+import threading
+import uuid
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
+from numba import njit, threading_layer  # type: ignore[attr-defined]
 from numba.core.event import Listener, install_listener
 from numba.extending import overload
 from tqdm import tqdm
@@ -21,19 +27,119 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file. Here any change to a file of this package throws what is kept away. Functions compiled in
-    other packages or notebooks may use it too: changes to their own file count as ever.
+    constant of another file, and with damaged code. Here any change to a file of this package throws what is kept away,
+    and so does damage. Functions compiled in other packages or notebooks may use it too: changes to their own file
+    count as ever. Where nothing can be kept, the kernel is compiled in every process.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(cache=True, **options)(function)
-        # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rule stays
-        kept: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-        if hasattr(kept, "_source_stamp"):
-            kept._source_stamp = kept._source_stamp, package_digest()
-        return dispatcher
+        try:
+            dispatcher = njit(cache=True, **options)(function)
+        except RuntimeError as error:  # no folder for it can be written
+            _say_uncached(str(error))
+            dispatcher = njit(**options)(function)
+        # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
+        found: Any = getattr(dispatcher, "_cache", None)
+        if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
+            found._cache_file = MachineCode(found._cache_file)
+            found._guard_against_spurious_io_errors = _cache_is_optional
+        return Shared(dispatcher) if options.get("parallel") else dispatcher
 
     return compiled
+
+
+class MachineCode:
+    """Compiled versions of a function on disk, a file for each: what it belongs to and a digest, and then the code.
+
+    Takes the place of the files of Numba's cache: damaged code ends the process, a damaged index every later one.
+    """
+
+    def __init__(self, files: Any) -> None:
+        self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
+        self.stamp = repr((numba.__version__, files._source_stamp, package_digest())).encode()
+        self.flush, self.dump = files.flush, files._dump
+
+    def _path(self, key: Any) -> Path:
+        return Path(f"{self.start}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}.code")
+
+    def load(self, key: Any) -> Any:
+        """What was kept under a key; None where that is nothing, old or damaged."""
+        try:
+            whole = self._path(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        if whole[:64] != blake2b(self.stamp + whole[64:]).digest():
+            return None
+        kept, data = pickle.loads(whole[64:])
+        return data if kept == key else None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep it, in place of what was kept under that key before."""
+        code, temporary = self.dump((key, data)), Path(f"{self.start}.{uuid.uuid4().hex}")
+        try:
+            temporary.write_bytes(blake2b(self.stamp + code).digest() + code)
+            os.replace(temporary, self._path(key))
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _cache_is_optional() -> Iterator[None]:
+    """Whatever is wrong with what is kept on disk: the kernel is compiled, or not kept."""
+    try:
+        yield
+    except Exception as error:
+        _say_uncached(str(error))
+
+
+@cache
+def _say_uncached(why: str) -> None:
+    if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
+        warnings.warn(
+            f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
+            "written and has room",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+class Shared:
+    """A compiled function that shares its loops out over threads; one such call at a time, others wait.
+
+    On the simplest of Numba's threading layers two at once would end the process, and a process that is forked off one
+    whose OpenMP threads have started would end, or wait for ever, at its first call.
+    """
+
+    running = threading.RLock()
+    lost = False  # whether this process was forked off one whose threads cannot be used here
+
+    def __init__(self, dispatcher: Any) -> None:
+        self.dispatcher = dispatcher
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # which copies ask of one that is still empty
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    def __call__(self, *arguments: Any) -> Any:
+        if Shared.lost:
+            raise RuntimeError(
+                "this process was forked off one in which sdhj had started threads, which OpenMP does not survive; "
+                "start processes with multiprocessing.get_context('spawn'), or set NUMBA_THREADING_LAYER=workqueue"
+            )
+        with Shared.running:
+            return self.dispatcher(*arguments)
+
+
+def _forked() -> None:
+    Shared.running = threading.RLock()
+    with suppress(ValueError):  # no threads were started
+        lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
+        Shared.lost = Shared.lost or lost
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -1,19 +1,24 @@
 """Files: written whole or not at all, and what a table's file says of itself.
 
-A table is an HDF5 file that describes itself: problem, method and conventions in attributes, the arrays as the class of
-its table writes them. `load` finds that class by the method, and the builder of a case study by its recipe, as names:
-nothing of theirs is imported before a file asks for it.
+A table's file begins with three lines of text: what it is and its format, the SHA-256 of all that follows, and in JSON
+what it tells of problem, method and conventions. Behind them begins an HDF5 file of arrays and nothing else, as the
+class of its table writes them. The digest is looked at before anything else is, so that damage is found and no damaged
+bytes reach the HDF5 library. `load` finds that class by the method, and the builder of a case study by its recipe, as
+names: nothing of theirs is imported before a file asks for it.
 """
 
 import hashlib
 import importlib
 import json
 import os
+import re
 import reprlib
+import stat
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,31 +26,45 @@ import h5py
 import numpy as np
 
 import sdhj
+from sdhj.checks import finite_array, number, whole
 from sdhj.grid import FloatArray, Grid
+from sdhj.identity import alike
+from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
+from sdhj.stopping import TEMPORARIES
 
 if TYPE_CHECKING:
     from sdhj.table import Table
 
-FORMAT = "sdhj look-up table"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
+MOST_TOLD = 1 << 24  # bytes of text
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
+FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 TABLES = {"certified": "sdhj.certified.table:CertifiedTable"}  # by the method, of tables that are no LookupTable
 RECIPES = dict.fromkeys(("arm_case_study", "evader_case_study"), "sdhj.arm.case_studies:rebuild")  # by the builder
+
+
+# Without locks of this kind nothing tells what a killed process left from what another one writes, and it stays.
+locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 
 class TableFileError(ValueError):
     """A file that is not a whole look-up table of a known version."""
 
 
+# ---- files, whole or not there
+
+
 @contextmanager
 def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path beside `path` to write to; what stands there takes the name at the end, or is gone after an error.
 
-    Nobody ever sees half a file. The suffix is kept, from which writers tell the format.
+    Nobody ever sees half a file, a crash of the system included. The suffix is kept, from which writers tell the
+    format.
 
     Raises
     ------
@@ -53,17 +72,52 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         Where nothing can be written there, with what to do about it.
     """
     path = _regular(path)
-    temporary = path.with_name(f".{path.stem}-{uuid.uuid4().hex}{path.suffix}")
+    with _temporary(path) as temporary:
+        try:
+            yield temporary
+            with open(temporary, "r+b") as file:
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except OSError as error:
+            if error.errno is None or error.filename is not None:  # told in words, or of another file
+                raise
+            raise OSError(f"cannot write {path}: {error.strerror}; make room, or choose another place") from error
+        with suppress(OSError):  # not every system opens folders
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+
+@contextmanager
+def _temporary(path: Path) -> Iterator[Path]:
+    """An empty file in the folder of `path`, gone at the end; what killed processes left there is gone as well.
+
+    Whoever writes one holds a lock on it, which ends with the process.
+    """
+    lock, temporary = None, path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     try:
-        temporary.touch()
+        for left in path.parent.glob(".sdhj-*") if locks else ():
+            with suppress(OSError), open(left, "r+b") as other:
+                locks.flock(other, locks.LOCK_EX | locks.LOCK_NB)
+                left.unlink()
+        TEMPORARIES.add(temporary)
+        while lock is None or not temporary.exists():  # another process may have cleaned up before it was locked
+            lock = open(temporary, "w")
+            if locks:
+                locks.flock(lock, locks.LOCK_EX)
+            else:
+                lock.close()
     except OSError as error:
+        TEMPORARIES.discard(temporary)
         raise unwritable(path.parent, error) from error
     try:
         yield temporary
-        os.replace(temporary, path)
-    except BaseException:
+    finally:
         temporary.unlink(missing_ok=True)
-        raise
+        TEMPORARIES.discard(temporary)
+        lock.close()
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
@@ -75,27 +129,30 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
         Where it cannot be written, with what to do about it.
     """
     path = _regular(path)
-    probed(path.parent)
+    probed(path.parent, path.name)
     return path
 
 
 def _regular(path: str | os.PathLike[str]) -> Path:
     """The file that a name stands for, links followed; OSError where something else than a file has that name."""
-    path = Path(os.path.realpath(path))
-    if path.is_dir():
-        raise OSError(f"{path} is a folder; name a file")
-    if path.exists() and not path.is_file():
-        raise OSError(f"{path} is a device or a pipe, which would be replaced; name a file")
+    try:
+        path = Path(os.path.realpath(path))
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        return Path(path)
+    except (OSError, ValueError) as error:
+        raise OSError(f"cannot use the name {os.fspath(path)!r}: {getattr(error, 'strerror', error)}") from error
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(f"{path} is a folder; name a file")
+    if not stat.S_ISREG(mode):
+        raise OSError(f"{path} is a device or a pipe, which is neither read nor replaced; name a file")
     return path
 
 
-def probed(folder: Path) -> None:
-    probe = folder / f".sdhj-{uuid.uuid4().hex}"
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise unwritable(folder, error) from error
+def probed(folder: Path, name: str = "probe") -> None:
+    """OSError, with what to do about it, where a file of that name cannot be written in a folder."""
+    with _temporary(folder / name):
+        pass
 
 
 def unwritable(folder: Path, error: OSError) -> OSError:
@@ -104,9 +161,12 @@ def unwritable(folder: Path, error: OSError) -> OSError:
     )
 
 
+# ---- tables
+
+
 @contextmanager
-def written_table(path: str | os.PathLike[str], table: "Table") -> Iterator[h5py.File]:
-    """An HDF5 file that says what table it is of, for its class to write the arrays to.
+def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> Iterator[h5py.File]:
+    """An HDF5 file for the class of a table to write its arrays to; what else it tells goes by name.
 
     It is made in memory and put on disk at the end, in place of an older one: the HDF5 library does not survive a full
     disk.
@@ -116,45 +176,45 @@ def written_table(path: str | os.PathLike[str], table: "Table") -> Iterator[h5py
     OSError
         Where the folder does not exist or cannot be written, or the disk is full.
     """
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH) as file:
-        _write_header(file, table)
+    text = json.dumps(_told(table) | told, sort_keys=True).encode() + b"\n"
+    if len(text) > MOST_TOLD:
+        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and {MOST_TOLD:,} are allowed")
+    first = FIRST_LINE.format(FORMAT_VERSION).encode()
+    before = len(first) + len("sha256 \n") + 64
+    block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
+    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
+        file["samples"] = table.problem.identity[1]
         yield file
         file.flush()
         image = file.id.get_file_image()
-    with replaced_whole(path) as temporary:
-        try:
-            temporary.write_bytes(image)
-        except OSError as error:
-            raise OSError(f"cannot write {path}: {error.strerror}; free {len(image) / 1e6:.0f} MB") from error
+    text = text.ljust(block - before)
+    digest = hashlib.sha256(text)
+    digest.update(image)
+    try:
+        with replaced_whole(path) as temporary, open(temporary, "wb") as out:
+            for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, image):
+                out.write(part)
+    except OSError as error:
+        size = 1e-6 * len(image)
+        raise OSError(f"{error}; the table takes {size:.0f} MB, and is still in memory: save it elsewhere") from error
 
 
-def _write_header(file: h5py.File, table: "Table") -> None:
+def _told(table: "Table") -> dict[str, Any]:
     problem = table.problem
-    file.attrs.update(
-        format=FORMAT,
-        format_version=FORMAT_VERSION,
-        sdhj_version=sdhj.__version__,
-        convention=CONVENTION,
-        problem=problem.name,
-        digest=problem.digest,
-        recipe=json.dumps(dict(problem.recipe), sort_keys=True),
-        method=table.method,
-        details=json.dumps(dict(table.details), sort_keys=True),
-        delta=problem.delta,
-        steps=problem.steps,
-        view_time=problem.view_time,
-    )
-    file.create_group("grid").attrs.update({name: getattr(problem.grid, name) for name in LAYOUT})
-    file["inputs"] = problem.inputs
-
-
-def checksum(told: Any, *arrays: FloatArray) -> str:
-    """SHA-256 of what JSON can tell and of arrays, hexadecimal."""
-    h = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
-    for array in arrays:
-        h.update(repr((array.dtype.str, array.shape)).encode())
-        h.update(np.ascontiguousarray(array).data)
-    return h.hexdigest()
+    return {
+        "sdhj_version": sdhj.__version__,
+        "convention": CONVENTION,
+        "problem": problem.name,
+        "digest": problem.digest,
+        "recipe": dict(problem.recipe),
+        "method": table.method,
+        "details": dict(table.details),
+        "delta": problem.delta,
+        "steps": problem.steps,
+        "view_time": problem.view_time,
+        "grid": {name: getattr(problem.grid, name) for name in LAYOUT},
+        "inputs": problem.inputs.tolist(),
+    }
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -168,22 +228,12 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     Raises
     ------
-    FileNotFoundError
+    OSError
     TableFileError
         As `load`.
     """
-    with _opened(Path(path)) as file:
-        attrs, layout = file.attrs, file["grid"].attrs
-        told = {name: attrs[name] for name in ("problem", "digest", "method", "view_time", "sdhj_version")}
-        fields = [np.asarray(layout[name]).tolist() for name in LAYOUT]
-        return told | {
-            "grid": Grid(*fields),
-            "inputs": file["inputs"][()],
-            "recipe": dict(json.loads(attrs["recipe"])),
-            "details": dict(json.loads(attrs["details"])),
-            "delta": float(attrs["delta"]),
-            "steps": int(attrs["steps"]),
-        }
+    with _opened(path) as (told, _):
+        return told
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> "Table":
@@ -194,34 +244,61 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     path : path
     problem : ReachAvoidProblem, optional
         The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds
-        functions that no file can hold, so give it here. It must have the digest that the file records; where it gives
-        no number of steps, with as many as the file says that it took.
+        functions that no file can hold, so give it here. Its numbers must be those that the table was solved with, to
+        the rounding of another machine (`sdhj.identity`), and so must its recipe, where both have one. Where it gives
+        no number of steps, it is taken with as many as the file says that it took.
 
     Raises
     ------
-    FileNotFoundError
+    OSError
+        Where there is no such file, or it may not be read, or is a folder or a device.
+    MemoryError
+        Where the table does not fit into what is available.
     TableFileError
         Where the file is damaged, cut short, of another kind or of another version, or the problem is not the one it
         was solved for.
     """
-    path = Path(path)
-    with _opened(path) as file:
-        attrs = file.attrs
+    with _opened(path) as (told, file):
         if problem is None:
-            recipe = json.loads(attrs["recipe"])
-            if (rebuild := RECIPES.get(recipe.get("builder"))) is None:
+            recipe = told["recipe"]
+            if (rebuild := RECIPES.get(str(recipe.get("builder")))) is None:
                 raise TableFileError(
-                    f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
+                    f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
                 )
             problem = imported(rebuild)(recipe)
-        if problem.steps is None and json.loads(attrs["details"]).get("endless"):
-            problem = replace(problem, steps=int(attrs["steps"]))  # as many as it took
-        if problem.digest != (digest := str(attrs["digest"])):
+        if problem.steps is None and told["details"].get("endless"):
+            problem = replace(problem, steps=told["steps"])  # as many as it took
+        if problem.digest != told["digest"] and (other := _what_differs(told, file, problem)):
             raise TableFileError(
-                f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
-                f"{problem.name!r} is {problem.digest[:12]}...; {_what_differs(file, problem)}"
+                f"{path} was solved for another problem: its digest is {told['digest'][:12]}..., that of "
+                f"{problem.name!r} is {problem.digest[:12]}...; {other}"
             )
-        return imported(TABLES.get(attrs["method"], "sdhj.table:LookupTable")).read(file, problem)
+        return imported(TABLES.get(told["method"], "sdhj.table:LookupTable")).read(told, file, problem)
+
+
+def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """An array of a file, read once it is what it has to be: numbers of its own, of one of some kinds, of that shape.
+
+    A length of None may be any. What a file can be forged with is refused: links, data in other files, text.
+
+    Raises
+    ------
+    ValueError, MemoryError
+    """
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
+        raise ValueError(f"it has no array {name} of its own")
+    data = file[name]
+    plan = data.id.get_create_plist()
+    filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
+    if data.is_virtual or data.external is not None or not filters <= FILTERS:
+        raise ValueError(f"its array {name} lies in another file or is packed in another way")
+    fits = len(data.shape or ()) == len(shape) and all(
+        one in (None, other) for one, other in zip(shape, data.shape, strict=True)
+    )
+    if not fits or data.dtype not in map(np.dtype, kinds.split()):
+        raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
+    require(data.nbytes, f"the array {name} of the file", "close other programs")
+    return data[()]
 
 
 def imported(name: str) -> Any:
@@ -231,41 +308,81 @@ def imported(name: str) -> Any:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    """The file, where it is a table of a known version; whatever else fails while it is read is damage to it."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`")
+def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+    """What a file tells, as `header` returns it, and its arrays; what fails while it is read is the file's fault."""
+    path = _regular(path)
     try:
-        with h5py.File(path, "r") as file:
-            attrs = file.attrs
-            if attrs.get("format") != FORMAT:
-                raise TableFileError(f"{path} is an HDF5 file but no look-up table of sdhj")
-            if (version := attrs["format_version"]) != FORMAT_VERSION:
-                raise TableFileError(
-                    f"{path} has format version {version}, written by sdhj {attrs['sdhj_version']}; this is sdhj "
-                    f"{sdhj.__version__}, which reads version {FORMAT_VERSION}: "
-                    + ("upgrade sdhj" if version > FORMAT_VERSION else "solve it anew")
-                )
-            yield file
-    except TableFileError:
-        raise
-    except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
-        raise TableFileError(f"{path} is damaged, cut short or no look-up table ({error}); solve it anew") from error
+        stream = open(path, "rb")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`") from None
+    except OSError as error:
+        raise type(error)(f"cannot read {path}: {error.strerror}; see who may read it") from error
+    with stream:
+        text = _whole(path, stream)
+        try:
+            told = _believed(json.loads(text))
+            with h5py.File(stream, "r") as file:
+                yield told, file
+        except TableFileError:
+            raise
+        except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
+            raise TableFileError(
+                f"{path} is as it was written, but no look-up table that can be read ({error}); solve it anew"
+            ) from error
 
 
-def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
-    """What of a problem is not as the file says; its functions are known by their values alone."""
-    grid, layout = problem.grid, file["grid"].attrs
-    told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
-    told |= {name: (np.asarray(layout[name]).tolist(), np.asarray(getattr(grid, name)).tolist()) for name in LAYOUT}
-    told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
-    found = [
-        f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"
-        for name, (its, own) in told.items()
-        if its != own
-    ]
-    if found:
-        return "; ".join(found)
-    return (
-        "what differs are the values of its functions, to the last bit: use those it was solved with, or solve it anew"
-    )
+def _whole(path: Path, stream: BufferedReader) -> bytes:
+    """What a file tells, as text, once its bytes are known to be those that were written."""
+    first = stream.readline(100)
+    version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
+    if version is None and first.startswith(b"\x89HDF"):
+        raise TableFileError(
+            f"{path} is an HDF5 file that does not begin as a table does: an older sdhj wrote it, or it is no "
+            "look-up table; solve it anew"
+        )
+    if version and int(version[1]) != FORMAT_VERSION:
+        raise TableFileError(
+            f"{path} has format version {int(version[1])}; this is sdhj {sdhj.__version__}, which reads version "
+            f"{FORMAT_VERSION}: " + ("upgrade sdhj" if int(version[1]) > FORMAT_VERSION else "solve it anew")
+        )
+    second = stream.readline(100)
+    begin = stream.tell()
+    if not version or second != f"sha256 {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode():
+        raise TableFileError(f"{path} is damaged, cut short or no look-up table; solve it anew")
+    stream.seek(begin)
+    return stream.readline(MOST_TOLD)
+
+
+def _believed(told: Any) -> dict[str, Any]:
+    """What a file tells with its numbers checked; what an error is raised for makes no sense."""
+    words = ("problem", "digest", "method", "view_time", "sdhj_version")
+    if not all(isinstance(told[name], str) for name in words) or not isinstance(told["recipe"], dict):
+        raise ValueError(f"{', '.join(words)} must be text, the recipe a mapping")
+    inputs = finite_array("inputs", told["inputs"])
+    if inputs.ndim != 2:
+        raise ValueError(f"inputs must have shape (L, m), got {inputs.shape}")
+    return told | {
+        "grid": Grid(*(told["grid"][name] for name in LAYOUT)),
+        "inputs": inputs,
+        "details": dict(told["details"]),
+        "delta": number("delta", told["delta"], above=0.0),
+        "steps": whole("steps", told["steps"], least=1),
+    }
+
+
+def _what_differs(told: dict[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> str:
+    """What of a problem is not as the file says, beyond rounding; its functions are known by their values alone."""
+    pairs = {name: (told[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
+    layout = (name for name in LAYOUT if name != "names")  # which are labels
+    pairs |= {name: (getattr(told["grid"], name), getattr(problem.grid, name)) for name in layout}
+    if told["recipe"] and problem.recipe:
+        pairs["recipe"] = told["recipe"], json.loads(json.dumps(dict(problem.recipe)))
+    pairs = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    if not pairs:
+        sums = problem.identity[1]
+        if alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums):
+            return ""
+        if not np.array_equal(told["inputs"], problem.inputs):
+            pairs["inputs"] = told["inputs"].tolist(), problem.inputs.tolist()
+    found = [f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here" for name, (its, own) in pairs.items()]
+    return "; ".join(found) or "what differs are the values of its functions, by more than rounding"

@@ -4,8 +4,8 @@ Everything behind this file (kernels, games, recursion, table, controller) knows
 that a `ReachAvoidProblem` samples on its grid.
 """
 
-import hashlib
 import importlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -197,7 +197,7 @@ class ReachAvoidProblem:
             return
         if self.stays:
             raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
-        if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
+        if not any((self.target_at(self.time(step)) <= 0).any() for step in steps):
             raise ValueError(
                 "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
                 "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
@@ -208,6 +208,12 @@ class ReachAvoidProblem:
         )
 
     def _check_parts(self) -> None:
+        if not (isinstance(self.name, str) and self.name.isprintable()):
+            raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
+        try:
+            json.dumps(dict(self.recipe), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"recipe must be a mapping that JSON can tell, or left out: {error}") from None
         if self.target is None:
             object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.target, TargetSet):
@@ -329,7 +335,8 @@ class ReachAvoidProblem:
             )
         return values
 
-    def _target_at(self, t: float) -> FloatArray:
+    def target_at(self, t: float) -> FloatArray:
+        """Level-set function of the target at time t, on the subgrid of its axes."""
         return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
@@ -370,7 +377,7 @@ class ReachAvoidProblem:
         Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends.
         """
         t, grid = self.time(step), self.grid
-        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
+        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self.target_at(t), self.target.axes)
         for part in self.unsafe:
             values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
         if self.stays:
@@ -399,36 +406,14 @@ class ReachAvoidProblem:
                 f"points must have shape (M, {self.grid.ndim}), got {np.shape(points)}; q[None] is one state"
             )
 
-    @cached_property
+    @property
     def digest(self) -> str:
         """SHA-256 of everything the solver reads, hexadecimal: two problems with one digest have one table."""
-        h = hashlib.sha256()
+        return self.identity[0]
 
-        def add(*parts: Any) -> None:
-            for part in parts:
-                data = np.ascontiguousarray(part)
-                h.update(repr((data.dtype.str, data.shape)).encode())
-                h.update(data.tobytes())
+    @cached_property
+    def identity(self) -> tuple[str, FloatArray]:
+        """The digest, and sums that tell another problem from another machine's rounding: see `sdhj.identity`."""
+        from sdhj.identity import identity  # which files alone ask for
 
-        grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
-        add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
-        h.update(f"{self.view_time} {grid.ends}".encode())
-        if dynamics.constant:
-            add(dynamics.bounds, dynamics.drift, dynamics.gain)
-        else:
-            points, halves = grid.points(), range(2 * self.steps + 1) if dynamics.timed else range(1)
-            for t in (half * self.delta / 2 for half in halves):
-                add(*(dynamics.drift_at(points, j, t) for j in inputs))
-                for j in inputs[:1] if dynamics.alike else inputs:
-                    add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
-        add(
-            self.target.axes,
-            *(self._target_at(self.time(step)) for step in range(1 if self.timeless else self.steps + 1)),
-        )
-        for part in self.unsafe:
-            add(part.axes, part.rate, self.unsafe_at(part, 0.0))
-            for step in range(self.steps) if part.moving else ():
-                t0, t1 = self.time(step), self.time(step + 1)
-                # what happens between the samples counts too
-                add(self.unsafe_at(part, (t0 + t1) / 2), self.unsafe_at(part, t1), self.unsafe_over(part, t0, t1))
-        return h.hexdigest()
+        return identity(self)

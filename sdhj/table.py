@@ -15,7 +15,6 @@ The look-ahead loses fewer runs than the marks of the nodes alone, and the marks
 obstacle from the rules that do not ask for depth. The certified method has a guarantee instead.
 """
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ import numpy as np
 
 from sdhj.ahead import ROOM, LookAhead, look_ahead
 from sdhj.batches import Batch, batched
-from sdhj.checks import whole
+from sdhj.checks import ascending, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
@@ -327,35 +326,32 @@ class LookupTable:
         """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
         from sdhj.files import PACKING, written_table
 
-        with written_table(path, self) as file:
+        axes = {name: getattr(self.avoid, f"{name}_axes") for name in ("static", "moving")}
+        with written_table(path, self, avoid_axes=axes, entries="start and within of each entry of the index") as file:
             file["entries"] = entries(self.steps)
-            file["entries"].attrs["columns"] = ["start", "within"]
             file["index"] = self.index
-            file.attrs["checksum"] = self._checksum()
             file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **PACKING)
             file.create_dataset("masks", data=self.masks, chunks=(1, 1, self.grid.size), **PACKING)
             for name in ("static", "moving"):
-                array = getattr(self.avoid, name)
-                data = file.create_dataset(f"avoid_{name}", data=array, chunks=True, **PACKING)
-                data.attrs["axes"] = np.array(getattr(self.avoid, f"{name}_axes"), dtype=np.int64)
+                file.create_dataset(f"avoid_{name}", data=getattr(self.avoid, name), chunks=True, **PACKING)
 
     @classmethod
-    def read(cls, file: "h5py.File", problem: ReachAvoidProblem) -> "LookupTable":
-        """The table in an open file of this problem; ValueError where it is damaged."""
-        axes = {name: tuple(int(axis) for axis in file[f"avoid_{name}"].attrs["axes"]) for name in ("static", "moving")}
-        avoid = AvoidTubes(axes["static"], file["avoid_static"][()], axes["moving"], file["avoid_moving"][()])
-        index, tubes, masks = (file[name][()] for name in ("index", "tubes", "masks"))
-        details = json.loads(file.attrs["details"])
-        table = cls(problem, str(file.attrs["method"]), index, tubes, masks, avoid, details)
-        if table._checksum() != file.attrs["checksum"]:
-            raise ValueError("its contents do not have the checksum they were written with")
-        return table
+    def read(cls, told: Mapping[str, Any], file: "h5py.File", problem: ReachAvoidProblem) -> "LookupTable":
+        """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
+        from sdhj.files import stored
 
-    def _checksum(self) -> str:
-        """SHA-256 of what a file holds: a table that was read whole has the checksum it was written with."""
-        from sdhj.files import checksum
-
-        problem, avoid = self.problem, self.avoid
-        told = self.method, problem.digest, dict(problem.recipe), dict(self.details)
-        axes = avoid.static_axes, avoid.moving_axes
-        return checksum([told, axes], self.index, self.tubes, self.masks, avoid.static, avoid.moving)
+        grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
+        index = stored(file, "index", "int64", (len(entries(steps)),))
+        most = int(index.max()) + 1
+        if index.min() < 0:
+            raise ValueError("its index points before the first tube")
+        tubes = stored(file, "tubes", "float32 float64", (most, *grid.shape))
+        masks = stored(file, "masks", "uint8", (most, -(-count // 8), grid.size))
+        avoid: list[Any] = []
+        for name, lead in (("static", (count,)), ("moving", (steps, count))):
+            axes = ascending(told["avoid_axes"][name], f"avoid_{name}")
+            if list(axes) != sorted(set(axes) & set(range(grid.ndim))):
+                raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
+            shape = tuple(grid.shape[axis] for axis in axes)
+            avoid += [axes, stored(file, f"avoid_{name}", "float32 float64", (*lead, *shape))]
+        return cls(problem, told["method"], index, tubes, masks, AvoidTubes(*avoid), told["details"])

@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -184,7 +185,7 @@ def test_kernel_does_without_what_numba_may_change(monkeypatch: pytest.MonkeyPat
         return lambda function: inside
 
     monkeypatch.setattr(compiling, "njit", njit)
-    assert compiling.kernel(parallel=True)(len) is inside
+    assert compiling.kernel(parallel=True)(len).dispatcher is inside
     assert asked == [{"cache": True, "parallel": True}]
 
 
@@ -210,3 +211,76 @@ print("end")
     quiet = tmp_path / "quiet"
     quiet.mkdir()
     assert run(code.format(progress=None).replace("=True", "=False"), quiet).split() == ["end"]
+
+
+# ---- the cache is optional
+
+
+MINE = """
+from {package} import {decorator} as kernel
+@kernel()
+def triple(x):
+    return 3 * x
+"""
+ASKED = "from mine import triple; print(triple(2), len(triple.stats.cache_hits))"
+DECORATORS = [("sdhj.compiling", "kernel"), ("sdhj.certified.check.bits", "compiled")]
+
+
+def process(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), **environment}
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture(params=DECORATORS, ids=["package", "checker"])
+def mine(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A folder with a module of one kernel, by the package's decorator or the checker's."""
+    package, decorator = request.param
+    (tmp_path / "mine.py").write_text(MINE.format(package=package, decorator=decorator), encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_nothing_can_be_written(tmp_path: Path) -> None:
+    """Neither the installation, nor the home, nor what NUMBA_CACHE_DIR names: it runs, and says so once.
+
+    Files stand where folders would have to be made, which stops the administrator too.
+    """
+    shutil.copytree(PACKAGE, tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in {path.parent for path in (tmp_path / "sdhj").rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    code = """
+import numpy as np, sdhj, sdhj.certified.check
+grid = sdhj.Grid([0.0], [1.0], [5])
+print(sdhj.__file__, grid.interpolate(np.arange(5.0), np.array([[0.5]]))[0])
+"""
+    nowhere = {name: "/dev/null/home" for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
+    done = process(code, tmp_path, PYTHONPATH=str(tmp_path), **nowhere)
+    assert done.stdout.split() == [str(tmp_path / "sdhj" / "__init__.py"), "2.0"], done.stderr
+    assert done.stderr.count("compiled code is not kept") == 1 and "set NUMBA_CACHE_DIR" in done.stderr
+
+
+def flipped(data: bytes) -> bytes:
+    """Every hundredth byte changed."""
+    return bytes(byte ^ 0xFF if place % 100 == 50 else byte for place, byte in enumerate(data))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:100], lambda data: data[:-1], flipped])
+def test_a_damaged_cache_is_thrown_away(mine: Path, damage: Callable[[bytes], bytes]) -> None:
+    """Every file of it: the answer is right, and the next process reads what was compiled in its place."""
+    assert process(ASKED, mine).stdout.split() == ["6", "0"]
+    files = [path for path in (mine / "cache").rglob("*") if path.is_file()]
+    assert files and process(ASKED, mine).stdout.split() == ["6", "1"]
+    for path in files:
+        path.write_bytes(damage(path.read_bytes()))
+    assert process(ASKED, mine).stdout.split() == ["6", "0"]
+    assert process(ASKED, mine).stdout.split() == ["6", "1"]
+
+
+def test_a_cache_on_a_full_disk_does_not_end_the_work(mine: Path) -> None:
+    """A limit on the size of files stands for the disk."""
+    head = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+    done = process(head + ASKED, mine)
+    assert done.stdout.split() == ["6", "0"], done.stderr
+    assert done.stderr == "" or done.stderr.count("compiled code is not kept") == 1
+    assert [path for path in (mine / "cache").rglob("*") if path.is_file()] == []

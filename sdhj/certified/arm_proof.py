@@ -7,7 +7,7 @@ set.
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,13 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import CellAxis, measured, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, measured, velocity_bounds
 from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.certified.links import Agent, joint_moves
 from sdhj.certified.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
+from sdhj.checks import whole
 from sdhj.compiling import hidden
+from sdhj.files import stored
 from sdhj.grid import FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
@@ -127,18 +129,25 @@ class ArmProof:
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(out.shape)
         return np.where(out, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
-    def save(self, group: h5py.Group) -> None:
+    @property
+    def told(self) -> dict[str, Any]:
+        """What a file tells of it."""
+        return {"parts": self.parts}
+
+    def save(self, file: h5py.File) -> None:
         """Write what is not quickly computed again: where the arm is clear of the known obstacles."""
-        allowed = self.motion.allowed
-        group.attrs.update(parts=self.parts, allowed_shape=allowed.shape)
-        group.create_dataset("allowed", data=np.packbits(allowed, bitorder="little"), compression="gzip")
+        file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod
-    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "ArmProof":
-        """Read what `save` wrote."""
-        shape = tuple(int(n) for n in group.attrs["allowed_shape"])
-        bits = np.unpackbits(group["allowed"][()], count=math.prod(shape), bitorder="little")
-        return cls.of(problem, axes, int(group.attrs["parts"]), bits.view(np.bool_).reshape(shape))
+    def load(
+        cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+    ) -> "ArmProof":
+        """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
+        shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
+        packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
+        bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
+        parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
+        return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
 
     # ---- the recursion; sets are (n1 * n2, W) uint64
 

@@ -11,19 +11,25 @@ answered outward.
 """
 
 import math
+import re
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.certified.packed import Cells
+from sdhj.grid import Grid
 from sdhj.problem import ReachAvoidProblem
 
 IndexArray = NDArray[np.int64]
 
+MOST_CELLS = 10**6  # of an axis in a file
+MOST_PIECES = 10_000  # parts of an interval
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 
 
@@ -122,6 +128,23 @@ class CellAxis:
             lap += 1
         inside = math.ceil((offset + self._most(lap_of_offset - lap)) / self.width)
         return lap * self.count + min(max(inside, 0), self.count)
+
+
+def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:
+    """Cells of some width on an axis of a grid."""
+    lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
+    extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
+    return CellAxis(exact(lower), extent, width, periodic)
+
+
+def told_axis(grid: Grid, axis: int, width: Any, count: Any) -> CellAxis:
+    """The cells that a file tells of an axis; ValueError where that makes no sense, or would take for ever to read."""
+    if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
+        raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
+    extent = exact(grid.upper[axis]) - exact(grid.lower[axis])
+    if not 0.5 <= extent / Fraction(width) <= MOST_CELLS or axis_of(grid, axis, Fraction(width)).count != count:
+        raise ValueError(f"{reprlib.repr(count)} cells of width {reprlib.repr(width)} do not cover axis {axis}")
+    return axis_of(grid, axis, Fraction(width))
 
 
 def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:

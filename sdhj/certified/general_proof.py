@@ -14,7 +14,6 @@ of it are the states of which something is still to be proved.
 """
 
 import itertools
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,9 +24,11 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.cells import CellAxis, measured, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, measured, velocity_bounds
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
+from sdhj.checks import whole
 from sdhj.compiling import hidden
+from sdhj.files import stored
 from sdhj.grid import ENDS, FloatArray
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
@@ -204,18 +205,27 @@ class GeneralProof:
                     np.maximum(out[j], -least, out=out[j])
         return np.where(clear, np.minimum(out, -TOUCHING), np.maximum(out, TOUCHING)).T
 
-    def save(self, group: h5py.Group) -> None:
-        """Write the inputs and the bounds that they rest on."""
-        sets = {name: bounds.tolist() for name, bounds in self.sets.items()}  # a name may be anything, also a path
-        group.attrs["bounds"] = json.dumps([self.parts, self.matrix.tolist(), self.drifting.tolist(), sets])
-        group.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
+    @property
+    def told(self) -> dict[str, Any]:
+        """What a file tells of it: the bounds that the inputs rest on."""
+        sets = {name: bounds.tolist() for name, bounds in self.sets.items()}
+        matrix, time = self.matrix.tolist(), self.drifting.tolist()
+        return {"parts": self.parts, "dynamics": matrix, "time": time, "sets": sets}
+
+    def save(self, file: h5py.File) -> None:
+        """Write the inputs."""
+        file.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
 
     @classmethod
-    def load(cls, group: h5py.Group, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> "GeneralProof":
-        """Read what `save` wrote."""
-        parts, matrix, drifting, sets = json.loads(group.attrs["bounds"])
-        sets = {name: np.array(bounds) for name, bounds in sets.items()}
-        return cls(problem, axes, parts, np.array(matrix), np.array(drifting), sets, group["masks"][()])
+    def load(
+        cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+    ) -> "GeneralProof":
+        """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
+        matrix, drifting, sets = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
+        size, entries = math.prod(axis.count for axis in axes), entry(problem.steps, problem.steps, 0) + 1
+        masks = stored(file, "masks", "uint8", (entries, -(-len(problem.inputs) // 8), size))
+        parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
+        return cls(problem, axes, parts, matrix, drifting, sets, masks)
 
     # ---- the recursion; sets are (rows, W) uint64
 

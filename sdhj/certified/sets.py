@@ -49,7 +49,7 @@ import numpy as np
 
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
-from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, measured, velocity_bounds
 from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
@@ -86,7 +86,7 @@ class Certified:
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", whole("parts", self.parts, least=1))
+        object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
         if not isinstance(self.bounds, LipschitzBounds | None):
             raise ValueError(f"bounds must be LipschitzBounds, got {self.bounds!r}")
         if self.cells is not None:
@@ -120,14 +120,12 @@ class Certified:
             raise ValueError(f"cells must be one number for each of the {grid.ndim} axes, got {list(cells)}")
         axes = []
         for axis, wish in enumerate(cells):
-            lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
-            extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
+            extent = axis_of(grid, axis, Fraction(1)).extent[1]
             moves: list[Fraction] = []
             for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
                 slow, fast = velocity_bounds(problem, axis, j)
                 moves += [delta * (slow + fast) / 2, delta * (fast - slow) / 2]
-            width = aligned_width(extent[1], not periodic, moves, wish)
-            axes.append(CellAxis(exact(lower), extent, width, periodic))
+            axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
         return tuple(axes)
 
 

@@ -1,10 +1,9 @@
 """The look-up table whose every answer is proved."""
 
-import json
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
@@ -13,11 +12,11 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import CellAxis, cells_of
+from sdhj.certified.cells import CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.packed import Cells, fewest_steps, to_bits
 from sdhj.checks import whole
-from sdhj.files import PACKING, checksum, written_table
+from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
@@ -195,35 +194,33 @@ class CertifiedTable:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
-        with written_table(path, self) as file:
-            group = file.create_group(self.method)
-            group.attrs.update(
-                kind=self.proof.kind,
-                shape=self.shape,
-                widths=[str(axis.width) for axis in self.axes],
-                lowers=[str(axis.lower) for axis in self.axes],
-                extents=[[str(bound) for bound in axis.extent] for axis in self.axes],
-                periodic=[axis.periodic for axis in self.axes],
-            )
-            group.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
+        cells = {
+            "kind": self.proof.kind,
+            "shape": self.shape,
+            "widths": [str(axis.width) for axis in self.axes],
+            "lowers": [str(axis.lower) for axis in self.axes],
+            "extents": [[str(bound) for bound in axis.extent] for axis in self.axes],
+            "periodic": [axis.periodic for axis in self.axes],
+        }
+        with written_table(path, self, cells=cells, proof=self.proof.told) as file:
+            file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
             chunks = (min(len(self.pool), 4096), self.pool.shape[1])
-            group.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
-            self.proof.save(group)
-            file.attrs["checksum"] = _checksum(group, self.problem, self.details)
+            file.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
+            self.proof.save(file)
 
     @classmethod
-    def read(cls, file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file of this problem; ValueError where it is damaged."""
-        group, details = file[cls.method], json.loads(file.attrs["details"])
-        if file.attrs["checksum"] != _checksum(group, problem, details):
-            raise ValueError("its contents do not have the checksum they were written with")
-        told = zip(*(group.attrs[name] for name in ("lowers", "extents", "widths", "periodic")), strict=True)
-        axes = tuple(
-            CellAxis(Fraction(lower), (Fraction(extent[0]), Fraction(extent[1])), Fraction(width), bool(periodic))
-            for lower, extent, width, periodic in told
-        )
-        proof = PROOFS[str(group.attrs["kind"])].load(group, problem, axes)
-        return cls(proof, group["index"][()], group["pool"][()], details)
+    def read(cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
+        """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
+        cells = told["cells"]
+        widths = zip(range(problem.grid.ndim), cells["widths"], cells["shape"], strict=True)
+        axes = tuple(told_axis(problem.grid, axis, width, count) for axis, width, count in widths)
+        proof = PROOFS[cells["kind"]].load(told["proof"], file, problem, axes)
+        rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
+        index = stored(file, "index", "uint32", (entry(problem.steps, problem.steps, 0) + 1, rows))
+        pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
+        if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
+            raise ValueError("its pool has cells that there are not")
+        return cls(proof, index, pool, told["details"])
 
 
 def _slabs(array: FloatArray) -> Iterator[FloatArray]:
@@ -233,11 +230,3 @@ def _slabs(array: FloatArray) -> Iterator[FloatArray]:
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
     """Outer product of vectors, one axis for each, as one row."""
     return reduce(np.multiply.outer, factors, np.ones(())).ravel()
-
-
-def _checksum(group: h5py.Group, problem: ReachAvoidProblem, details: Mapping[str, Any]) -> str:
-    """SHA-256 of all that a group holds, and of what it was made for."""
-    told = {name: np.asarray(value).tolist() for name, value in group.attrs.items()}
-    names = sorted(group)
-    made_for = [problem.digest, dict(problem.recipe), dict(details)]
-    return checksum([told, names, made_for], *(group[name][()] for name in names))

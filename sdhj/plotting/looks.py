@@ -4,6 +4,7 @@ Nothing here uses `matplotlib.pyplot`: figures have no window and no global stat
 widget alike. What a colour says in grey is said again by lightness, a hatch or a line style.
 """
 
+import io
 import logging
 import os
 from collections.abc import Iterable, Sequence
@@ -120,8 +121,15 @@ def save(
     with style():
         for form, file in zip(formats, files, strict=True):
             with replaced_whole(file) as path:
-                figure.savefig(path, format=form, metadata=UNDATED[form])
+                path.write_bytes(drawn(figure, form))
     return files
+
+
+def drawn(figure: Figure, form: str) -> bytes:
+    """The bytes of a picture in one of `FORMATS`; Matplotlib's own writing does not survive a full disk."""
+    image = io.BytesIO()
+    figure.savefig(image, format=form, metadata=UNDATED[form])
+    return image.getvalue()
 
 
 def grey(rgb: Iterable[Any]) -> Any:

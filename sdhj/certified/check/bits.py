@@ -4,14 +4,19 @@ A *block* holds the bits of the agent's cells for one pair of joint cells (a *ro
 x * ny + y, bit b is bit b % 64 of word b // 64.
 """
 
-from collections.abc import Callable
+import os
+import pickle
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
@@ -28,16 +33,58 @@ def sources() -> str:
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """`numba.njit`, kept on disk until any file of this folder changes; Numba alone looks at one file only."""
+    """`numba.njit`, kept on disk, where that can be, until any file of this folder changes or the kept one is damaged.
+
+    Numba alone looks at one file only, and runs what is damaged.
+    """
 
     def compile_it(function: Any) -> Any:
-        dispatcher = njit(cache=True, **options)(function)
-        kept: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-        if hasattr(kept, "_source_stamp"):
-            kept._source_stamp = kept._source_stamp, sources()
+        try:
+            dispatcher = njit(cache=True, **options)(function)
+        except RuntimeError:  # no folder for it can be written
+            return njit(**options)(function)
+        kept: Any = getattr(dispatcher, "_cache", None)
+        if hasattr(kept, "_guard_against_spurious_io_errors") and hasattr(kept._cache_file, "_source_stamp"):
+            kept._cache_file = Kept(kept._cache_file)
+            kept._guard_against_spurious_io_errors = forgiving
         return dispatcher
 
     return compile_it
+
+
+class Kept:
+    """Machine code in files that begin with a digest, of it and of the sources."""
+
+    def __init__(self, files: Any) -> None:
+        self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {sources()}".encode()
+
+    def place(self, key: Any) -> Path:
+        name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
+        return Path(self.files._cache_path) / name
+
+    def load(self, key: Any) -> Any:
+        whole = self.place(key).read_bytes() if self.place(key).exists() else b""
+        if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
+            return None
+        known, code = pickle.loads(whole[64:])
+        return code if known == key else None
+
+    def save(self, key: Any, data: Any) -> None:
+        code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
+        try:
+            beside.write_bytes(blake2b(self.made_of + code).digest() + code)
+            os.replace(beside, self.place(key))
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def forgiving() -> Iterator[None]:
+    """Within it what fails is only that code is not kept or not found."""
+    try:
+        yield
+    except Exception:
+        return
 
 
 @compiled()
@@ -65,14 +112,14 @@ def any_bit(block):
     return False
 
 
-@compiled(parallel=True)
+@compiled(nogil=True)
 def erode(pool, along_x, along_y, out):
     """For every block the cells (x, y) for which it holds all of along_x[x] times along_y[y]; written to `out`.
 
-    along_x (nx, most), along_y (ny, most) : cells, the last one repeated
+    Threads may share the blocks out. along_x (nx, most), along_y (ny, most) : cells, the last one repeated
     """
     nx, ny = along_x.shape[0], along_y.shape[0]
-    for number in prange(pool.shape[0]):
+    for number in range(pool.shape[0]):
         block, cells, column = pool[number], np.empty(64 * pool.shape[1], np.bool_), np.empty(ny, np.bool_)
         for word in range(block.size):
             for bit in range(64):

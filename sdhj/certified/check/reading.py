@@ -1,8 +1,18 @@
-"""What the file of a certified table says, every number of it checked: what follows believes them."""
+"""What the file of a certified table says, every number of it checked: what follows believes them.
 
+The file begins with three lines: what it is, the SHA-256 of all that follows, and in JSON what it tells; behind them an
+HDF5 file begins, of arrays. Nothing reaches the HDF5 library before the digest is right, and no array is read that is
+not one of numbers, of the expected shape, inside the file.
+"""
+
+import hashlib
+import json
 import math
+import os
+import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -23,6 +33,12 @@ ABSURD = 1e6
 MOST_COUNTED = 1000  # steps, and levels of an input
 LONGEST_LENGTH = 10.0  # also of moves and places: the bound on rounding rests on it
 LARGEST_ANGLE = 100.0  # of a disk on its circle
+MOST_TEXT = 1 << 24  # bytes that a file tells
+MOST_BYTES = 1 << 34  # of an array
+MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
+MOST_ON_AN_AXIS = 10**6  # cells
+BEGINNING = b"sdhj look-up table, format 3\n"
+PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing that are undone
 MOST_PARTS = 64  # that an interval is cut into at once
 
 
@@ -146,36 +162,70 @@ def refuse_large(world: World, steps: int) -> None:
         )
 
 
+@contextmanager
+def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+    """What a file tells and its arrays, its bytes those that were written; ValueError otherwise, OSError without it."""
+    if not os.path.isfile(path) and os.path.exists(path):
+        raise ValueError(f"{path} is no file")
+    with open(path, "rb") as stream:
+        first, second = stream.readline(100), stream.readline(100)
+        begin = stream.tell()
+        if first != BEGINNING or second != b"sha256 %s\n" % hashlib.file_digest(stream, "sha256").hexdigest().encode():
+            raise ValueError(f"{path} is damaged, or holds no certified sets in format 3; solve it anew")
+        stream.seek(begin)
+        try:
+            told = dict(json.loads(stream.readline(MOST_TEXT)))
+            with h5py.File(stream, "r") as arrays:
+                yield told, arrays
+        except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
+            raise ValueError(f"{path}: its certified sets make no sense ({error}); the file is damaged") from error
+
+
+def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:
+    """An array of numbers inside a file, looked at before it is read; None stands for any length."""
+    link = file.get(name, getlink=True)
+    expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
+    data = file[name]
+    expect(isinstance(data, h5py.Dataset) and data.dtype == kind, f"{name} must be an array of {np.dtype(kind)}", data)
+    plan = data.id.get_create_plist()
+    packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
+    own = data.external is None and not data.is_virtual and packed <= PLAIN
+    own = own and data.nbytes <= min(MOST_BYTES, MOST_PACKED * (data.id.get_storage_size() + 1000))
+    fits = len(data.shape) == len(shape) and all(
+        one in (None, other) for one, other in zip(shape, data.shape, strict=True)
+    )
+    expect(own and fits, f"{name} must be kept in the file, of shape {shape}", data.shape)
+    return data[()]
+
+
+def fraction(text: Any) -> Fraction:
+    """A fraction of two whole numbers that are not absurdly long; ValueError where it is none."""
+    fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
+    expect(bool(fits), "cells must be told as fractions", text)
+    return Fraction(text)
+
+
 class File:
     """Cells and bits of a file; ValueError where its parts do not fit together."""
 
-    def __init__(self, group: h5py.Group, recipe: Mapping[str, Any]) -> None:
-        self.scene = Scene.of(recipe)
+    def __init__(self, told: Mapping[str, Any], arrays: h5py.File) -> None:
+        self.scene, cells = Scene.of(told["recipe"]), told["cells"]
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
-        self.shape = tuple(int(n) for n in group.attrs["shape"])
-        expect(len(self.shape) == 4 and min(self.shape) >= 2, "shape must be four numbers of cells", self.shape)
-        self.widths = [Fraction(w) for w in group.attrs["widths"]]
-        self.lowers = [Fraction(w) for w in group.attrs["lowers"]]
-        self.extents = [(Fraction(a), Fraction(b)) for a, b in group.attrs["extents"]]
-        for name, kind in (("index", np.uint32), ("pool", np.uint64), ("allowed", np.uint8)):
-            expect(group[name].dtype == kind, f"{name} must be of {np.dtype(kind)}", group[name].dtype)
-        self.index, self.pool, packed = (group[name][()] for name in ("index", "pool", "allowed"))
+        self.shape = tuple(cells["shape"])
+        fits = len(self.shape) == 4 and all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in self.shape)
+        expect(fits, f"shape must be four numbers of cells from 2 to {MOST_ON_AN_AXIS}", self.shape)
+        self.widths, self.lowers = ([fraction(w) for w in cells[name]] for name in ("widths", "lowers"))
+        self.extents = [(fraction(a), fraction(b)) for a, b in cells["extents"]]
+        expect({len(part) for part in (self.widths, self.lowers, self.extents)} == {4}, "axes must be four", cells)
         n1, n2, nx, ny = self.shape
         flags, bits = (self.steps, len(self.scene.inputs()), n1, n2), nx * ny
-        fits = (
-            {len(part) for part in (self.widths, self.lowers, self.extents)} == {4}
-            and len(self.pool) > 0
-            and packed.ndim == 1
-            and self.index.shape == (len(pairs), n1 * n2)
-            and self.pool.shape[1:] == (-(-bits // 64),)
-            and packed.size == -(-math.prod(flags) // 8)
-            and self.index.max() < len(self.pool)
-            and (bits % 64 == 0 or not (self.pool[:, -1] >> np.uint64(bits % 64)).any())
-        )
-        if not fits:
-            raise ValueError("the arrays of the certified sets do not fit their numbers; the file is damaged")
+        self.index = array(arrays, "index", np.uint32, len(pairs), n1 * n2)
+        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-bits // 64))
+        packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
+        if bits % 64 and (self.pool[:, -1] >> np.uint64(bits % 64)).any():
+            raise ValueError("the certified sets have cells that there are not")
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def edges(self) -> tuple[Array, Array, Array, Array]:

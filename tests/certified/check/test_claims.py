@@ -1,7 +1,6 @@
 """The claims of a file: it proves what holds, and finds what was planted."""
 
 import itertools
-import json
 import math
 import shutil
 from fractions import Fraction
@@ -11,6 +10,7 @@ import h5py
 import naive_certified as naive
 import numpy as np
 import pytest
+from forging import forged
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
@@ -76,12 +76,12 @@ def test_every_claim_of_other_arms_is_proved(name, tmp_path):
 # ---- planted faults
 
 
-def planted(saved, tmp_path, change, whole=False):
-    """Report on a copy of the file that `change` was let loose on: the group of the sets, or the whole file."""
+def planted(saved, tmp_path, change):
+    """Report on a copy of the file that `change` was let loose on: what it tells, and its arrays."""
     path = tmp_path / "planted.h5"
     shutil.copy(saved[0], path)
-    with h5py.File(path, "r+") as file:
-        change(file if whole else file["certified"])
+    with forged(path) as (told, arrays):
+        change(told, arrays)
     return verify(path)
 
 
@@ -110,7 +110,7 @@ def test_a_cell_too_many_is_found(saved, tmp_path, rng):
         inside = table.bits(start=start, within=within)
         outside = np.argwhere(~inside & np.roll(inside, 1, axis=0))
         cell = rng.permutation(outside)[0]
-        report = planted(saved, tmp_path, lambda group, c=cell, k=start, n=within: flip(group, table, k, n, c))
+        report = planted(saved, tmp_path, lambda told, group, c=cell, k=start, n=within: flip(group, table, k, n, c))
         found += not report.ok
         named = [failure for claim in report.claims for failure in claim.failures]
         assert report.ok or f"start {start}, within {within}, cell {tuple(cell.tolist())}" in named
@@ -123,7 +123,7 @@ def test_a_cell_too_few_is_found_where_others_rest_on_it(saved, tmp_path, rng):
     inside = table.bits(start=1, within=1)
     deep = inside & np.roll(inside, 1, axis=0) & np.roll(inside, -1, axis=0) & np.roll(inside, 1, axis=1)
     cell = rng.permutation(np.argwhere(deep & table.bits(start=1, within=0)))[0]
-    report = planted(saved, tmp_path, lambda group: flip(group, table, 1, 1, cell))
+    report = planted(saved, tmp_path, lambda told, group: flip(group, table, 1, 1, cell))
     assert not report.ok
     assert any("not inside" in failure for claim in report.claims for failure in claim.failures)
 
@@ -139,15 +139,15 @@ def test_an_input_bit_too_many_is_found(saved, tmp_path, rng):
         changed = allowed.copy()
         changed[tuple(place)] = True
         bits = np.packbits(changed, bitorder="little")
-        report = planted(saved, tmp_path, lambda group, b=bits: rewrite(group, "allowed", b))
+        report = planted(saved, tmp_path, lambda told, group, b=bits: rewrite(group, "allowed", b))
         wrong = claims_of(report)["clear of the obstacles"]
         assert wrong.failed == 1
         assert wrong.failures == ("start {}, input {}, joints {}, {}".format(*place.tolist()),)
 
 
 def test_wrong_cells_end_the_check(saved, tmp_path):
-    def wider(group):
-        group.attrs["widths"] = ["19/100", *list(group.attrs["widths"])[1:]]
+    def wider(told, arrays):
+        told["cells"]["widths"][0] = "19/100"
 
     report = planted(saved, tmp_path, wider)
     assert [claim.failed for claim in report.claims] == [1]
@@ -155,13 +155,13 @@ def test_wrong_cells_end_the_check(saved, tmp_path):
 
 def test_a_stronger_adversary_is_not_proved(saved, tmp_path):
     """The sets of one problem under the numbers of harder ones."""
-    for old, new in (('"v_d_max": 2.0', '"v_d_max": 2.1'), ('"v_p_max": 0.9', '"v_p_max": 1.0')):
+    for name, old, new in (("v_d_max", 2.0, 2.1), ("v_p_max", 0.9, 1.0)):
 
-        def harder(file, old=old, new=new):
-            assert old in file.attrs["recipe"]
-            file.attrs["recipe"] = file.attrs["recipe"].replace(old, new)
+        def harder(told, arrays, name=name, old=old, new=new):
+            assert told["recipe"]["arguments"][name] == old
+            told["recipe"]["arguments"][name] = new
 
-        report = planted(saved, tmp_path, harder, whole=True)
+        report = planted(saved, tmp_path, harder)
         assert not report.ok and "NOT proved" in str(report)
 
 
@@ -170,11 +170,15 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
         pass
     with pytest.raises(ValueError, match="no certified sets"):
         verify(tmp_path / "empty.h5")
+    with pytest.raises(ValueError, match="no certified sets; make them"):
+        planted(saved, tmp_path, lambda told, arrays: told.__delitem__("cells"))
+    with pytest.raises(ValueError, match="a problem of your own"):
+        planted(saved, tmp_path, lambda told, arrays: told["cells"].update(kind="general"))
     for name in ("index", "allowed", "pool"):
         with pytest.raises(ValueError, match="damaged"):
-            planted(saved, tmp_path, lambda group, n=name: rewrite(group, n, group[n][()][:-1]))
+            planted(saved, tmp_path, lambda told, group, n=name: rewrite(group, n, group[n][()][:-1]))
 
-    def beyond_the_pool(group):
+    def beyond_the_pool(told, group):
         rewrite(group, "index", group["index"][()] + np.uint32(len(group["pool"])))
 
     with pytest.raises(ValueError, match="damaged"):
@@ -209,29 +213,27 @@ def test_files_that_cannot_be_checked_are_refused(saved, tmp_path):
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(saved, tmp_path, name, value):
-    def senseless(file):
-        recipe = json.loads(file.attrs["recipe"])
-        recipe["arguments"][name] = value
-        file.attrs["recipe"] = json.dumps(recipe)
+    def senseless(told, arrays):
+        told["recipe"]["arguments"][name] = value
 
     with pytest.raises(ValueError, match=r"make no sense .*; the file is damaged"):
-        planted(saved, tmp_path, senseless, whole=True)
+        planted(saved, tmp_path, senseless)
 
 
 @pytest.mark.parametrize(
     "damage",
     [
-        lambda group: group.attrs.__delitem__("shape"),
-        lambda group: group.attrs.__setitem__("shape", 32),
-        lambda group: group.attrs.__setitem__("widths", ["1/0"] * 4),
-        lambda group: group.attrs.__setitem__("widths", ["1/2"] * 3),
-        lambda group: group.parent.attrs.__setitem__("recipe", "[]"),
-        lambda group: group.parent.attrs.__setitem__("recipe", '{"builder": "foo", "arguments": {}}'),
-        lambda group: group.__delitem__("pool"),
-        lambda group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
-        lambda group: rewrite(group, "index", group["index"][()].astype(">u4")),
-        lambda group: rewrite(group, "pool", group["pool"][()].astype(np.int64)),
-        lambda group: rewrite(group, "allowed", group["allowed"][()].astype(np.float64)),
+        lambda told, group: told["cells"].__delitem__("shape"),
+        lambda told, group: told["cells"].update(shape=32),
+        lambda told, group: told["cells"].update(widths=["1/0"] * 4),
+        lambda told, group: told["cells"].update(widths=["1/2"] * 3),
+        lambda told, group: told.update(recipe=[]),
+        lambda told, group: told.update(recipe={"builder": "foo", "arguments": {}}),
+        lambda told, group: group.__delitem__("pool"),
+        lambda told, group: rewrite(group, "index", -group["index"][()].astype(np.int64)),
+        lambda told, group: rewrite(group, "index", group["index"][()].astype(">u4")),
+        lambda told, group: rewrite(group, "pool", group["pool"][()].astype(np.int64)),
+        lambda told, group: rewrite(group, "allowed", group["allowed"][()].astype(np.float64)),
     ],
 )
 def test_damaged_files_are_refused(saved, tmp_path, damage):

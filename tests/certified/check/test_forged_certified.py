@@ -1,0 +1,106 @@
+"""Damaged and forged certified tables: refused by the table and, with code of its own, by the independent checker."""
+
+import shutil
+import time
+
+import h5py
+import numpy as np
+import pytest
+from forging import FORGERIES, forged, replaced, spoiled
+from naive_certified import SMALL
+
+import sdhj
+from sdhj.certified.check.claims import cells_cover
+from sdhj.certified.check.reading import File, told_and_arrays
+
+LONGEST = 10.0  # seconds that an answer may take
+
+
+def read_to_check(path):
+    with told_and_arrays(path) as (told, arrays):
+        file = File(told, arrays)
+    if cells_cover(file).failed:  # then `verify` goes no further
+        raise ValueError("not proved")
+    return file
+
+
+READERS = {"table": lambda path: sdhj.load(path, problem=PROBLEM), "checker": read_to_check}
+PROBLEM = sdhj.arm_case_study(**SMALL)
+
+
+@pytest.fixture(scope="module")
+def saved(small, tmp_path_factory):
+    path = tmp_path_factory.mktemp("tables") / "small.h5"
+    small.save(path)
+    return path
+
+
+@pytest.fixture
+def path(saved, tmp_path):
+    return shutil.copy(saved, tmp_path / "forged.h5")
+
+
+def refused(path, reader, match=None):
+    began = time.perf_counter()
+    with pytest.raises(ValueError, match=match):
+        READERS[reader](path)
+    assert time.perf_counter() - began < LONGEST
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_what_is_whole_is_read(path, reader):
+    assert READERS[reader](path).pool.any()
+
+
+@pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("reader", READERS)
+def test_all_damage_is_found_before_the_library_sees_it(path, reader, rng, count, monkeypatch):
+    def no_library(*arguments, **options):
+        raise AssertionError("the HDF5 library saw damaged bytes")
+
+    for damaged in spoiled(path.read_bytes(), rng, count):
+        path.write_bytes(damaged)
+        with monkeypatch.context() as patch:
+            patch.setattr(h5py, "File", no_library)
+            refused(path, reader)
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("name", ["index", "pool", "allowed"])
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_a_forged_array_is_refused(path, reader, name, forgery):
+    with forged(path) as (told, arrays):
+        replaced(name, FORGERIES[forgery])(told, arrays)
+    refused(path, reader, "no look-up table that can be read|make no sense")
+
+
+def ones(told, arrays):
+    """More than all cells: the bits past the last one in a block count as well."""
+    arrays["pool"][...] = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    "forge",
+    [
+        ones,
+        lambda told, arrays: told["cells"].update(shape=[32, 32, 12, 10**12]),
+        lambda told, arrays: told["cells"].update(shape=[10**6, 10**6, 10**6, 10**6]),
+        lambda told, arrays: told["cells"].update(widths=["1e999999999"] * 4),
+        lambda told, arrays: told["cells"].update(widths=["1/" + "9" * 300] * 4),
+        lambda told, arrays: told["cells"].update(widths=["0", "-1", "1/0", 7]),
+        lambda told, arrays: told["cells"].update(widths=[]),
+        lambda told, arrays: told["cells"].update(kind="arm " * 2) or told.update(cells=7),
+    ],
+)
+def test_cells_that_make_no_sense_are_refused(path, reader, forge):
+    with forged(path) as parts:
+        forge(*parts)
+    refused(path, reader)
+
+
+@pytest.mark.parametrize("parts", [0, 10**9, "7", None])
+def test_parts_that_make_no_sense_are_refused(path, parts):
+    with forged(path) as (told, _):
+        told["proof"]["parts"] = parts
+    refused(path, "table")

@@ -1,0 +1,98 @@
+"""Tables' files changed on purpose, and given the digest that belongs to them again: what a forger would do."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.grid import FloatArray
+
+
+@contextmanager
+def forged(path: Any) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+    """What the file tells and its arrays, both to be changed."""
+    first, _, text, *_ = path.read_bytes().split(b"\n", 3)
+    told = json.loads(text)
+    with h5py.File(path, "r+") as arrays:
+        block = arrays.userblock_size
+        yield told, arrays
+    image = path.read_bytes()[block:]
+    text = json.dumps(told, sort_keys=True).encode() + b"\n"
+    while len(first) + 74 + len(text) > block:
+        block *= 2
+    seal(path, first, text.ljust(block - len(first) - 73) + image)
+
+
+def seal(path: Any, first: bytes, rest: bytes) -> None:
+    """Write a file of that first line and all that follows the digest."""
+    path.write_bytes(first + b"\nsha256 " + hashlib.sha256(rest).hexdigest().encode() + b"\n" + rest)
+
+
+def spoiled(whole: bytes, rng: np.random.Generator, count: int) -> Iterator[bytes]:
+    """A file's bytes with one bit turned over, and with 512 of them zeroed, each at `count` random places."""
+    for place in rng.integers(0, len(whole), count):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << int(rng.integers(8))
+        yield bytes(changed)
+    for place in rng.integers(0, len(whole), count):
+        changed = bytearray(whole)
+        changed[place : place + 512] = bytes(len(changed[place : place + 512]))
+        if changed != whole:
+            yield bytes(changed)
+
+
+def replaced(name: str, make: Callable[[Any, str, FloatArray], Any]) -> Callable[[Any, Any], None]:
+    """A forgery: the array of that name made anew, by its file, its name and what it held."""
+
+    def forge(told: Any, arrays: Any) -> None:
+        old = arrays[name][()]
+        del arrays[name]
+        make(arrays, name, old)
+
+    return forge
+
+
+def elsewhere(arrays: Any, name: str, old: FloatArray) -> None:
+    """Data in another file, raw: whatever stands in it would be told."""
+    arrays.create_dataset(name, old.shape, old.dtype, external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
+
+
+def virtual(arrays: Any, name: str, old: FloatArray) -> None:
+    layout = h5py.VirtualLayout(old.shape, old.dtype)
+    layout[...] = h5py.VirtualSource("other.h5", name, old.shape)
+    arrays.create_virtual_dataset(name, layout)
+
+
+def bomb(arrays: Any, name: str, old: FloatArray) -> None:
+    """Some 4 GB of zeros in a small file."""
+    shape = (old.shape[0] + int(4e9) // max(old[:1].nbytes, 1), *old.shape[1:])
+    chunks = (min(shape[0], 10**6), *(1 for _ in shape[1:]))
+    arrays.create_dataset(name, shape, old.dtype, chunks=chunks, compression="gzip")
+
+
+def as_group(arrays: Any, name: str, old: FloatArray) -> None:
+    arrays[name] = arrays["/"]  # a circle
+
+
+FORGERIES: dict[str, Callable[[Any, str, FloatArray], Any]] = {
+    "external storage": elsewhere,
+    "virtual": virtual,
+    "external link": lambda arrays, name, old: arrays.__setitem__(name, h5py.ExternalLink("other.h5", name)),
+    "soft link": lambda arrays, name, old: arrays.__setitem__(name, h5py.SoftLink("/samples")),
+    "text": lambda arrays, name, old: arrays.create_dataset(name, data=["a"] * 4, dtype=h5py.string_dtype()),
+    "objects": lambda arrays, name, old: arrays.create_dataset(name, old.shape, h5py.vlen_dtype(np.int64)),
+    "missing": lambda arrays, name, old: None,
+    "group": as_group,
+    "scalar": lambda arrays, name, old: arrays.__setitem__(name, 7),
+    "empty": lambda arrays, name, old: arrays.__setitem__(name, h5py.Empty(old.dtype)),
+    "too short": lambda arrays, name, old: arrays.__setitem__(name, old[:-1]),
+    "too long": lambda arrays, name, old: arrays.__setitem__(name, np.concatenate([old, old[:1]])),
+    "other kind": lambda arrays, name, old: arrays.__setitem__(name, old.astype(np.complex128)),
+    "other order": lambda arrays, name, old: arrays.__setitem__(name, old.astype(">f8")),
+    "other packing": lambda arrays, name, old: arrays.create_dataset(name, data=old, chunks=True, fletcher32=True),
+    "bomb": bomb,
+}

@@ -1,0 +1,296 @@
+"""What could lose work or leave litter: kills, Ctrl-C, full disks, names that cannot be written."""
+
+import dataclasses
+import fcntl
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from toys import interval_problem
+
+import sdhj
+from sdhj import cli
+from sdhj.files import replaced_whole, writable_file
+
+WRITING = """
+import sys
+sys.argv[0] = {name!r}
+import sdhj, time
+from sdhj.files import replaced_whole
+with replaced_whole("a.txt") as temporary:
+    temporary.write_text("half")
+    print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+def writing(folder, name="sdhj"):
+    """A process that has written half a file."""
+    command = [sys.executable, "-c", WRITING.format(name=name)]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "writing\n"
+    return process
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_command_ends_at_a_signal_with_a_sentence_and_no_litter(tmp_path, number, status):
+    process = writing(tmp_path)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=20)
+    assert process.returncode == status
+    assert told.count("\n") == 2 and "sdhj was" in told and "Traceback" not in told
+    assert os.listdir(tmp_path) == []
+
+
+def test_programs_that_import_it_keep_their_own_signals(tmp_path):
+    process = writing(tmp_path, name="robot.py")
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=20)
+    assert "KeyboardInterrupt" in told and os.listdir(tmp_path) == []
+
+
+def test_a_package_that_imports_it_keeps_its_own_signals(tmp_path):
+    """Also where `python -m` runs it, under whose name the command is known, too."""
+    (tmp_path / "robot").mkdir()
+    code = "import sdhj, signal\nprint(signal.getsignal(signal.SIGINT) is signal.default_int_handler)\n"
+    (tmp_path / "robot" / "__init__.py").write_text(code)
+    (tmp_path / "robot" / "__main__.py").touch()
+    done = subprocess.run([sys.executable, "-m", "robot"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "True\n", done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_what_a_killed_process_left_is_cleaned_and_nothing_else(tmp_path, number):
+    killed, living = writing(tmp_path, name="robot.py"), writing(tmp_path)
+    killed.send_signal(number)
+    killed.communicate(timeout=20)
+    assert len(os.listdir(tmp_path)) == 2
+    (tmp_path / "mine.sdhj-notes").touch()
+    writable_file(tmp_path / "b.txt")
+    assert len(os.listdir(tmp_path)) == 2  # what is still written, and the notes
+    living.terminate()
+    living.communicate(timeout=20)
+    assert os.listdir(tmp_path) == ["mine.sdhj-notes"]
+
+
+@pytest.mark.parametrize("command", [["-m", "sdhj"], ["-c", "import sys; sys.argv[0] = '/bin/sdhj'; import sdhj"]])
+def test_ctrl_c_during_import_is_no_traceback(command):
+    """At the first moment at which the package can act, and a while later."""
+    for wait in (0.0, 0.1):
+        process = subprocess.Popen(
+            [sys.executable, "-X", "importtime", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        while "numba" not in process.stderr.readline():  # which is imported after
+            assert process.poll() is None
+        time.sleep(wait)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=20)
+        assert process.returncode == 130 and "sdhj was interrupted" in told and "Traceback" not in told
+
+
+def test_no_ctrl_c_is_swallowed():
+    """Python ignores what is raised while an object is taken away, a KeyboardInterrupt too."""
+    code = """
+import sys
+sys.argv[0] = "sdhj"
+import sdhj, os, signal, time
+class Swallowing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+object = Swallowing()
+del object
+print("went on")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (130, "")
+
+
+def test_other_commands_end_at_ctrl_c_with_130_as_well():
+    @click.command()
+    @cli.plainly
+    def command():
+        raise KeyboardInterrupt
+
+    done = CliRunner().invoke(command)
+    assert done.exit_code == 130 and "interrupted" in done.output
+
+
+# ---- names
+
+
+@pytest.mark.parametrize("length", [213, 214, 240, 255])
+def test_names_as_long_as_the_system_takes_are_written(tmp_path, length):
+    path = tmp_path / ("a" * (length - 3) + ".h5")
+    table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
+    table.save(writable_file(path))
+    assert sdhj.load(path, problem=table.problem).steps == 1 and os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("name", ["a" * 256 + ".h5", "a\0b.h5", "x." + "a" * 240])
+def test_names_that_cannot_be_written_are_found_before(tmp_path, name):
+    with pytest.raises(OSError, match=r"cannot use the name .*: |cannot write in .*name too long"):
+        writable_file(tmp_path / name)
+
+
+def test_names_that_are_not_utf_8_are_written(tmp_path):
+    path = tmp_path / os.fsdecode(b"\xff.h5")
+    done = CliRunner().invoke(cli.main, ["solve", "--nodes", "7", "--steps", "1", "-o", str(path)])
+    assert done.exit_code == 0, done.output
+    assert CliRunner().invoke(cli.main, ["info", str(path)]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a\nb", os.fsdecode(b"\xff"), b"bytes", None])
+def test_problem_names_that_no_file_takes_are_found_before(name):
+    with pytest.raises(ValueError, match="name must be text in one line"):
+        dataclasses.replace(interval_problem(), name=name)
+
+
+def test_recipes_that_no_file_takes_are_found_before():
+    for recipe in ({"a": np.zeros(3)}, {"a": {1, 2}}, {"a": float("nan")}, 7):
+        with pytest.raises(ValueError, match="recipe must be a mapping that JSON can tell"):
+            dataclasses.replace(interval_problem(), recipe=recipe)
+
+
+# ---- full disks; a limit on the size of files stands for them
+
+
+def limited(size, code, folder):
+    head = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    done = subprocess.run(
+        [sys.executable, "-c", code.replace("FULL", head)], cwd=folder, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_table_outlives_a_full_disk(tmp_path):
+    code = """
+import sdhj, sys
+sys.path.insert(0, TESTS)
+from toys import interval_problem
+table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
+FULL
+try:
+    table.save("table.h5")
+except OSError as error:
+    print(error)
+print(table.fraction(start=0, within=1) > 0)
+""".replace("TESTS", repr(os.path.dirname(__file__)))
+    told = limited(1000, code, tmp_path)
+    assert (
+        "cannot write" in told and "table.h5: File too large" in told and "still in memory: save it elsewhere" in told
+    )
+    assert told.endswith("True\n") and os.listdir(tmp_path) == []
+
+
+def test_pictures_on_a_full_disk_are_an_error_in_words(tmp_path):
+    code = """
+from matplotlib.figure import Figure
+from sdhj import plotting
+figure = Figure()
+figure.subplots().plot(range(1000))
+plotting.save(figure, "warm", "x")
+FULL
+for form in ("png", "pdf", "svg"):
+    try:
+        plotting.save(figure, ".", "x", (form,))
+    except OSError as error:
+        print(error)
+"""
+    told = limited(3000, code, tmp_path)
+    assert told.count("File too large; make room, or choose another place") == 3
+    assert os.listdir(tmp_path) == ["warm"]
+
+
+def solve_to(path, **options):
+    return CliRunner().invoke(cli.main, ["solve", "--nodes", "7", "--steps", "1", "-o", str(path)], **options)
+
+
+@pytest.fixture
+def full(tmp_path, monkeypatch):
+    """A folder on a disk that fills up while the table is solved."""
+    from sdhj.table import LookupTable
+
+    (tmp_path / "full").mkdir()
+    save = LookupTable.save
+
+    def failing(table, path):
+        if "full" in str(path):
+            raise OSError(f"cannot write {path}: No space left on device")
+        save(table, path)
+
+    monkeypatch.setattr(LookupTable, "save", failing)
+    return tmp_path / "full" / "arm.h5"
+
+
+def test_the_command_offers_another_path(full, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "at_a_terminal", lambda: True)
+    done = solve_to(full, input=f"{full}\n{tmp_path / 'other.h5'}\n")
+    assert done.exit_code == 0 and done.output.count("No space left on device") == 2, done.output
+    assert "other.h5: " in done.output and sdhj.load(tmp_path / "other.h5").steps == 1
+
+
+def test_without_a_terminal_it_keeps_the_table_and_says_where(full, tmp_path, monkeypatch):
+    kept = tmp_path / "temporary"
+    kept.mkdir()
+    monkeypatch.setattr("sdhj.cli.gettempdir", lambda: str(kept))
+    done = solve_to(full)
+    (name,) = os.listdir(kept)
+    assert done.exit_code == 2 and "No space left on device; it is kept as" in done.output and name in done.output
+    assert sdhj.load(kept / name).steps == 1
+
+
+def test_files_reach_the_disk_before_they_take_their_name(tmp_path, monkeypatch):
+    """The content first, then the name, then the folder that holds it."""
+    done, fsync, replace = [], os.fsync, os.replace
+
+    def synced(file):
+        done.append("folder" if stat.S_ISDIR(os.fstat(file).st_mode) else "file")
+        fsync(file)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", lambda *paths: (done.append("name"), replace(*paths)))
+    with replaced_whole(tmp_path / "a.txt") as temporary:
+        temporary.write_text(json.dumps(1))
+    assert done == ["file", "name", "folder"]
+
+
+# ---- what keeps a file from being read is told as what it is
+
+
+def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    path = tmp_path / "a.h5"
+    with pytest.raises(FileNotFoundError, match="no file"):
+        sdhj.load(path)
+    with pytest.raises(IsADirectoryError, match="is a folder; name a file"):
+        sdhj.load(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="a device or a pipe"):
+        sdhj.load(tmp_path / "pipe")
+    path.touch()
+
+    def denied(*arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("builtins.open", denied)
+    with pytest.raises(PermissionError, match=r"cannot read .*a\.h5: Permission denied"):
+        sdhj.load(path)
+
+
+def test_a_locked_file_is_read(tmp_path):
+    """A lock of the HDF5 library's kind, as of a viewer that has the file open, keeps nobody from reading."""
+    table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
+    table.save(tmp_path / "a.h5")
+    with open(tmp_path / "a.h5", "r+b") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert sdhj.load(tmp_path / "a.h5", problem=table.problem).steps == 1
