@@ -30,7 +30,6 @@ from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
 from sdhj.controller import RULES, Controller
-from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.recursion import memory_needed
 from sdhj.schemes import Scheme, Velocities, evolve
@@ -385,9 +384,8 @@ def plot(report: Report, path: str | os.PathLike[str]) -> Path:
         right.set(xlabel="time of one reach problem (s)", ylabel="mean error near the boundary")
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
         left.set_title(report.machine, fontsize=7, loc="left")
-        with replaced_whole(path) as temporary:
-            figure.savefig(temporary)
-    return Path(path)
+    path = Path(path)
+    return plotting.save(figure, path.parent, path.stem, (path.suffix[1:],))[0]
 
 
 def _machine() -> str:

@@ -1,12 +1,13 @@
-"""A vehicle in a maze, the standard example of discretised control: rest not before everything that can be won is won.
+"""A vehicle in a maze, the standard example of discretised control: from where can the target be reached at all?
 
 The problem is `examples/vehicle` of SCOTS (Rungger & Zamani, HSCC 2016; the vehicle of Reissig, Weber & Rungger, IEEE
 TAC 2017, doi 10.1109/TAC.2016.2593947): 15 walls, a corner to be reached, 7 x 7 inputs held for 0.3 s. SCOTS answers on
 cells of 0.2 m x 0.2 m x 0.2 rad, walls grown by half a cell, and wins from 48,018 of 91,035 cells. Nothing here depends
 on time and no number of steps is given, so there is one tube for each number of steps to go, until none grows.
 
-`python figures/maze.py -o maze.png` solves it (minutes), plays it and draws where the target can be reached from. Where
-the nodes are too far apart for the walls it says so and solves nothing.
+`python figures/maze.py -o maze.png` certifies it (a minute), plays it and draws where the target can be reached from.
+`--method hji` is for tables of few steps: errors of the scheme in each of hundreds add up to standing still. Where walls,
+or the promises of the table, are lost between the nodes there is a refusal in place of a number.
 """
 
 import time
@@ -21,10 +22,9 @@ from matplotlib.patches import Rectangle
 import sdhj
 from sdhj import plotting
 from sdhj.cli import plainly, writable_picture
-from sdhj.files import replaced_whole
 from sdhj.grid import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style
-from sdhj.resolution import ResolutionWarning, check_resolution
+from sdhj.resolution import ResolutionWarning
 from sdhj.table import Table
 
 SIDE = 10.0  # m
@@ -47,6 +47,7 @@ WALLS = (  # x from, x to, y from, y to, m
     (9.3, 10.0, 2.3, 2.5),
 )
 LEVELS = 0.3 * np.arange(-3, 4)  # of the speed, m/s, and of the steering angle, rad
+CELLS = 51, 51, 72  # of a certified table; walls lie on the sides of such cells nowhere
 SCOTS_SHARE = 48_018 / 91_035
 
 
@@ -87,15 +88,16 @@ def maze(
     )
 
 
-def solved(problem: sdhj.ReachAvoidProblem) -> Table:
-    """Its table; ValueError where a wall hides between the nodes, or nearly: a number would be none."""
+def solved(problem: sdhj.ReachAvoidProblem, method: str = "certified") -> Table:
+    """Its table; ValueError where hji loses walls or promises between the nodes: a number would be none."""
+    if method == "certified":
+        return sdhj.solve(problem, sdhj.Certified(cells=CELLS))
     with warnings.catch_warnings():
         warnings.simplefilter("error", ResolutionWarning)
         try:
-            check_resolution(problem)
-        except ResolutionWarning as hidden:
-            raise ValueError(str(hidden)) from None
-    return sdhj.solve(problem)
+            return sdhj.solve(problem, method)
+        except ResolutionWarning as lost:
+            raise ValueError(str(lost)) from None
 
 
 def draw(table: Table) -> Figure:
@@ -115,24 +117,26 @@ def draw(table: Table) -> Figure:
 
 
 @click.command(context_settings={"show_default": True})
-@click.option("--nodes", default=61, type=click.IntRange(21, 201), help="Nodes along x and along y.")
-@click.option("--headings", default=36, type=click.IntRange(12, 144), help="Nodes along the heading.")
+@click.option("--method", default="certified", type=click.Choice(["certified", "hji"]))
+@click.option("--nodes", default=61, type=click.IntRange(21, 201), help="Nodes along x and along y, for hji.")
+@click.option("--headings", default=36, type=click.IntRange(12, 144), help="Nodes along the heading, for hji.")
+@click.option("--steps", type=click.IntRange(1), help="At most so many; by default as many as it takes.")
 @click.option("--runs", default=2000, type=click.IntRange(1), help="Runs from states drawn where they are won.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="A picture: a png or pdf file.")
 @plainly
-def main(nodes: int, headings: int, runs: int, output: Path | None) -> None:
+def main(method: str, nodes: int, headings: int, steps: int | None, runs: int, output: Path | None) -> None:
     """Solve the maze from wherever it can be solved."""
     writable_picture(output, [".png", ".pdf"])
     began = time.perf_counter()
-    table = solved(maze(nodes, headings))
+    table = solved(maze(nodes, headings, steps), method)
     share, free = table.fraction(start=0, within=table.steps), float((to_walls(table.grid.points()[:, :2]) > 0).mean())
     click.echo(f"{share:.1%} of all states won within {table.steps} steps; walls leave {free:.1%} free")
     click.echo(f"{SCOTS_SHARE:.1%} by SCOTS, whose walls are a cell thicker")
     click.echo(f"{time.perf_counter() - began:.0f} s, {table.nbytes / 1e6:.0f} MB")
     click.echo(str(sdhj.monte_carlo(sdhj.Controller(table), runs, "none")))
     if output is not None:
-        with style(), replaced_whole(output) as path:
-            draw(table).savefig(path, format=output.suffix[1:])
+        with style():
+            plotting.save(draw(table), output.parent, output.stem, (output.suffix[1:],))
         click.echo(output)
 
 

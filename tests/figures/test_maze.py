@@ -1,11 +1,14 @@
 """The maze: its walls, the refusal where nodes are too far apart, and a short way of it judged without the library."""
 
+from typing import Any
+
 import judge
 import numpy as np
 import pytest
-from maze import SIDE, TARGET, WALLS, maze, solved, to_box, to_walls, velocity
+from maze import SCOTS_SHARE, SIDE, TARGET, WALLS, maze, solved, to_box, to_walls, velocity
 
 import sdhj
+from sdhj.table import Table
 
 
 def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
@@ -23,17 +26,24 @@ def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
 
 def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
     with pytest.raises(ValueError, match=r"the unsafe set .walls. hides between the nodes at x = .* Use"):
-        solved(maze(21, 12))
+        solved(maze(21, 12), "hji")
 
 
-def lost(sampling: str, rng: np.random.Generator) -> float:
-    """The share of the starts of 20 steps whose runs do not reach the target, walls being a node or two thick."""
-    table = sdhj.solve(maze(61, steps=20, sampling=sampling), progress=False)
+def test_where_walls_are_seen_and_worn_down_it_refuses_too() -> None:
+    with pytest.raises(ValueError, match=r"the unsafe set .walls. is too thin for the grid at x = .*steep"):
+        solved(maze(61, sampling="nodes"), "hji")
+
+
+@pytest.mark.slow
+def test_promises_that_hundreds_of_steps_outlive_are_refused() -> None:
+    with pytest.raises(ValueError, match="no input is sure to lead on"):
+        solved(maze(41, 24, steps=60), "hji")
+
+
+def judged(table: Table, starts: Any) -> Any:
+    """The outcomes of runs from starts (M, 3), for at most twice the steps of the table."""
     controller, inputs = sdhj.Controller(table), table.problem.inputs
-    states = rng.uniform(table.grid.lower, table.grid.upper, (200_000, 3))
-    away = to_box(states[:, :2], TARGET) > 0
-    starts = states[table.contains(states, start=0, within=20) & away][:2000]
-    outcomes = judge.play(
+    return judge.play(
         lambda q, step: controller.choose(controller.batch(q, 0)),
         lambda q, j, signs, t: velocity(q[:, 2], *inputs[np.maximum(j, 0)].T),
         lambda q, j, t, end: np.zeros((len(q), 1)),
@@ -41,14 +51,32 @@ def lost(sampling: str, rng: np.random.Generator) -> float:
         lambda q, t: np.minimum(to_walls(q[:, :2]), np.minimum(q[:, :2], SIDE - q[:, :2]).min(axis=1) + 1e-9),
         starts,
         delta=table.problem.delta,
-        steps=40,
+        steps=2 * table.steps,
     )
-    assert len(starts) == 2000
-    return float(np.mean(outcomes != "reached"))
+
+
+def won(table: Table, rng: np.random.Generator, most: int) -> Any:
+    """States (M, 3) out of the target from which it is reached in all steps, at most so many."""
+    states = rng.uniform(table.grid.lower, table.grid.upper, (200_000, 3))
+    away = to_box(states[:, :2], TARGET) > 0
+    return states[table.contains(states, start=0, within=table.steps) & away][:most]
 
 
 @pytest.mark.slow
 def test_the_last_steps_of_the_maze(rng: np.random.Generator) -> None:
     """With steep walls all is kept; without, differences wear them down and the table leads through them."""
-    assert lost("steep", rng) < 0.005
-    assert lost("nodes", rng) > 0.2
+    lost = {}
+    for sampling in ("steep", "nodes"):
+        table = sdhj.solve(maze(61, steps=20, sampling=sampling), progress=False)
+        starts = won(table, rng, 2000)
+        assert len(starts) == 2000
+        lost[sampling] = np.mean(judged(table, starts) != "reached")
+    assert lost["steep"] < 0.005 and lost["nodes"] > 0.2, lost
+
+
+@pytest.mark.slow
+def test_the_whole_maze_is_certified(rng: np.random.Generator) -> None:
+    table = solved(maze())
+    starts = won(table, rng, 200)
+    assert table.fraction(start=0, within=table.steps) > SCOTS_SHARE
+    assert len(starts) == 200 and (judged(table, starts) == "reached").all()
