@@ -6,15 +6,17 @@ that a `ReachAvoidProblem` samples on its grid.
 
 import hashlib
 import importlib
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from sdhj.checks import ascending, check_function, finite_array, number, option, whole
-from sdhj.dynamics import Dynamics, Interval
+from sdhj.checks import ARGUMENTS, Asked, ascending, finite_array, number, option, repeated, states_array, whole
+from sdhj.dynamics import INSTANTS, Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
 
@@ -22,9 +24,13 @@ VIEW_TIMES = ("swept", "sampled", "instantaneous")
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
+SMALLEST = float(np.finfo(np.float32).tiny)  # below it they are taken for 0, and what is outside for inside
 INTERVALS = 8  # in which a swept set is checked
 FOREVER = 1000  # steps that are tried where a problem gives no number of them
-CHECKED = 5000  # nodes at which the rate of a moving set is checked
+MOST_SAMPLED = 1_000_000  # steps of a problem
+CHECKED = 5000  # nodes at most at which the rate of a set is checked
+MOMENTS = 2000  # times at most at which it is
+QUESTIONS = 500_000  # values at most that this asks for
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
@@ -66,9 +72,10 @@ class UnsafeSet:
     def __post_init__(self) -> None:
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "cell"))
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
         if self.swept is not None:
-            check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            swept = Asked.of(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            object.__setattr__(self, "swept", swept)
         if self.slope is not None:
             object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
         rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
@@ -115,7 +122,7 @@ class TargetSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
 
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
@@ -162,11 +169,10 @@ class ReachAvoidProblem:
     def __post_init__(self) -> None:
         self._check_parts()
         self.grid.require_room()
-        if self.view_time not in VIEW_TIMES:
-            raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
+        option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
         if self.steps is not None:
-            object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
+            object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
         ndim = self.grid.ndim
         self.dynamics.check(ndim)
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -180,10 +186,11 @@ class ReachAvoidProblem:
                 "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
                 "or the target depend on time; give a number of steps"
             )
-        for part in self.unsafe:
-            points = self._some_points(part)
+        self._check_dynamics()
+        for part in parts:
+            points = self._some_points(part.axes)
             self._check_rate(part, points)
-            if part.moving and part.swept is not None and self.view_time == "swept":
+            if isinstance(part, UnsafeSet) and part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
         self._check_goals()
 
@@ -206,11 +213,15 @@ class ReachAvoidProblem:
     def _check_parts(self) -> None:
         if self.target is None:
             object.__setattr__(self, "target", ANYWHERE)
+        for name, kind in (("grid", Grid), ("dynamics", Dynamics)):
+            if not isinstance(given := getattr(self, name), kind):
+                raise ValueError(f"{name} must be a sdhj.{kind.__name__}, got {reprlib.repr(given)}")
         if not isinstance(self.target, TargetSet):
-            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {self.target!r}")
+            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
-            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
+            told = reprlib.repr(self.unsafe)
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {told}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
             raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
@@ -227,32 +238,53 @@ class ReachAvoidProblem:
         """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
 
-    def _some_points(self, part: UnsafeSet) -> FloatArray:
-        """Nodes, at most `CHECKED` of them, of the axes that a set depends on, (M, axes)."""
-        subgrid = self.grid.subgrid(part.axes)
-        nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, CHECKED)).astype(np.int64))
+    @cached_property
+    def _moments(self) -> FloatArray:
+        """Times at which the sets are tried, ascending: in every step and within it, where that is not too often."""
+        steps = self.steps or SUBSAMPLES
+        if steps * len(INSTANTS) <= MOMENTS:
+            return np.unique((np.arange(steps)[:, None] + INSTANTS) * self.delta)
+        drawn = np.random.default_rng(0).random(MOMENTS - 2)
+        return np.sort(np.concatenate([[0.0, 1.0], drawn])) * (steps * self.delta)
+
+    def _some_points(self, axes: Sequence[int]) -> FloatArray:
+        """Some nodes of some axes, (M, axes)."""
+        subgrid, most = self.grid.subgrid(axes), min(CHECKED, QUESTIONS // len(self._moments))
+        nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, most)).astype(np.int64))
         places = np.stack(np.unravel_index(nodes, subgrid.shape), axis=1)
         return np.array(subgrid.lower) + places * np.array(subgrid.spacing)
 
-    def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
-        """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
-        span = self.delta * (self.steps or SUBSAMPLES)
-        times = [0.0, 0.37 * self.delta, 0.61 * span, span]
-        values = [finite_array(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
-        for k in range(1, len(times)):
-            changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
-            if changed > part.rate * span + 1e-9 * (1.0 + float(np.abs(values[k]).max())):
+    def _check_rate(self, part: TargetSet | UnsafeSet, points: FloatArray) -> None:
+        """At some nodes and many times: a set that moves faster than it says would be met where nobody expects it."""
+        times = self._moments.tolist() if isinstance(part, UnsafeSet) else [0.0, self.delta]
+        first = values = part.level_set(points, times[0])
+        for before, t in pairwise(times):
+            later = part.level_set(points, t)
+            changed, span, rate = float(np.abs(later - values).max()), t - before, getattr(part, "rate", np.inf)
+            if changed > rate * span + 1e-9 * (1.0 + float(np.abs(later).max())):
                 raise ValueError(
-                    f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, more than "
-                    f"its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
+                    f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, from t = "
+                    f"{before:g} on, more than its rate {rate:g} allows; give a rate of at least {changed / span:.3g}"
                 )
+            values = later
+        repeated(f"level set of {part.name!r}", first, part.level_set(points, times[0]))
+
+    def _check_dynamics(self) -> None:
+        """Ask for the velocities at some nodes, and after another question once more."""
+        points, last = self._some_points(range(self.grid.ndim))[:: CHECKED // 200], len(self.inputs) - 1
+        asked = self.dynamics.drift_at, self.dynamics.gain_at, lambda _, *when: self.dynamics.bounds_at(*when)
+        for name, function in zip(ARGUMENTS, asked, strict=True):
+            if name in self.dynamics.takes:
+                first, _, again = (function(points, *when) for when in ((0, 0.0), (last, self.delta), (0, 0.0)))
+                repeated(name, first, again)
 
     def _check_swept(self, part: UnsafeSet, points: FloatArray) -> None:
         """At some nodes, in some intervals: a `swept` that leaves out a part of the set leads the robot into it."""
         assert part.swept is not None
         for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
             t0, t1 = self.time(step), self.time(step + 1)
-            swept = finite_array(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
+            swept = part.swept(points, t0, t1)
+            repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
             for t in np.linspace(t0, t1, 5).tolist():
                 excess = swept - part.level_set(points, t)
                 if excess.max() > 1e-9 * (1.0 + float(np.abs(swept).max())):
@@ -313,6 +345,11 @@ class ReachAvoidProblem:
             raise ValueError(
                 f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
                 "from the boundary only the sign counts, so clip it"
+            )
+        if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
+            raise ValueError(
+                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision takes what is nearer to 0 "
+                f"than {SMALLEST:.2g} for 0, which would be another set; scale the function, or let it be 0 there"
             )
         return values
 
@@ -378,21 +415,13 @@ class ReachAvoidProblem:
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
-        self._check_states(points)
-        return self.value_of(self.target, points, t)
+        return self.value_of(self.target, states_array("points", points, self.grid.ndim), t)
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        self._check_states(points)
-        points = self.grid.wrapped(points)
+        points = self.grid.wrapped(states_array("points", points, self.grid.ndim))
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
-
-    def _check_states(self, points: FloatArray) -> None:
-        if np.ndim(points) != 2:
-            raise ValueError(
-                f"points must have shape (M, {self.grid.ndim}), got {np.shape(points)}; q[None] is one state"
-            )
 
     @cached_property
     def digest(self) -> str:

@@ -22,6 +22,7 @@ The tubes S_k^i live on the whole grid; the recursion projects them anew at each
 on axes that one subspace keeps needs no projection and is solved on its own axes, exactly as in the full method.
 """
 
+import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -296,8 +297,9 @@ class Projected:
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
+        told = reprlib.repr(self.inner)
         if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {self.inner!r}")
+            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
         if self.subspaces is None:
             return
         collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]

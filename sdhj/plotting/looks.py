@@ -4,6 +4,7 @@ Nothing here uses `matplotlib.pyplot`: figures have no window and no global stat
 widget alike. What a colour says in grey is said again by lightness, a hatch or a line style.
 """
 
+import io
 import logging
 import os
 from collections.abc import Iterable, Sequence
@@ -119,9 +120,19 @@ def save(
     logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
     with style():
         for form, file in zip(formats, files, strict=True):
-            with replaced_whole(file) as path:
-                figure.savefig(path, format=form, metadata=UNDATED[form])
+            write(figure, file, metadata=UNDATED[form])
     return files
+
+
+def write(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
+    """Write `figure` as the format that its name ends with, whole or not at all; options as for `savefig`.
+
+    It is drawn in memory first: what draws a PDF on a disk that is full dies of something else than that.
+    """
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format=Path(path).suffix[1:].lower(), **options)
+    with replaced_whole(path) as temporary:
+        temporary.write_bytes(drawn.getvalue())
 
 
 def grey(rgb: Iterable[Any]) -> Any:

@@ -258,7 +258,7 @@ def test_a_bad_recipe_is_refused(recipe, message):
 def test_the_scene_is_what_the_problem_was_built_from():
     problem = small(kinematics="printed", obstacles=[Disk(Circle((0.0, -0.2), 0.05, 1.0), 0.03)])
     view = scene(problem)
-    assert view == problem.target.level_set.__self__
+    assert view == problem.target.level_set.function.__self__
     assert (view.arm.kinematics, view.agent, view.agent_radius, view.agent_box) == ("printed", "pursuer", 0.04, 0.36)
     assert view.obstacles == (Disk(Circle((0.0, -0.2), 0.05, 1.0), 0.03),)
     assert view.target is not None and view.target.radius == 0.06
