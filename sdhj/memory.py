@@ -5,65 +5,56 @@ from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 
-try:
-    import resource
-except ImportError:  # where there are no such limits
-    resource = None  # type: ignore[assignment]
-
 SPARE = 2**22  # bytes for which there is always room: to ask takes as long as to fill them
-# of each version of control groups: where they stand, the limit, what is used, and what of that is given back at need
+# of both versions of control groups: where they stand, the limit, what is used, what of that is given back at need
 GROUPS = {
-    2: ("", "memory.max", "memory.current", "inactive_file"),
-    1: ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    False: ("", "memory.max", "memory.current", "inactive_file"),
+    True: ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
 
 
 def available() -> tuple[int, str] | None:
-    """Bytes that this process can still take and what sets the limit, or None where the system does not say."""
+    """Bytes that this process can still take and what says so, or None where the system does not."""
     return min([*_of_machine(), *_of_process(), *of_control_groups()], default=None)
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return
-    yield from ((1024 * int(line.split()[1]), "are available") for line in lines if line.startswith("MemAvailable"))
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith("MemAvailable"):
+            yield 1024 * int(line.split()[1]), "are available"
 
 
 def _of_process() -> Iterator[tuple[int, str]]:
-    try:
-        limit = resource.RLIM_INFINITY if resource is None else resource.getrlimit(resource.RLIMIT_AS)[0]
-        used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, AttributeError):
-        return
-    if limit != resource.RLIM_INFINITY:
-        yield max(limit - used, 0), f"are left of the {Decimal(limit) / 10**9:.3g} GB of address space (ulimit -v)"
+    for line in _lines(Path("/proc/self/statm")):
+        import resource  # where there is such a file there is this
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            left = max(limit - int(line.split()[0]) * os.sysconf("SC_PAGE_SIZE"), 0)
+            yield left, f"are left of the {limit / 1e9:.3g} GB of address space that ulimit -v allows"
 
 
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
     """What the control groups of this process and those above them leave; a container sees its own as the root."""
-    try:
-        told = [line.split(":", 2) for line in own.read_text(encoding="utf-8").splitlines()]
-    except OSError:
-        return
-    for _, kinds, path in told:
-        if kinds and "memory" not in kinds.split(","):
-            continue
-        mount, *names = GROUPS[1 if kinds else 2]
+    for line in _lines(own):
+        _, kinds, path = line.split(":", 2)
+        mount, *names, given_back = GROUPS[kinds != ""]
         group = root / mount / path.lstrip("/")
-        for folder in (group, *group.parents):
-            try:
-                limit, used, stat = (
-                    (folder / name).read_text(encoding="ascii") for name in (*names[:2], "memory.stat")
-                )
-                kept = next((int(line.split()[1]) for line in stat.splitlines() if line.split()[0] == names[2]), 0)
-                left = int(limit) - int(used) + kept
-            except (OSError, ValueError):  # no such file, or no limit: "max"
-                continue
-            yield max(left, 0), f"are left of the {int(limit) / 1e9:.3g} GB of the control group {folder}"
+        for folder in (group, *group.parents) if kinds in ("", "memory") else ():
+            limit, used = ("".join(_lines(folder / name)) for name in names)
+            if limit.isdecimal() and used.isdecimal():  # else there is no such file, or no limit: "max"
+                stat = dict(entry.split() for entry in _lines(folder / "memory.stat"))
+                left = int(limit) - int(used) + int(stat.get(given_back, 0))
+                yield max(left, 0), f"are left of the {int(limit) / 1e9:.3g} GB of the control group {folder}"
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError:  # no such file on this system
+        return []
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:

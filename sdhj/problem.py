@@ -10,13 +10,12 @@ import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from sdhj.checks import ARGUMENTS, Asked, ascending, finite_array, number, option, repeated, states_array, whole
-from sdhj.dynamics import INSTANTS, Dynamics, Interval
+from sdhj.checks import Asked, ascending, finite_array, number, option, states_array, whole
+from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
 
@@ -25,12 +24,8 @@ SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
 SMALLEST = float(np.finfo(np.float32).tiny)  # below it they are taken for 0, and what is outside for inside
-INTERVALS = 8  # in which a swept set is checked
 FOREVER = 1000  # steps that are tried where a problem gives no number of them
 MOST_SAMPLED = 1_000_000  # steps of a problem
-CHECKED = 5000  # nodes at most at which the rate of a set is checked
-MOMENTS = 2000  # times at most at which it is
-QUESTIONS = 500_000  # values at most that this asks for
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
@@ -186,29 +181,7 @@ class ReachAvoidProblem:
                 "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
                 "or the target depend on time; give a number of steps"
             )
-        self._check_dynamics()
-        for part in parts:
-            points = self._some_points(part.axes)
-            self._check_rate(part, points)
-            if isinstance(part, UnsafeSet) and part.moving and part.swept is not None and self.view_time == "swept":
-                self._check_swept(part, points)
-        self._check_goals()
-
-    def _check_goals(self) -> None:
-        steps = range((self.steps or 0) + 1)
-        if any((self.goal(step) <= 0).any() for step in steps):
-            return
-        if self.stays:
-            raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
-        if not any((self._target_at(self.time(step)) <= 0).any() for step in steps):
-            raise ValueError(
-                "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
-                "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
-            )
-        raise ValueError(
-            "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
-            "check the sign of their level-set functions (negative is inside)"
-        )
+        importlib.import_module("sdhj.trials").tried(self)
 
     def _check_parts(self) -> None:
         if self.target is None:
@@ -237,63 +210,6 @@ class ReachAvoidProblem:
     def stays(self) -> bool:
         """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
-
-    @cached_property
-    def _moments(self) -> FloatArray:
-        """Times at which the sets are tried, ascending: in every step and within it, where that is not too often."""
-        steps = self.steps or SUBSAMPLES
-        if steps * len(INSTANTS) <= MOMENTS:
-            return np.unique((np.arange(steps)[:, None] + INSTANTS) * self.delta)
-        drawn = np.random.default_rng(0).random(MOMENTS - 2)
-        return np.sort(np.concatenate([[0.0, 1.0], drawn])) * (steps * self.delta)
-
-    def _some_points(self, axes: Sequence[int]) -> FloatArray:
-        """Some nodes of some axes, (M, axes)."""
-        subgrid, most = self.grid.subgrid(axes), min(CHECKED, QUESTIONS // len(self._moments))
-        nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, most)).astype(np.int64))
-        places = np.stack(np.unravel_index(nodes, subgrid.shape), axis=1)
-        return np.array(subgrid.lower) + places * np.array(subgrid.spacing)
-
-    def _check_rate(self, part: TargetSet | UnsafeSet, points: FloatArray) -> None:
-        """At some nodes and many times: a set that moves faster than it says would be met where nobody expects it."""
-        times = self._moments.tolist() if isinstance(part, UnsafeSet) else [0.0, self.delta]
-        first = values = part.level_set(points, times[0])
-        for before, t in pairwise(times):
-            later = part.level_set(points, t)
-            changed, span, rate = float(np.abs(later - values).max()), t - before, getattr(part, "rate", np.inf)
-            if changed > rate * span + 1e-9 * (1.0 + float(np.abs(later).max())):
-                raise ValueError(
-                    f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, from t = "
-                    f"{before:g} on, more than its rate {rate:g} allows; give a rate of at least {changed / span:.3g}"
-                )
-            values = later
-        repeated(f"level set of {part.name!r}", first, part.level_set(points, times[0]))
-
-    def _check_dynamics(self) -> None:
-        """Ask for the velocities at some nodes, and after another question once more."""
-        points, last = self._some_points(range(self.grid.ndim))[:: CHECKED // 200], len(self.inputs) - 1
-        asked = self.dynamics.drift_at, self.dynamics.gain_at, lambda _, *when: self.dynamics.bounds_at(*when)
-        for name, function in zip(ARGUMENTS, asked, strict=True):
-            if name in self.dynamics.takes:
-                first, _, again = (function(points, *when) for when in ((0, 0.0), (last, self.delta), (0, 0.0)))
-                repeated(name, first, again)
-
-    def _check_swept(self, part: UnsafeSet, points: FloatArray) -> None:
-        """At some nodes, in some intervals: a `swept` that leaves out a part of the set leads the robot into it."""
-        assert part.swept is not None
-        for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
-            t0, t1 = self.time(step), self.time(step + 1)
-            swept = part.swept(points, t0, t1)
-            repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
-            for t in np.linspace(t0, t1, 5).tolist():
-                excess = swept - part.level_set(points, t)
-                if excess.max() > 1e-9 * (1.0 + float(np.abs(swept).max())):
-                    worst = points[int(excess.argmax())].tolist()
-                    raise ValueError(
-                        f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
-                        f"function at t = {t:g}, at the node {worst}; it must be at most that at every time of the "
-                        "interval, or leave it out: the library then sweeps the set itself"
-                    )
 
     @property
     def inputs(self) -> FloatArray:

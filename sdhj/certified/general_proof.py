@@ -65,8 +65,9 @@ class LipschitzBounds:
     def checked(self, problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
         """`dynamics` (ndim, ndim), `time` (ndim,) and `sets` by name; ValueError where they do not fit the problem."""
         ndim, names = problem.grid.ndim, [part.name for part in known_sets(problem)]
-        if not isinstance(self.sets, Mapping):
-            told = reprlib.repr(self.sets)
+        given_sets: object = self.sets
+        if not isinstance(given_sets, Mapping):
+            told = reprlib.repr(given_sets)
             raise ValueError(f"sets of LipschitzBounds must be a mapping from the names of sets to bounds, got {told}")
         if len(set(names)) < len(names):
             raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
@@ -91,7 +92,7 @@ class LipschitzBounds:
 
 
 def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
-    bounds = real_array(name, np.zeros(shape) if given is None else given)
+    bounds = np.zeros(shape) if given is None else real_array(name, given)
     if bounds.shape != shape or not np.isfinite(bounds).all() or (bounds < 0).any():
         raise ValueError(f"{name} must be {' x '.join(map(str, shape))} finite numbers >= 0, got {bounds.tolist()}")
     return bounds

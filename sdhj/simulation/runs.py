@@ -209,10 +209,9 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play = _adversary(adversary)
+    play, began = _adversary(adversary), time.perf_counter()
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
-    require(runs * (32 + 8 * controller.problem.grid.ndim), f"the starts and ends of {runs:,} runs", "use fewer runs")
-    began = time.perf_counter()
+    require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
@@ -228,7 +227,7 @@ def monte_carlo(
         for result in pool.map(chunk, range(len(sizes))):
             bar.update(len(result[0]))
             results.append(result)
-    starts, outcomes, steps = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
+    starts, outcomes, steps = map(np.concatenate, zip(*results, strict=True))
     return Report(
         runs=runs,
         adversary=named(adversary),
