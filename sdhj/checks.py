@@ -1,6 +1,7 @@
 """Numbers, arrays and functions that users give: taken if they fit, else refused with what was expected."""
 
 import inspect
+import math
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+DOUBLE = np.dtype(np.float64)
 ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
 USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
 
@@ -69,30 +71,42 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
     Complex numbers, dates and text are no real numbers, though NumPy would make some of them.
     """
-    given = plain_array(name, values)
+    given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":
         kind = f"an array of {given.dtype}" if given.dtype.kind != "O" else reprlib.repr(values)
         raise ValueError(f"{name} must be real numbers, got {kind}")
     if shape is not None and given.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
-    return np.array(given, dtype=np.float64, order="C")
+    return given.copy() if given.dtype is DOUBLE else np.array(given, np.float64, order="C")
+
+
+def all_finite(array: NDArray[np.float64]) -> bool:
+    """Whether all values of a C-ordered array are finite: those whose squares have a finite sum are, which is fast."""
+    flat = array.ravel()
+    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
     """As `real_array`, every value finite."""
     array = real_array(name, values, shape)
-    if np.count_nonzero(np.isfinite(array)) < array.size:
+    if not all_finite(array):
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
     return array
 
 
+def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
+    """A copy of points (M, ndim) as float64; ValueError otherwise."""
+    points = real_array(name, values)
+    if points.shape[1:] != (ndim,):
+        raise ValueError(f"{name} must have shape (M, {ndim}), got {points.shape}; q[None] is one state")
+    return points
+
+
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A copy of states (M, ndim) as float64, all finite; ValueError naming the first that does not fit."""
-    states = real_array(name, values)
-    if states.ndim != 2 or states.shape[1] != ndim:
-        raise ValueError(f"{name} must have shape (M, {ndim}), got {states.shape}; q[None] is one state")
-    if np.count_nonzero(fits := np.isfinite(states)) < states.size:
-        bad = states[~fits.all(axis=1)][0].tolist()
+    """As `points_array`, all finite; ValueError naming the first that is not."""
+    states = points_array(name, values, ndim)
+    if not all_finite(states):
+        bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
         raise ValueError(f"{name} has a NaN or an infinity: {bad}; every coordinate must be finite")
     return states
 
@@ -111,9 +125,9 @@ def ask(name: str, function: Callable[..., Any], *given: Any) -> Any:
     Compiled functions get copies: those with types of their own take no such views.
     """
     if hasattr(function, "py_func"):
-        return function(*(one.copy() if isinstance(one, np.ndarray) else one for one in given))
+        return function(*[one.copy() if isinstance(one, np.ndarray) else one for one in given])
     try:
-        return function(*map(sealed, given))
+        return function(*[sealed(one) for one in given])
     except ValueError as error:
         if "read-only" not in str(error) and "WRITEABLE" not in str(error):
             raise
@@ -147,8 +161,8 @@ class Asked:
 
     def __call__(self, points: NDArray[Any], *times: float) -> NDArray[np.float64]:
         values = real_array(self.name, ask(self.name, self.function, points, *times), (len(points),))
-        if np.count_nonzero(fits := np.isfinite(values)) < values.size:
-            worst = int(np.argmin(fits))
+        if not all_finite(values):
+            worst = int(np.argmin(np.isfinite(values)))
             raise ValueError(
                 f"{self.name} is {values[worst]}, a NaN or an infinity, at {points[worst].tolist()}, t = "
                 f"{', '.join(format(t, 'g') for t in times)}; every value must be finite"

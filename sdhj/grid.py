@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.checks import number, real_array, sequence, whole
+from sdhj.checks import number, points_array, sequence, whole
 from sdhj.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.memory import require
 
@@ -183,9 +183,7 @@ class Grid:
         -------
         (M,) float64 array
         """
-        points = real_array("points", points)
-        if points.ndim != 2 or points.shape[1] != self.ndim:
-            raise ValueError(f"points must have shape (M, {self.ndim}), got {points.shape}")
+        points = points_array("points", points, self.ndim)
         return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
 
     @cached_property

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import Asked, ascending, finite_array, number, option, states_array, whole
+from sdhj.checks import Asked, ascending, finite_array, number, option, points_array, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
@@ -331,11 +331,11 @@ class ReachAvoidProblem:
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
-        return self.value_of(self.target, states_array("points", points, self.grid.ndim), t)
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), t)
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        points = self.grid.wrapped(states_array("points", points, self.grid.ndim))
+        points = self.grid.wrapped(points_array("points", points, self.grid.ndim))
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
 
