@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 STEPS = 200
+PARTS = 4  # of a step, where there are few: a run is judged at 20 times of a step, which are then no closer
 QUESTIONS = 500_000  # values at most of one function
 CHECKED = 5000  # nodes at most
 VISITED = 200  # nodes at which velocities are asked for
@@ -44,8 +45,9 @@ def tried(problem: "ReachAvoidProblem") -> None:
 def _moments(problem: "ReachAvoidProblem") -> FloatArray:
     """Times at which sets are tried, ascending: (T,)."""
     steps = problem.steps or UNDECIDED_STEPS
+    parts = PARTS if steps * PARTS <= STEPS else 1
     if steps <= STEPS:
-        return np.unique((np.arange(steps)[:, None] + INSTANTS) * problem.delta)
+        return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
     return np.sort([0.0, 1.0, *np.random.default_rng(0).random(STEPS * len(INSTANTS))]) * steps * problem.delta
 
 
