@@ -50,7 +50,8 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
-    if not fits or isinstance(value, bool) or value < least or (most is not None and value > most):
+    fits = fits and not isinstance(value, bool | np.timedelta64)  # which Python and NumPy count among the integers
+    if not fits or value < least or (most is not None and value > most):
         bounds = f"of at least {least:,}" if most is None else f"from {least:,} to {most:,}"
         raise ValueError(f"{name} must be a whole number {bounds}, got {reprlib.repr(value)}")
     return int(value)

@@ -302,17 +302,18 @@ class Projected:
             raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
         if self.subspaces is None:
             return
-        collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]
+        given: Any = self.subspaces.tolist() if isinstance(self.subspaces, np.ndarray) else self.subspaces
+        collection = given if isinstance(given, Sequence) else [None]
         whole = all(
             isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
             for axes in collection
         )
-        if not whole or any(isinstance(axis, bool | np.bool_) for axes in self.subspaces for axis in axes):
+        if not whole or any(isinstance(axis, bool | np.bool_) for axes in given for axis in axes):
             raise ValueError(
                 "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
-                f"[(0, 1, 2), (0, 1, 3)], got {self.subspaces!r}"
+                f"[(0, 1, 2), (0, 1, 3)], got {reprlib.repr(given)}"
             )
-        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in self.subspaces))
+        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         subspaces = checked_subspaces(problem, self.subspaces)
