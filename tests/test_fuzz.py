@@ -114,7 +114,7 @@ NUMBERS = [
     lambda: "",
     lambda: lambda *anything: None,
 ]
-LABOUR = ("runs", "cells", "parts")  # numbers that may be large: that is much work, and no hang
+LABOUR = {"runs": 1000, "cells": 200, "parts": 50, "nodes": 10}  # larger ones are much work, and no hang
 SIZES = st.floats(width=64) | st.integers(-(2**70), 2**70)
 
 
@@ -136,8 +136,8 @@ def one_odd(usual: dict[str, Any], call: Callable[..., Any], numeric: tuple[str,
     @st.composite
     def cases(draw: Any) -> Case:
         name, (value, none) = draw(st.sampled_from(sorted(usual))), draw(odd())
-        if name in LABOUR and isinstance(value, int | float) and 1000 < value <= 10**9:
-            value = int(value) % 1000
+        if name in LABOUR and isinstance(value, int | float) and LABOUR[name] < value <= 10**9:
+            value = int(value) % LABOUR[name]
         names = (name, *more.get("also", {}).get(name, ()))
         refused = none and name in numeric
         right = more.get("right", lambda answer: True)
