@@ -331,11 +331,11 @@ class ReachAvoidProblem:
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
-        return self.value_of(self.target, points_array("points", points, self.grid.ndim), t)
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        points = self.grid.wrapped(points_array("points", points, self.grid.ndim))
+        points, t = self.grid.wrapped(points_array("points", points, self.grid.ndim)), number("t", t)
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
 

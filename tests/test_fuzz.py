@@ -265,7 +265,9 @@ def states() -> Any:
         one_odd(one | {"wanted": 1}, controller.filter, ("q", "step", "wanted"), also={"q": ("state", "wanted")}),
         one_odd({"points": q[None]} | kinds, table.contains, ("points", *kinds)),
         *(one_odd(kinds, call, tuple(kinds)) for call in whole_table),
-        one_odd({"points": q[None], "t": 0.0}, table.problem.unsafe_value, ("points",), also={"t": ("level set",)}),
+        one_odd(
+            {"points": q[None], "t": 0.0}, table.problem.unsafe_value, ("points", "t"), also={"points": ("level set",)}
+        ),
     )
 
 
