@@ -302,7 +302,8 @@ class Projected:
             raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
         if self.subspaces is None:
             return
-        given: Any = self.subspaces.tolist() if isinstance(self.subspaces, np.ndarray) else self.subspaces
+        given: Any = self.subspaces
+        given = given.tolist() if isinstance(given, np.ndarray) else given
         collection = given if isinstance(given, Sequence) else [None]
         whole = all(
             isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)

@@ -76,7 +76,7 @@ NO_NUMBERS = [
     lambda: {"a": 1.0},
     lambda: {1.0, 2.0},
     lambda: object(),
-    lambda: float,
+    lambda: ...,
     lambda: np.nan,
     lambda: [np.nan],
     lambda: np.full((2, 1), np.nan),
