@@ -6,8 +6,8 @@ cells of 0.2 m x 0.2 m x 0.2 rad, walls grown by half a cell, and wins from 48,0
 on time and no number of steps is given, so there is one tube for each number of steps to go, until none grows.
 
 `python figures/maze.py -o maze.png` certifies it (a minute), plays it and draws where the target can be reached from.
-`--method hji` is for tables of few steps: errors of the scheme in each of hundreds add up to standing still. Where walls,
-or the promises of the table, are lost between the nodes there is a refusal in place of a number.
+`--method hji` is for tables of few steps: errors of the scheme in each of hundreds add up to standing still. Where
+walls, or the promises of the table, are lost between the nodes there is a refusal in place of a number.
 """
 
 import time
@@ -136,7 +136,7 @@ def main(method: str, nodes: int, headings: int, steps: int | None, runs: int, o
     click.echo(str(sdhj.monte_carlo(sdhj.Controller(table), runs, "none")))
     if output is not None:
         with style():
-            plotting.save(draw(table), output.parent, output.stem, (output.suffix[1:],))
+            plotting.write(draw(table), output)
         click.echo(output)
 
 

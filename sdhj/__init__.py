@@ -26,12 +26,19 @@ array([ True, False])
 import importlib
 import os
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
 # some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+# Numba dies of a number of threads that is none.
+if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not 1 <= int(_threads) <= 4096:
+    warnings.warn(
+        f"NUMBA_NUM_THREADS={_threads} is no number of threads from 1 to 4096; all cores are used", stacklevel=2
+    )
+    del os.environ["NUMBA_NUM_THREADS"]
 
 __version__ = "0.2.0"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdhj.checks import whole
+from sdhj.checks import states_array, whole
 from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
@@ -98,12 +98,7 @@ def batched(
 ) -> Batch:
     """The batch of states (M, ndim) at a step, checked, that `answer(batch, rows)` fills in on all cores."""
     grid, step = problem.grid, whole("step", step, least=0, most=problem.steps)
-    states = np.array(states, dtype=np.float64, order="C")  # a copy: rules look at it later
-    if states.ndim != 2 or states.shape[1] != grid.ndim:
-        raise ValueError(f"states must have shape (M, {grid.ndim}), got {states.shape}")
-    if not np.isfinite(states).all():
-        bad = states[~np.isfinite(states).all(axis=1)][0]
-        raise ValueError(f"a state has a NaN or an infinity: {bad.tolist()}; every coordinate must be finite")
+    states = states_array("states", states, grid.ndim)  # a copy: rules look at it later
     count, shape = len(states), (len(states), len(problem.inputs))
     batch = Batch(states, step, np.empty(count, np.int64), np.empty(shape, np.bool_), np.empty(shape))
     share_out(grid, states, lambda rows: answer(batch, rows))

@@ -1,13 +1,16 @@
 """Numbers, arrays and functions that users give: taken if they fit, else refused with what was expected."""
 
 import inspect
+import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+DOUBLE = np.dtype(np.float64)
 ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
 USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
 
@@ -15,11 +18,11 @@ USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
     """`value` as a finite float with least <= value <= most and value > above; ValueError naming it otherwise."""
     try:
-        if isinstance(value, bool | np.bool_ | str | bytes):
+        if isinstance(value, bool | np.bool_ | str | bytes | np.ndarray | np.datetime64 | np.timedelta64):
             raise TypeError
         converted = float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
+        raise ValueError(f"{name} must be a number, got {reprlib.repr(value)}") from None
     except OverflowError:
         raise ValueError(f"{name} must be a number below 1e308, got {reprlib.repr(value)}") from None
     if not np.isfinite(converted):
@@ -40,42 +43,155 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
     except ValueError:  # a ragged sequence has no shape
         fits = False
     if not fits:
-        raise ValueError(f"{name} must be two numbers, got {value!r}")
+        raise ValueError(f"{name} must be two numbers, got {reprlib.repr(value)}")
     return number(f"{name}[0]", value[0], above=above), number(f"{name}[1]", value[1], above=above)
 
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
-    if not fits or isinstance(value, bool) or value < least or (most is not None and value > most):
+    fits = fits and not isinstance(value, bool | np.timedelta64)  # which Python and NumPy count among the integers
+    if not fits or value < least or (most is not None and value > most):
         bounds = f"of at least {least:,}" if most is None else f"from {least:,} to {most:,}"
         raise ValueError(f"{name} must be a whole number {bounds}, got {reprlib.repr(value)}")
     return int(value)
 
 
-def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A copy of `values` as float64, of that shape if one is given, every value finite; ValueError otherwise."""
-    given = np.asarray(values)
+def plain_array(name: str, values: Any) -> NDArray[Any]:
+    """`values` as an array; ValueError for ragged sequences and masked arrays, whose mask NumPy would drop."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise ValueError(f"{name} must be real numbers, got a masked array; give one without a mask, as by filled()")
+    try:
+        return np.asarray(values)
+    except (ValueError, TypeError):
+        raise ValueError(f"{name} must be real numbers in rows of one length, got {reprlib.repr(values)}") from None
+
+
+def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """A copy of `values` as float64, rows one behind the other, of that shape if one is given; ValueError otherwise.
+
+    Complex numbers, dates and text are no real numbers, though NumPy would make some of them.
+    """
+    given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be real numbers, got an array of {given.dtype}")
-    values = np.array(given, dtype=np.float64)
-    if shape is not None and values.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {values.shape}")
-    if not np.isfinite(values).all():
+        kind = f"an array of {given.dtype}" if given.dtype.kind != "O" else reprlib.repr(values)
+        raise ValueError(f"{name} must be real numbers, got {kind}")
+    if shape is not None and given.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
+    return given.copy() if given.dtype is DOUBLE else np.array(given, np.float64, order="C")
+
+
+def all_finite(array: NDArray[np.float64]) -> bool:
+    """Whether all values of a C-ordered array are finite: those whose squares have a finite sum are, which is fast."""
+    flat = array.ravel()
+    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
+
+
+def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    """As `real_array`, every value finite."""
+    array = real_array(name, values, shape)
+    if not all_finite(array):
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
-    return values
+    return array
+
+
+def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
+    """A copy of points (M, ndim) as float64; ValueError otherwise."""
+    points = real_array(name, values)
+    if points.shape[1:] != (ndim,):
+        raise ValueError(f"{name} must have shape (M, {ndim}), got {points.shape}; q[None] is one state")
+    return points
+
+
+def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
+    """As `points_array`, all finite; ValueError naming the first that is not."""
+    states = points_array(name, values, ndim)
+    if not all_finite(states):
+        bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
+        raise ValueError(f"{name} has a NaN or an infinity: {bad}; every coordinate must be finite")
+    return states
+
+
+def sealed(array: Any) -> Any:
+    """A view of an array that cannot be written to; anything else as it is."""
+    if isinstance(array, np.ndarray):
+        array = array.view()
+        array.setflags(write=False)
+    return array
+
+
+def ask(name: str, function: Callable[..., Any], *given: Any) -> Any:
+    """What a user's function answers; of the arrays that it is given it gets views that it cannot write to.
+
+    Compiled functions get copies: those with types of their own take no such views.
+    """
+    if hasattr(function, "py_func"):
+        return function(*[one.copy() if isinstance(one, np.ndarray) else one for one in given])
+    try:
+        return function(*[sealed(one) for one in given])
+    except ValueError as error:
+        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
+            raise
+        raise ValueError(
+            f"{name} writes to an array that it is given, and the library reads it again; let it work on a copy, for "
+            f"example points = points.copy()"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A level-set function as the library calls it: every answer an array of its own, one finite number a point.
+
+    Attributes
+    ----------
+    name : str
+        What errors call it.
+    function : callable (points (M, n), *times) -> (M,)
+        The user's.
+    """
+
+    name: str
+    function: Callable[..., Any]
+
+    @classmethod
+    def of(cls, name: str, function: Any, *takes: str) -> "Asked":
+        """Checked as by `check_function`; one that is asked already is asked under this name."""
+        function = function.function if isinstance(function, cls) else function
+        check_function(name, function, *takes)
+        return cls(name.replace("_", " ", 1), function)
+
+    def __call__(self, points: NDArray[Any], *times: float) -> NDArray[np.float64]:
+        values = real_array(self.name, ask(self.name, self.function, points, *times), (len(points),))
+        if not all_finite(values):
+            worst = int(np.argmin(np.isfinite(values)))
+            raise ValueError(
+                f"{self.name} is {values[worst]}, a NaN or an infinity, at {points[worst].tolist()}, t = "
+                f"{', '.join(format(t, 'g') for t in times)}; every value must be finite"
+            )
+        return values
+
+
+def repeated(name: str, first: NDArray[Any], again: NDArray[Any]) -> None:
+    """Raise ValueError where two answers of a function to one question are not the same."""
+    if not np.array_equal(first, again):
+        raise ValueError(
+            f"{name} answers differently when it is asked the same again, by up to {np.abs(first - again).max():.3g}; "
+            "what it returns must depend on its arguments alone"
+        )
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
     """Raise ValueError where `value` is not one of a closed set of options."""
-    if value not in allowed or type(value) is not type(allowed[0]):
-        raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+    if type(value) is not type(allowed[0]) or value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def sequence(name: str, value: Any) -> Any:
     """`value` if it is a list or the like with an entry for each axis; ValueError naming it otherwise."""
-    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or np.ndim(value) == 0:
-        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {value!r}")
+    scalar = isinstance(value, np.ndarray) and value.ndim == 0
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
+        told = reprlib.repr(value)
+        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {told}")
     return value
 
 

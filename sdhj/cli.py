@@ -16,14 +16,15 @@ import numpy as np
 
 import sdhj
 from sdhj.compiling import announced
-from sdhj.files import header, replaced_whole, writable_file
+from sdhj.files import header, writable_file
 from sdhj.problem import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.runs import MOST_RUNS
 
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])
 PICTURES = (".png", ".pdf", ".svg")
-RUNS = click.IntRange(1, 10**8)  # whose starts and ends are held in memory
+RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
 READINGS = click.Choice(["relative", "printed"])
@@ -157,7 +158,9 @@ def _saved(table: Any, output: Path) -> Path:
 @main.command("simulate")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
-@click.option("--runs", default=10_000, type=RUNS, help="Without --start: runs from uniformly drawn admissible states.")
+@click.option(
+    "--runs", type=RUNS, show_default="10000", help="Without --start: runs from uniformly drawn admissible states."
+)
 @click.option(
     "--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="Who plays against the controller."
 )
@@ -165,12 +168,14 @@ def _saved(table: Any, output: Path) -> Path:
 @click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
 @plainly
 def simulate_command(
-    table: Path, start: tuple[float, ...] | None, runs: int, adversary: str, rule: str, seed: int
+    table: Path, start: tuple[float, ...] | None, runs: int | None, adversary: str, rule: str, seed: int
 ) -> None:
     """Run the controller of a table against an adversary, in the true geometry."""
+    if start is not None and runs is not None:
+        raise ValueError("--start plays one run from a state, --runs many from states that are drawn; give one of them")
     controller = sdhj.Controller(loaded(table), rule=rule)
     if start is None:
-        click.echo(str(sdhj.monte_carlo(controller, runs=runs, adversary=adversary, seed=seed)))
+        click.echo(str(sdhj.monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
         return
     trajectory = sdhj.simulate(controller, np.array(start), adversary=adversary, seed=seed)
     for t, state in zip(trajectory.times, trajectory.states, strict=True):
@@ -226,6 +231,11 @@ def verify_command(
     """Re-derive the claims of a certified table, or say what of another one is certified."""
     writable_picture(output)
     read = loaded(table)
+    if read.method == "certified" and (certified or output):
+        raise ValueError(
+            f"{table} is certified itself: its claims are checked, and there is nothing to hold them against or to "
+            "draw; leave out --certified and -o, or name an interpolated table first"
+        )
     if read.method == "certified":
         from sdhj.certified.check import verify as check
 
@@ -234,6 +244,8 @@ def verify_command(
         report = check(table, samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
+    if samples:
+        raise ValueError(f"--samples is of the claims of a certified table, and {table} is none; leave it out")
     if certified is None:
         raise ValueError(
             f"{table} holds interpolated tubes, which prove nothing; make a certified table with `sdhj solve --method "
@@ -253,11 +265,11 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
     if output is not None:
         from sdhj import plotting
 
-        with plotting.style(), replaced_whole(output) as temporary:
+        with plotting.style():
             figure = plotting.new_figure(5.0, 4.6)
             plotting.draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
             figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
-            temporary.write_bytes(plotting.drawn(figure, output.suffix[1:].lower()))
+            plotting.write(figure, output)
         click.echo(output)
 
 

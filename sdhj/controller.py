@@ -5,13 +5,15 @@ whose reach-avoid set holds q, that of the tube S_{k+1} with n - 1 to go, then k
 answers, and `sdhj.table` says how. A rule picks one of the inputs.
 """
 
+import reprlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, take_best
+from sdhj.checks import real_array, sealed
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import Table
@@ -104,8 +106,9 @@ class Controller:
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
         if not hasattr(table, "values_at"):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
-        if not callable(rule) and rule not in list(RULES):
-            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {rule!r}")
+        if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
+            told = reprlib.repr(rule)
+            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {told}")
         self.table, self.problem, self.rule = table, table.problem, rule
 
     # ---- one state
@@ -161,7 +164,7 @@ class Controller:
         return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None) -> Batch:
-        state, shape = np.asarray(q, dtype=np.float64), (self.problem.grid.ndim,)
+        state, shape = real_array("a state", q), (self.problem.grid.ndim,)
         if state.shape != shape:
             raise ValueError(f"a state must have shape {shape}, got {state.shape}; for many states use batch()")
         return self.batch(state[None], step)
@@ -213,8 +216,12 @@ class Controller:
         return chosen
 
     def _scores(self, candidates: Candidates) -> FloatArray:
-        rule = self.rule if callable(self.rule) else RULES[self.rule]
-        scores, shape = np.asarray(rule(candidates), dtype=np.float64), candidates.rows.shape
+        if callable(self.rule):
+            batch = replace(candidates.batch, **{name: sealed(value) for name, value in vars(candidates.batch).items()})
+            answer = self.rule(replace(candidates, batch=batch))
+        else:
+            answer = RULES[self.rule](candidates)
+        scores, shape = real_array(f"the answer of rule {self.rule!r}", answer), candidates.rows.shape
         if scores.shape != shape:
             raise ValueError(
                 f"rule {self.rule!r} must return a score for each candidate, shape {shape}, got {scores.shape}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import ARGUMENTS, arguments, finite_array
+from sdhj.checks import ARGUMENTS, arguments, ask, finite_array
 from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.schemes import Velocities
@@ -66,7 +66,7 @@ class Dynamics:
             )
         object.__setattr__(self, "inputs", inputs)
         if not callable(self.bounds):
-            bounds = np.atleast_1d(finite_array("bounds", np.asarray(self.bounds)))
+            bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
             object.__setattr__(self, "bounds", bounds)
@@ -138,7 +138,7 @@ class Dynamics:
     def _called(self, name: str, points: FloatArray | None, j: int, t: float, shape: tuple[int, ...]) -> FloatArray:
         """A function's answer, checked: of `shape`, or of its tail where the function does not take the points."""
         values = {"points": points, "u": self.inputs[j], "t": t}
-        answer = getattr(self, name)(*(values[one] for one in self.takes[name]))
+        answer = ask(name, getattr(self, name), *(values[one] for one in self.takes[name]))
         if "points" in self.takes[name]:
             return finite_array(name, answer, shape)
         return np.broadcast_to(finite_array(name, answer, shape[1:]), shape)
@@ -164,7 +164,7 @@ class Dynamics:
         if not callable(self.bounds):
             return self.bounds
         values = {"u": self.inputs[j], "t": t}
-        answer = finite_array("bounds", self.bounds(*(values[one] for one in self.takes["bounds"])))
+        answer = finite_array("bounds", ask("bounds", self.bounds, *(values[one] for one in self.takes["bounds"])))
         if answer.ndim != 1 or (answer < 0).any():
             raise ValueError(f"bounds must return a row of half-widths >= 0, got {answer} at t = {t:g}")
         return answer

@@ -5,6 +5,7 @@ the minimum, intersection the maximum, complement the negative.
 """
 
 import math
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.checks import number, sequence, whole
+from sdhj.checks import number, points_array, sequence, whole
 from sdhj.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.memory import require
 
@@ -84,7 +85,7 @@ class Grid:
         for axis in range(ndim):
             number(f"upper[{axis}]", upper[axis], above=number(f"lower[{axis}]", lower[axis]))
             if not isinstance(periodic[axis], bool | np.bool_):
-                raise ValueError(f"periodic[{axis}] must be True or False, got {periodic[axis]!r}")
+                raise ValueError(f"periodic[{axis}] must be True or False, got {reprlib.repr(periodic[axis])}")
         nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
         object.__setattr__(self, "lower", tuple(float(x) for x in lower))
         object.__setattr__(self, "upper", tuple(float(x) for x in upper))
@@ -93,8 +94,10 @@ class Grid:
         object.__setattr__(self, "names", tuple(str(name) for name in names))
         given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
         pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
-        if len(pairs) != ndim or any(len(pair) != 2 or not set(pair) <= set(ENDS) for pair in pairs):
-            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {ends!r}")
+        known = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
+        if len(pairs) != ndim or not known:
+            told = reprlib.repr(ends)
+            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {told}")
         object.__setattr__(self, "ends", pairs)
         rim = rim if len(rim) else [(0, 0)] * ndim
         object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
@@ -193,9 +196,7 @@ class Grid:
         -------
         (M,) float64 array
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != self.ndim:
-            raise ValueError(f"points must have shape (M, {self.ndim}), got {points.shape}")
+        points = points_array("points", points, self.ndim)
         return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
 
     @cached_property

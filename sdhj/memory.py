@@ -1,21 +1,65 @@
 """How much memory is free, asked before anything large is made."""
 
+import os
+from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 
+SPARE = 2**22  # bytes for which there is always room: to ask takes as long as to fill them
+# of both versions of control groups: where they stand, the limit, what is used, what of that is given back at need
+GROUPS = {
+    False: ("", "memory.max", "memory.current", "inactive_file"),
+    True: ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
 
-def available() -> int | None:
-    """Bytes that programs can still take, or None where the system does not say."""
+
+def available() -> tuple[int, str] | None:
+    """Bytes that this process can still take and what says so, or None where the system does not."""
+    return min([*_of_machine(), *_of_process(), *of_control_groups()], default=None)
+
+
+def _of_machine() -> Iterator[tuple[int, str]]:
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith("MemAvailable"):
+            yield 1024 * int(line.split()[1]), "are available"
+
+
+def _of_process() -> Iterator[tuple[int, str]]:
+    for line in _lines(Path("/proc/self/statm")):
+        import resource  # where there is such a file there is this
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            left = max(limit - int(line.split()[0]) * os.sysconf("SC_PAGE_SIZE"), 0)
+            yield left, f"are left of the {limit / 1e9:.3g} GB of address space that ulimit -v allows"
+
+
+def of_control_groups(
+    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
+) -> Iterator[tuple[int, str]]:
+    """What the control groups of this process and those above them leave; a container sees its own as the root."""
+    for line in _lines(own):
+        _, kinds, path = line.split(":", 2)
+        mount, *names, given_back = GROUPS[kinds != ""]
+        group = root / mount / path.lstrip("/")
+        for folder in (group, *group.parents) if kinds in ("", "memory") else ():
+            limit, used = ("".join(_lines(folder / name)) for name in names)
+            if limit.isdecimal() and used.isdecimal():  # else there is no such file, or no limit: "max"
+                stat = dict(entry.split() for entry in _lines(folder / "memory.stat"))
+                left = int(limit) - int(used) + int(stat.get(given_back, 0))
+                yield max(left, 0), f"are left of the {int(limit) / 1e9:.3g} GB of the control group {folder}"
+
+
+def _lines(path: Path) -> list[str]:
     try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration):
-        return None
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError:  # no such file on this system
+        return []
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
     """Raise MemoryError where `what` needs more bytes than are available."""
-    free = available()
-    if free is not None and needed > free:
-        told = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free)]  # `needed` may be more than a float holds
-        raise MemoryError(f"{what} needs about {told[0]} GB, and {told[1]} GB are available; {remedy}")
+    free = available() if needed > SPARE else None
+    if free is not None and needed > free[0]:
+        told = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # `needed` may be more than a float holds
+        raise MemoryError(f"{what} needs about {told[0]} GB, and {told[1]} GB {free[1]}; {remedy}")

@@ -6,6 +6,7 @@ that a `ReachAvoidProblem` samples on its grid.
 
 import importlib
 import json
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import ascending, check_function, finite_array, number, option, whole
+from sdhj.checks import Asked, ascending, finite_array, number, option, points_array, whole
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
@@ -24,9 +25,9 @@ STEEP = 10.0  # times as deep inside, by sampling="steep": in figures/maze.py 3 
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
-INTERVALS = 8  # in which a swept set is checked
+SMALLEST = float(np.finfo(np.float32).tiny)  # below it they are taken for 0, and what is outside for inside
 FOREVER = 1000  # steps that are tried where a problem gives no number of them
-CHECKED = 5000  # nodes at which the rate of a moving set is checked
+MOST_SAMPLED = 1_000_000  # steps of a problem
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
@@ -70,9 +71,10 @@ class UnsafeSet:
     def __post_init__(self) -> None:
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
         if self.swept is not None:
-            check_function(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            swept = Asked.of(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            object.__setattr__(self, "swept", swept)
         if self.slope is not None:
             object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
         rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
@@ -119,7 +121,7 @@ class TargetSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        check_function(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
 
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
@@ -166,11 +168,10 @@ class ReachAvoidProblem:
     def __post_init__(self) -> None:
         self._check_parts()
         self.grid.require_room()
-        if self.view_time not in VIEW_TIMES:
-            raise ValueError(f"view_time must be one of {', '.join(VIEW_TIMES)}, got {self.view_time!r}")
+        option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
         if self.steps is not None:
-            object.__setattr__(self, "steps", whole("steps", self.steps, least=1))
+            object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
         ndim = self.grid.ndim
         self.dynamics.check(ndim)
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -184,28 +185,7 @@ class ReachAvoidProblem:
                 "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
                 "or the target depend on time; give a number of steps"
             )
-        for part in self.unsafe:
-            points = self._some_points(part)
-            self._check_rate(part, points)
-            if part.moving and part.swept is not None and self.view_time == "swept":
-                self._check_swept(part, points)
-        self._check_goals()
-
-    def _check_goals(self) -> None:
-        steps = range((self.steps or 0) + 1)
-        if any((self.goal(step) <= 0).any() for step in steps):
-            return
-        if self.stays:
-            raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
-        if not any((self.target_at(self.time(step)) <= 0).any() for step in steps):
-            raise ValueError(
-                "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
-                "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
-            )
-        raise ValueError(
-            "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
-            "check the sign of their level-set functions (negative is inside)"
-        )
+        importlib.import_module("sdhj.trials").tried(self)
 
     def _check_parts(self) -> None:
         if not (isinstance(self.name, str) and self.name.isprintable()):
@@ -216,11 +196,15 @@ class ReachAvoidProblem:
             raise ValueError(f"recipe must be a mapping that JSON can tell, or left out: {error}") from None
         if self.target is None:
             object.__setattr__(self, "target", ANYWHERE)
+        for name, kind in (("grid", Grid), ("dynamics", Dynamics)):
+            if not isinstance(given := getattr(self, name), kind):
+                raise ValueError(f"{name} must be a sdhj.{kind.__name__}, got {reprlib.repr(given)}")
         if not isinstance(self.target, TargetSet):
-            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {self.target!r}")
+            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
-            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
+            told = reprlib.repr(self.unsafe)
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {told}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
             raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
@@ -236,42 +220,6 @@ class ReachAvoidProblem:
     def stays(self) -> bool:
         """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
-
-    def _some_points(self, part: UnsafeSet) -> FloatArray:
-        """Nodes, at most `CHECKED` of them, of the axes that a set depends on, (M, axes)."""
-        subgrid = self.grid.subgrid(part.axes)
-        nodes = np.unique(np.linspace(0, subgrid.size - 1, min(subgrid.size, CHECKED)).astype(np.int64))
-        places = np.stack(np.unravel_index(nodes, subgrid.shape), axis=1)
-        return np.array(subgrid.lower) + places * np.array(subgrid.spacing)
-
-    def _check_rate(self, part: UnsafeSet, points: FloatArray) -> None:
-        """At some nodes and times: a set that moves faster than it says would be met where nobody expects it."""
-        span = self.delta * (self.steps or SUBSAMPLES)
-        times = [0.0, 0.37 * self.delta, 0.61 * span, span]
-        values = [finite_array(f"level set of {part.name!r}", part.level_set(points, t), (len(points),)) for t in times]
-        for k in range(1, len(times)):
-            changed, span = float(np.abs(values[k] - values[k - 1]).max()), times[k] - times[k - 1]
-            if changed > part.rate * span + 1e-9 * (1.0 + float(np.abs(values[k]).max())):
-                raise ValueError(
-                    f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, more than "
-                    f"its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
-                )
-
-    def _check_swept(self, part: UnsafeSet, points: FloatArray) -> None:
-        """At some nodes, in some intervals: a `swept` that leaves out a part of the set leads the robot into it."""
-        assert part.swept is not None
-        for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
-            t0, t1 = self.time(step), self.time(step + 1)
-            swept = finite_array(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
-            for t in np.linspace(t0, t1, 5).tolist():
-                excess = swept - part.level_set(points, t)
-                if excess.max() > 1e-9 * (1.0 + float(np.abs(swept).max())):
-                    worst = points[int(excess.argmax())].tolist()
-                    raise ValueError(
-                        f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
-                        f"function at t = {t:g}, at the node {worst}; it must be at most that at every time of the "
-                        "interval, or leave it out: the library then sweeps the set itself"
-                    )
 
     @property
     def inputs(self) -> FloatArray:
@@ -333,6 +281,11 @@ class ReachAvoidProblem:
                 f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
                 "from the boundary only the sign counts, so clip it"
             )
+        if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
+            raise ValueError(
+                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision takes what is nearer to 0 "
+                f"than {SMALLEST:.2g} for 0, which would be another set; scale the function, or let it be 0 there"
+            )
         return values
 
     def target_at(self, t: float) -> FloatArray:
@@ -390,21 +343,13 @@ class ReachAvoidProblem:
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of the target at states (M, ndim), no grid involved."""
-        self._check_states(points)
-        return self.value_of(self.target, points, t)
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        self._check_states(points)
-        points = self.grid.wrapped(points)
+        points, t = self.grid.wrapped(points_array("points", points, self.grid.ndim)), number("t", t)
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
-
-    def _check_states(self, points: FloatArray) -> None:
-        if np.ndim(points) != 2:
-            raise ValueError(
-                f"points must have shape (M, {self.grid.ndim}), got {np.shape(points)}; q[None] is one state"
-            )
 
     @property
     def digest(self) -> str:

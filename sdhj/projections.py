@@ -22,6 +22,7 @@ The tubes S_k^i live on the whole grid; the recursion projects them anew at each
 on axes that one subspace keeps needs no projection and is solved on its own axes, exactly as in the full method.
 """
 
+import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -296,21 +297,24 @@ class Projected:
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
+        told = reprlib.repr(self.inner)
         if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {self.inner!r}")
+            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
         if self.subspaces is None:
             return
-        collection = self.subspaces if isinstance(self.subspaces, Sequence | np.ndarray) else [None]
+        given: Any = self.subspaces
+        given = given.tolist() if isinstance(given, np.ndarray) else given
+        collection = given if isinstance(given, Sequence) else [None]
         whole = all(
             isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
             for axes in collection
         )
-        if not whole or any(isinstance(axis, bool | np.bool_) for axes in self.subspaces for axis in axes):
+        if not whole or any(isinstance(axis, bool | np.bool_) for axes in given for axis in axes):
             raise ValueError(
                 "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
-                f"[(0, 1, 2), (0, 1, 3)], got {self.subspaces!r}"
+                f"[(0, 1, 2), (0, 1, 3)], got {reprlib.repr(given)}"
             )
-        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in self.subspaces))
+        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         subspaces = checked_subspaces(problem, self.subspaces)

@@ -19,6 +19,7 @@ Time is discretised by the total-variation-diminishing Runge-Kutta schemes of or
 """
 
 import math
+import reprlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -83,8 +84,8 @@ class Scheme:
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
-        if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.number) or not 0.0 < cfl <= 1.0:
-            raise ValueError(f"cfl must be a number in (0, 1], got {cfl!r}: a larger step is unstable")
+        if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.integer | np.floating) or not 0.0 < cfl <= 1.0:
+            raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, take_best
-from sdhj.checks import finite_array, whole
+from sdhj.checks import finite_array, plain_array, real_array, whole
 from sdhj.grid import FloatArray
 from sdhj.table import Table
 
@@ -104,8 +104,10 @@ def fallback(table: Table, q: FloatArray, step: int) -> Fallback:
 def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
     """As `Controller.filter`."""
     step = whole("step", step, least=0, most=table.steps - 1)
-    if single := np.ndim(q) == 1:
-        q, wanted = np.asarray(q)[None], np.asarray(wanted)[None]
+    q = real_array("states", q)
+    wanted = plain_array("wanted", wanted)
+    if single := q.ndim == 1:
+        q, wanted = q[None], wanted[None]
     batch = table.batch(q, step, table.steps - step)
     inputs, rows = table.problem.inputs, np.arange(len(batch.states))
     commands, index = _commands(inputs, wanted, len(rows))
@@ -123,9 +125,8 @@ def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
     return Filtered(*(field[0] for field in answer) if single else answer)
 
 
-def _commands(inputs: FloatArray, wanted: Any, count: int) -> tuple[FloatArray, FloatArray | None]:
+def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
     """What is wanted as commands (count, m), and its indices (count,) where it was given by those."""
-    given = np.asarray(wanted)
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")

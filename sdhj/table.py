@@ -25,7 +25,7 @@ import numpy as np
 
 from sdhj.ahead import ROOM, LookAhead, look_ahead
 from sdhj.batches import Batch, batched
-from sdhj.checks import ascending, whole
+from sdhj.checks import ascending, real_array, states_array, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
@@ -245,7 +245,7 @@ class LookupTable:
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of `points` (M, ndim) lies in the tube, by multilinear interpolation: bool (M,)."""
-        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        points = np.atleast_2d(real_array("points", points))
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
         return self.grid.interpolate(self.value_array(start, within), points) <= 0
@@ -279,7 +279,7 @@ class LookupTable:
 
         <= 0 where the input stays clear of the unsafe sets, -inf where there are none. Beyond a wall, that at the wall.
         """
-        states = np.ascontiguousarray(states, dtype=np.float64)
+        states = states_array("states", states, self.grid.ndim)
         out = np.empty((len(states), len(self.problem.inputs)))
         avoid_values(states, step, tuple(self._shelf), tuple(self.grid.arrays), out)
         return out
@@ -289,7 +289,7 @@ class LookupTable:
 
         Beyond a wall, that at the wall. `within` (M,) is clipped to what there is, 0 to N - step.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
+        points = real_array("points", points)
         first, within = self.entry(step, 0), np.clip(within, 0, self.steps - step)
         if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
             raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")

@@ -92,6 +92,23 @@ def test_what_is_wrong_is_one_line_and_status_2(arguments, named, tmp_path, monk
     assert len(line) < 300
 
 
+def test_options_that_do_not_go_together_are_refused(saved, tmp_path):
+    """None of them is dropped without a word."""
+    certified, picture = tmp_path / "certified.h5", tmp_path / "x.png"
+    problem = sdhj.arm_case_study(nodes=5, steps=1)
+    sdhj.solve(problem, sdhj.Certified(cells=WARM_CELLS), progress=False).save(certified)
+    cases = {
+        "--start plays one run": ["simulate", saved, "--start", 0.0, 0.0, 0.2, 0.2, "--runs", 10],
+        "is certified itself": ["verify", certified, "-o", picture],
+        "leave out --certified": ["verify", certified, "--certified", certified],
+        "--samples is of the claims": ["verify", saved, "--certified", certified, "--samples", 5],
+    }
+    for named, arguments in cases.items():
+        result = run(*arguments)
+        assert result.exit_code == 2 and named in result.output, result.output
+    assert not picture.exists()
+
+
 def test_damaged_file_is_one_line(tmp_path):
     path = tmp_path / "broken.h5"
     path.write_bytes(b"\x89HDF\r\n\x1a\n then nothing")

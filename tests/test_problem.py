@@ -245,4 +245,4 @@ def test_what_is_no_function_of_those_arguments_is_refused(made, named):
 def test_functions_that_do_not_tell_their_arguments_are_taken():
     with pytest.raises(ValueError, match="no signature"):
         inspect.signature(max)
-    assert TargetSet((0,), max).level_set is max
+    assert TargetSet((0,), max).level_set.function is max

@@ -241,7 +241,7 @@ def test_of_inputs_with_one_command_the_index_is_kept() -> None:
         ([[0.0], [1.0]], 0, [[1], [np.nan]], "wanted has a NaN"),
         ([0.0], 5, 1, "step must be a whole number from 0 to 4, got 5"),
         ([0.0, 0.0], 0, 1, "states must have shape \\(M, 1\\)"),
-        ([np.nan], 0, 1, "a state has a NaN"),
+        ([np.nan], 0, 1, "states has a NaN"),
     ],
 )
 def test_what_is_no_command_is_refused(q: Any, step: int, wanted: Any, said: str) -> None:

@@ -57,9 +57,9 @@ def defined(path: Path) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("the package", FILES, 11_450),
-        ("the core, which `import sdhj` runs", CORE, 4_650),
-        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_210),
+        ("the package", FILES, 11_700),
+        ("the core, which `import sdhj` runs", CORE, 4_780),
+        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_230),
     ],
 )
 def test_a_ring_stays_small(what: str, paths: list[Path], most: int) -> None:

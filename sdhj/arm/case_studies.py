@@ -16,7 +16,7 @@ import numpy as np
 
 from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
 from sdhj.checks import number, whole
-from sdhj.dynamics import Dynamics
+from sdhj.dynamics import MOST_INPUTS, Dynamics
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 
@@ -272,8 +272,10 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
                     f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {value!r}"
                 )
             plain[name] = [whole("nodes", n, least=1, most=MOST) for n in counts]
-        elif name in ("steps", "input_levels"):
-            plain[name] = whole(name, value, least=1 if name == "steps" else 2, most=MOST)
+        elif name == "steps":
+            plain[name] = whole(name, value, least=1, most=MOST)
+        elif name == "input_levels":  # its square is the number of inputs
+            plain[name] = whole(name, value, least=2, most=math.isqrt(MOST_INPUTS))
         elif name in ("view_time", "kinematics"):
             plain[name] = str(value)
         elif name == "lengths":

@@ -76,15 +76,19 @@ class ArmProof:
         velocities = np.array(speeds[:2], dtype=np.float64)  # (2, L, 2)
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
-        widest = max(axis.count for axis in axes)
+        n1, n2, *_ = (axis.count for axis in axes)
+        widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
+        if allowed is None:  # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
+            needed = count * (n1 * n2 * problem.steps + widest * (64 + 96 * parts)) + 8 * (count + 6) * -(-cells // 64)
+            require(needed, f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
-        for (axis, cells), j in itertools.product(enumerate(axes), range(count)):
-            images = cells.image(*speeds[axis][j], measured(problem.delta))
-            first[axis, j, : cells.count], number[axis, j, : cells.count] = images
+        for (axis, own), j in itertools.product(enumerate(axes), range(count)):
+            images = own.image(*speeds[axis][j], measured(problem.delta))
+            first[axis, j, : own.count], number[axis, j, : own.count] = images
             if axis < 2:
-                moved = joint_moves(cells.edges(), *velocities[axis, j], delta, pieces[j])
-                moves[axis, j, : cells.count, : pieces[j]] = moved
+                moved = joint_moves(own.edges(), *velocities[axis, j], delta, pieces[j])
+                moves[axis, j, : own.count, : pieces[j]] = moved
         if allowed is None:
             instants = np.arange(2 ** (HALVINGS + 1) + 1) / 2 ** (HALVINGS + 1)
             times = (np.arange(problem.steps) + instants[:, None]) * problem.delta
@@ -154,8 +158,6 @@ class ArmProof:
     def prepare(self, progress: bool | None) -> list[FloatArray]:
         """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
         motion, clear = self.motion, []
-        needed = 8 * (motion.parts.size + 6) * math.prod(self.shape)  # where each input is clear, two sets, scratch
-        require(needed, f"certifying {math.prod(axis.count for axis in self.axes):.1e} cells", "use fewer cells")
         for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:

@@ -15,6 +15,7 @@ of it are the states of which something is still to be proved.
 
 import itertools
 import math
+import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -26,7 +27,7 @@ from tqdm import tqdm
 
 from sdhj.certified.cells import MOST_PIECES, CellAxis, measured, velocity_bounds
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
-from sdhj.checks import whole
+from sdhj.checks import real_array, whole
 from sdhj.compiling import hidden
 from sdhj.files import stored
 from sdhj.grid import ENDS, FloatArray
@@ -65,6 +66,10 @@ class LipschitzBounds:
     def checked(self, problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
         """`dynamics` (ndim, ndim), `time` (ndim,) and `sets` by name; ValueError where they do not fit the problem."""
         ndim, names = problem.grid.ndim, [part.name for part in known_sets(problem)]
+        given_sets: object = self.sets
+        if not isinstance(given_sets, Mapping):
+            told = reprlib.repr(given_sets)
+            raise ValueError(f"sets of LipschitzBounds must be a mapping from the names of sets to bounds, got {told}")
         if len(set(names)) < len(names):
             raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
         if missing := [name for name in names if name not in self.sets]:
@@ -72,10 +77,9 @@ class LipschitzBounds:
                 f"no Lipschitz bounds for the sets {', '.join(map(repr, missing))}: give bounds=LipschitzBounds(sets="
                 "{name: [a bound on |d(level set)/dx| for each axis of the set]}), from sdhj.certified"
             )
-        if unknown := sorted(set(self.sets) - set(names)):
+        if unknown := sorted(map(repr, set(self.sets) - set(names))):
             raise ValueError(
-                f"Lipschitz bounds for {', '.join(map(repr, unknown))}, but the problem's sets are "
-                f"{', '.join(map(repr, names))}"
+                f"Lipschitz bounds for {', '.join(unknown)}, but the problem's sets are {', '.join(map(repr, names))}"
             )
         given = (("dynamics", "the state", not problem.dynamics.stateless), ("time", "time", problem.dynamics.timed))
         for name, what, needed in given:
@@ -89,7 +93,7 @@ class LipschitzBounds:
 
 
 def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
-    bounds = np.asarray(np.zeros(shape) if given is None else given, dtype=np.float64)
+    bounds = np.zeros(shape) if given is None else real_array(name, given)
     if bounds.shape != shape or not np.isfinite(bounds).all() or (bounds < 0).any():
         raise ValueError(f"{name} must be {' x '.join(map(str, shape))} finite numbers >= 0, got {bounds.tolist()}")
     return bounds
@@ -124,7 +128,7 @@ class Boxes:
     def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
         """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
         centre, middle = problem.grid.held(self.centre, *ENDS), start + (self.begin + self.end) / 2
-        value = np.asarray(problem.value_of(part, centre, middle), dtype=np.float64)
+        value = problem.value_of(part, centre, middle)
         change, rounding = self.half[:, list(part.axes)] @ bounds, ALLOWANCE * (1.0 + np.abs(value))
         moved = part.rate * (self.end - self.begin) / 2 if self.end > self.begin else 0.0
         return [value - change - moved - rounding, value + change + moved + rounding]
@@ -347,7 +351,7 @@ def known_functions(proof: GeneralProof) -> Iterator[Known]:
     problem = proof.problem
 
     def level(part: Any, points: FloatArray, t: float) -> FloatArray:
-        return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
+        return problem.value_of(part, points, t)[:, None, None]
 
     def velocity(j: int, points: FloatArray, t: float) -> FloatArray:
         drift, gain, bounds = velocity_terms(problem, points, j, t)

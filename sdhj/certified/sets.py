@@ -40,6 +40,7 @@ exact set is a layer of cells along the target, the obstacles and the pursuer.
 """
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -53,7 +54,7 @@ from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, 
 from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
-from sdhj.grid import FloatArray
+from sdhj.grid import MAX_NODES, FloatArray
 from sdhj.problem import ReachAvoidProblem
 
 ARM_CELLS = (419, 419, 72, 72)
@@ -88,13 +89,13 @@ class Certified:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
         if not isinstance(self.bounds, LipschitzBounds | None):
-            raise ValueError(f"bounds must be LipschitzBounds, got {self.bounds!r}")
+            raise ValueError(f"bounds must be LipschitzBounds, got {reprlib.repr(self.bounds)}")
         if self.cells is not None:
             try:
-                object.__setattr__(self, "cells", tuple(whole("cells", n, least=2) for n in self.cells))
+                object.__setattr__(self, "cells", tuple(whole("cells", n, least=2, most=MAX_NODES) for n in self.cells))
             except (ValueError, TypeError):
-                told = f"cells must be whole numbers of at least 2, one for each axis, got {self.cells!r}"
-                raise ValueError(told) from None
+                told = f"from 2 to {MAX_NODES:,}, one for each axis, got {reprlib.repr(self.cells)}"
+                raise ValueError(f"cells must be whole numbers {told}") from None
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""

@@ -15,7 +15,7 @@ from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.packed import Cells, fewest_steps, to_bits
-from sdhj.checks import whole
+from sdhj.checks import real_array, states_array, whole
 from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
@@ -91,11 +91,7 @@ class CertifiedTable:
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
         """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
-        states = np.ascontiguousarray(np.atleast_2d(states), dtype=np.float64)
-        if states.ndim != 2 or states.shape[1] != len(self.axes):
-            raise ValueError(f"states must have shape (M, {len(self.axes)}), got {states.shape}")
-        if not np.isfinite(states).all():
-            raise ValueError("states has a NaN or an infinity; every coordinate must be a number")
+        states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
         fewest_steps(states, self.cells, self.index[first : last + 1], self.pool, out)
         return out
@@ -144,7 +140,7 @@ class CertifiedTable:
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
         """As `LookupTable.hazards`, by the proof: <= 0 only where an input is proved to stay clear from the state."""
-        return self.proof.hazards(self, np.asarray(states, dtype=np.float64), step)
+        return self.proof.hazards(self, states_array("states", states, self.grid.ndim), step)
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """As `LookupTable.batch`, of certified inputs only.

@@ -22,7 +22,7 @@ import importlib.util
 if importlib.util.find_spec("matplotlib") is None:
     raise ImportError('pictures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
 
-from sdhj.plotting.looks import drawn, new_figure, patch, save, step_colours, style
+from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, write
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import (
     draw_constraints,
@@ -46,7 +46,6 @@ __all__ = [
     "draw_set",
     "draw_tubes",
     "draw_workspace",
-    "drawn",
     "frame_slice",
     "label_legend",
     "new_figure",
@@ -55,4 +54,5 @@ __all__ = [
     "save",
     "step_colours",
     "style",
+    "write",
 ]

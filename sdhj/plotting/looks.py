@@ -119,17 +119,20 @@ def save(
     files = [folder / f"{name}.{form}" for form in formats]
     logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
     with style():
-        for form, file in zip(formats, files, strict=True):
-            with replaced_whole(file) as path:
-                path.write_bytes(drawn(figure, form))
+        for file in files:
+            write(figure, file)
     return files
 
 
-def drawn(figure: Figure, form: str) -> bytes:
-    """The bytes of a picture in one of `FORMATS`; Matplotlib's own writing does not survive a full disk."""
-    image = io.BytesIO()
-    figure.savefig(image, format=form, metadata=UNDATED[form])
-    return image.getvalue()
+def write(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write `figure` in the format that the name ends with, whole or not at all.
+
+    It is drawn in memory first: what draws a PDF on a disk that is full dies of something else than that.
+    """
+    drawn, form = io.BytesIO(), Path(path).suffix[1:].lower()
+    figure.savefig(drawn, format=form, metadata=UNDATED[form])
+    with replaced_whole(path) as temporary:
+        temporary.write_bytes(drawn.getvalue())
 
 
 def grey(rgb: Iterable[Any]) -> Any:

@@ -15,6 +15,7 @@ Where the interpolated table calls a state reached that is truly just outside, t
 bring it back into the target: known geometry is measured, not interpolated.
 """
 
+import reprlib
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -26,10 +27,11 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.batches import CHUNK, threads
-from sdhj.checks import whole
+from sdhj.checks import finite_array, real_array, sealed, whole
 from sdhj.compiling import announced, hidden
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
+from sdhj.memory import require
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
@@ -38,6 +40,7 @@ SUBSTEPS = 20  # instants of an interval at which the adversary decides and coll
 UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
 FOREVER_PLAYED = 100  # steps, where staying clear has no end
+MOST_RUNS = 10**8  # whose starts and ends are held in memory
 DRAWS = 1000  # rounds of rejection sampling before giving up
 
 
@@ -167,7 +170,7 @@ def simulate(
     """
     check_controller(controller)
     play, seed = _adversary(adversary), whole("seed", seed, least=0)
-    start = np.asarray(q0, dtype=np.float64)
+    start = finite_array("q0", q0)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     seen: list[tuple[float, FloatArray, FloatArray]] = []
     held: list[tuple[int, int]] = []
@@ -220,15 +223,15 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play, runs, seed = _adversary(adversary), whole("runs", runs, least=1), whole("seed", seed, least=0)
-    began, length = time.perf_counter(), _length(controller, steps)
+    play, began, length = _adversary(adversary), time.perf_counter(), _length(controller, steps)
+    runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
+    require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        rng = np.random.default_rng(seeds[number])
-        starts = admissible_states(controller, sizes[number], rng)
+        starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
         return (starts, *rollouts(controller, starts, play, rng, walls=walls, steps=length))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
@@ -237,7 +240,7 @@ def monte_carlo(
         for result in pool.map(chunk, range(len(sizes))):
             bar.update(len(result[0]))
             results.append(result)
-    starts, outcomes, taken = (np.concatenate(arrays) for arrays in zip(*results, strict=True))
+    starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
     return Report(
         runs=runs,
         adversary=named(adversary),
@@ -277,9 +280,9 @@ def check_controller(given: Any) -> None:
 def _adversary(adversary: str | Adversary) -> Adversary:
     if callable(adversary):
         return adversary
-    if adversary not in ADVERSARIES:
+    if not isinstance(adversary, str) or adversary not in ADVERSARIES:
         names = ", ".join(ADVERSARIES)
-        raise ValueError(f"adversary must be one of {names}, or a function of a Moment, got {adversary!r}")
+        raise ValueError(f"adversary must be one of {names}, or a function of a Moment, got {reprlib.repr(adversary)}")
     return ADVERSARIES[adversary]
 
 
@@ -368,12 +371,13 @@ def rollouts(
 
 def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) -> tuple[FloatArray, FloatArray]:
     """Hold the inputs over one interval: the states at its end (M, ndim), and how runs ended on the way (M,)."""
+    begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
     lost = ("unsafe",) if walls else ("unsafe", "wall")
     for substep in range(SUBSTEPS):
         gone = substep * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
-        moment = replace(begun, states=states, substep=substep, time=now, remaining=left, previous=v)
+        moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
         met = begun.problem.grid.held(states, "safe")  # what lies beyond a safe end no longer matters
@@ -391,7 +395,7 @@ def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
     """What an adversary returned, if it keeps to its box, bounds (M, D)."""
-    v = np.asarray(v, dtype=np.float64)
+    v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:
         raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")
     outside = ~(np.abs(v) <= bounds * (1 + 1e-12))  # also where it is NaN

@@ -224,7 +224,7 @@ def test_unknown_adversary() -> None:
 
 @pytest.mark.parametrize("bad", [0, -5, 2.5, True, "many", None])
 def test_runs_must_be_a_count(bad: object) -> None:
-    with pytest.raises(ValueError, match="runs must be a whole number of at least 1"):
+    with pytest.raises(ValueError, match="runs must be a whole number from 1 to 100,000,000"):
         monte_carlo(Controller(toys.interval_table()), bad)
 
 

@@ -1,0 +1,121 @@
+"""What of a problem can be refuted by asking its functions: imported when the first problem is made.
+
+A set that moves faster than it says, or a `swept` that leaves a part of it out, is met where nobody expects it; a
+function that answers differently when it is asked twice makes a table of one problem and a run of another. They are
+asked at some nodes, in every step and at uneven times within it: evenly spaced ones would miss what vibrates. Only
+problems of more than `STEPS` steps are tried at times drawn from all of them instead.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sdhj.checks import ARGUMENTS, repeated
+from sdhj.dynamics import INSTANTS
+from sdhj.grid import FloatArray
+
+if TYPE_CHECKING:
+    from sdhj.problem import ReachAvoidProblem, UnsafeSet
+
+STEPS = 200
+PARTS = 4  # of a step, where there are few: a run is judged at 20 times of a step, which are then no closer
+QUESTIONS = 500_000  # values at most of one function
+CHECKED = 5000  # nodes at most
+VISITED = 200  # nodes at which velocities are asked for
+UNDECIDED_STEPS = 20  # of a problem that has no number of steps
+EXCUSED = 1e-9  # that is no change, relative to the values or absolute below one
+
+
+def tried(problem: "ReachAvoidProblem") -> None:
+    """Raise ValueError where a function of a problem is not what it says, or no node is where it has to be."""
+    _try_dynamics(problem)
+    for part in (problem.target, *problem.unsafe):
+        first = part.level_set(points := _some_nodes(problem, part.axes, CHECKED), 0.0)
+        part.level_set(points, problem.delta)  # another question in between
+        repeated(f"level set of {part.name!r}", first, part.level_set(points, 0.0))
+    for part in problem.unsafe:
+        _try_rate(problem, part)
+        if part.moving and part.swept is not None and problem.view_time == "swept":
+            _try_swept(problem, part)
+    _try_goals(problem)
+
+
+def _moments(problem: "ReachAvoidProblem") -> FloatArray:
+    """Times at which sets are tried, ascending: (T,)."""
+    steps = problem.steps or UNDECIDED_STEPS
+    parts = PARTS if steps * PARTS <= STEPS else 1
+    if steps <= STEPS:
+        return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
+    return np.sort([0.0, 1.0, *np.random.default_rng(0).random(STEPS * len(INSTANTS))]) * steps * problem.delta
+
+
+def _some_nodes(problem: "ReachAvoidProblem", axes: Sequence[int], most: int) -> FloatArray:
+    """Nodes of some axes, (M, axes)."""
+    grid = problem.grid.subgrid(axes)
+    nodes = np.unique(np.linspace(0, grid.size - 1, min(grid.size, most)).astype(np.int64))
+    return np.array(grid.lower) + np.stack(np.unravel_index(nodes, grid.shape), axis=1) * np.array(grid.spacing)
+
+
+def _try_dynamics(problem: "ReachAvoidProblem") -> None:
+    dynamics, points = problem.dynamics, _some_nodes(problem, range(problem.grid.ndim), VISITED)
+    asked = dynamics.drift_at, dynamics.gain_at, lambda _, *when: dynamics.bounds_at(*when)
+    for name, function in zip(ARGUMENTS, asked, strict=True):
+        if name in dynamics.takes:
+            first = function(points, 0, 0.0)
+            function(points, len(problem.inputs) - 1, problem.delta)
+            repeated(name, first, function(points, 0, 0.0))
+
+
+def _try_rate(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
+    times = _moments(problem)
+    points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // len(times)))
+    values = part.level_set(points, 0.0)
+    for before, t in pairwise(times.tolist()):
+        later, span = part.level_set(points, t), t - before
+        changed = float(np.abs(later - values).max())
+        if changed > part.rate * span + EXCUSED * (1.0 + float(np.abs(later).max())):
+            raise ValueError(
+                f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, from t = "
+                f"{before:g} on, more than its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
+            )
+        values = later
+
+
+def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
+    assert part.swept is not None
+    steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, STEPS)).astype(np.int64))
+    points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
+    for step in steps.tolist():
+        t0, t1 = problem.time(step), problem.time(step + 1)
+        swept = part.swept(points, t0, t1)
+        repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
+        for t in (t0 + INSTANTS * problem.delta).tolist():
+            excess = swept - part.level_set(points, t)
+            if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
+                worst = points[int(excess.argmax())].tolist()
+                raise ValueError(
+                    f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
+                    f"function at t = {t:g}, at the node {worst}; it must be at most that at every time of the "
+                    "interval, or leave it out: the library then sweeps the set itself"
+                )
+
+
+def _try_goals(problem: "ReachAvoidProblem") -> None:
+    steps = range((problem.steps or 0) + 1)
+    if any((problem.goal(step) <= 0).any() for step in steps):
+        return
+    if problem.stays:
+        raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
+    axes, target = problem.target.axes, problem.target
+    points = problem.grid.subgrid(axes).points()
+    if not any((target.level_set(points, problem.time(step)) <= 0).any() for step in steps):
+        raise ValueError(
+            "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+            "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
+        )
+    raise ValueError(
+        "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+        "check the sign of their level-set functions (negative is inside)"
+    )

@@ -1,0 +1,400 @@
+"""What was got wrong by deliberate abuse: functions that lie, arrays that are no numbers, numbers without bounds."""
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toys import interval_problem, interval_table, unicycle_problem
+
+import sdhj
+from sdhj import Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet, memory
+from sdhj.certified import Certified, LipschitzBounds
+
+LINE = interval_problem()
+ONE = np.array([2.0])
+
+
+def on_line(**change):
+    """A problem on the line, steps of 0.1 s."""
+    return replace(interval_problem(), **{"delta": 0.1, "steps": 8} | change)
+
+
+def run_python(code, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+# ---- values that are none
+
+
+@pytest.mark.parametrize("kind", ["unsafe", "target"])
+def test_a_level_set_that_is_no_number_stops_the_run(kind):
+    """`clearance <= 0` is False of a NaN, which would count as clear, and as outside the target."""
+
+    def strip(p, t):  # between the nodes, where only runs come by
+        return np.where(np.abs(p[:, 0] - (1.55 if kind == "unsafe" else 0.0)) < 0.04, np.nan, np.abs(p[:, 0]) + 0.5)
+
+    problem = interval_problem()
+    changed = (UnsafeSet((0,), strip, name="strip"),) if kind == "unsafe" else TargetSet((0,), strip, "strip")
+    object.__setattr__(problem, kind, changed)
+    controller = Controller(replace(interval_table(), problem=problem))
+    with pytest.raises(ValueError, match=r"level set of 'strip' is nan, a NaN or an infinity, at \[.*\], t = "):
+        sdhj.monte_carlo(controller, 500, progress=False)
+
+
+def test_values_that_single_precision_takes_for_zero_are_refused():
+    tiny = TargetSet((0,), lambda p, t: 1e-46 * (np.abs(p[:, 0]) - 1.0))
+    with pytest.raises(ValueError, match=r"level set of 'target' is .*e-46 at a node, and single precision"):
+        on_line(target=tiny)
+    small = TargetSet((0,), lambda p, t: 1e-30 * (np.abs(p[:, 0]) - 1.0))
+    wholly = TargetSet((0,), lambda p, t: np.zeros(len(p)))
+    for target in (small, wholly):
+        assert on_line(target=target).target is target
+
+
+# ---- what moves
+
+
+def test_a_set_that_comes_and_goes_is_not_static():
+    def blink(p, t):
+        return np.where(0.05 < t < 0.45, np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
+
+    with pytest.raises(ValueError, match=r"'blink' changes by 3.*more than its rate 0 allows"):
+        on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),))
+
+
+@pytest.mark.parametrize("steps", [1, 8, 200, 5000])
+def test_what_moves_for_a_while_is_found_among_many_steps(steps):
+    begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
+
+    def visit(p, t):
+        return np.where(begin < t < end, 1.0, 2.0) + 0.0 * p[:, 0]
+
+    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
+        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps)
+
+
+def test_a_swept_function_is_tried_in_every_step():
+    def near(p, t):
+        return np.abs(p[:, 0] - 3.0 + t) - 0.1
+
+    def swept(p, t0, t1):
+        lost = 1.0 if 0.05 < t0 < 0.15 else 0.0  # in the second step alone
+        return np.minimum.reduce([near(p, t) for t in np.linspace(t0, t1, 50)]) - 0.01 + lost
+
+    part = UnsafeSet((0,), near, swept, 1.0, "ball")
+    with pytest.raises(ValueError, match=r"swept of 'ball' over \[0.1, 0.2\] is .* above"):
+        on_line(unsafe=(part,), steps=20)
+
+
+# ---- functions and the library's arrays
+
+
+def test_functions_that_write_to_what_they_are_given_are_named():
+    def level_set(p, t):
+        p -= 0.5
+        return np.abs(p[:, 0]) - 1.0
+
+    def drift(p, u):
+        p *= 0.0
+        return p
+
+    def gain(u):
+        u[:] = 0.0
+        return [[1.0]]
+
+    with pytest.raises(ValueError, match=r"level set of 'target' writes to an array that it is given.*copy"):
+        on_line(target=TargetSet((0,), level_set))
+    with pytest.raises(ValueError, match="swept of 'unsafe' writes to"):
+        on_line(unsafe=(UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, a, b: level_set(p, a), 0.1),))
+    for name, function in (("drift", drift), ("gain", gain)):
+        with pytest.raises(ValueError, match=f"{name} writes to an array"):
+            on_line(dynamics=replace(LINE.dynamics, **{name: function}))
+    assert LINE.inputs.tolist() == [[-1.0], [0.0], [1.0]]
+
+
+def test_a_reused_buffer_is_copied():
+    kept = np.empty(1000)
+
+    def reused(p, t):
+        kept[: len(p)] = p[:, 0] - t
+        return kept[: len(p)]
+
+    points = np.array([[0.0], [1.0]])
+    part = UnsafeSet((0,), reused, rate=1.0)
+    assert part.over(points, 0.0, 1.0, "sampled").tolist() == [-1.0, 0.0]
+    rising = UnsafeSet((0,), lambda p, t: reused(p, -t), rate=1.0)  # the least value comes first
+    assert rising.over(points, 0.0, 1.0, "sampled").tolist() == [0.0, 1.0]
+    assert not np.shares_memory(TargetSet((0,), reused).level_set(points, 0.0), kept)
+
+
+@pytest.mark.parametrize("name", ["target", "unsafe", "swept", "drift", "gain", "bounds"])
+def test_a_function_that_answers_differently_is_named(name):
+    calls = iter(range(10**6))
+
+    def noise(shape):
+        return np.full(shape, 0.5 + 1e-9 * next(calls))
+
+    def level_set(p, t):
+        return np.abs(p[:, 0]) - 1.0 if name == "swept" else np.abs(p[:, 0]) - noise(len(p))
+
+    with pytest.raises(ValueError, match=r"(level set of '|)\w+'? .*answers differently when it is asked the same"):
+        if name == "target":
+            on_line(target=TargetSet((0,), level_set))
+        elif name in ("unsafe", "swept"):
+            least = lambda p, a, b: np.abs(p[:, 0]) - 1.0 - noise(len(p))  # noqa: E731
+            on_line(unsafe=(UnsafeSet((0,), level_set, least if name == "swept" else None, 0.1, "wall"),))
+        else:
+            shapes = {
+                "drift": lambda p, u: noise(p.shape),
+                "gain": lambda t: noise((1, 1)),
+                "bounds": lambda t: noise(1),
+            }
+            on_line(dynamics=replace(LINE.dynamics, **{name: shapes[name]}))
+
+
+def test_compiled_functions_with_types_of_their_own_are_taken():
+    numba = pytest.importorskip("numba")
+    compiled = numba.njit("float64[:](float64[:, :], float64)")(lambda p, t: np.abs(p[:, 0]) - 1.0)
+    assert TargetSet((0,), compiled).level_set(np.array([[0.5]]), 0.0).tolist() == [-0.5]
+
+
+def test_rules_and_adversaries_read_only():
+    controller, kept = Controller(interval_table()), np.zeros((1, 1))
+
+    def greedy(among):
+        among.batch.margins[:] = 0.0
+        return among.margins
+
+    def pushing(moment):
+        moment.states[:] = 0.0
+        return np.zeros_like(moment.previous)
+
+    def reused(moment):
+        kept[:] = 0.1 * np.cos(moment.substep)
+        return kept
+
+    with pytest.raises(ValueError, match="read-only"):
+        Controller(interval_table(), greedy).select(ONE, 0)
+    with pytest.raises(ValueError, match="read-only"):
+        sdhj.simulate(controller, ONE, pushing)
+    played = sdhj.simulate(controller, ONE, reused).disturbances[:20, 0]
+    assert played == pytest.approx(0.1 * np.cos(np.arange(20)))
+
+
+# ---- what is no number
+
+NO_NUMBERS = {
+    "masked": np.ma.array([2.0], mask=[True]),
+    "complex": np.array([2.0 + 1.0j]),
+    "date": np.array(["2020-01-01"], "datetime64[D]"),
+    "duration": np.array([2], "timedelta64[s]"),
+    "text": ["2.0"],
+    "nothing": None,
+    "ragged": [[1.0], [1.0, 2.0]],
+    "bool": [True],
+}
+
+
+@pytest.mark.parametrize("kind", NO_NUMBERS)
+def test_states_that_are_no_numbers_are_refused(kind):
+    table, q = interval_table(), NO_NUMBERS[kind]
+    controller, row = Controller(table), q if q is None or kind == "ragged" else np.ma.asanyarray(q)[None]
+    row = row if kind == "masked" or row is None or kind == "ragged" else np.asarray(row)
+    asked = {
+        "a state": [lambda: controller.steps_to_go(q, 0), lambda: controller.select(q, 0)],
+        "states": [lambda: controller.batch(row, 0), lambda: table.hazards(row, 0), lambda: controller.filter(q, 0, 1)],
+        "points": [
+            lambda: table.contains(row, start=0, within=1),
+            lambda: table.problem.target_value(row, 0.0),
+            lambda: table.problem.unsafe_value(row, 0.0),
+            lambda: table.grid.interpolate(table.values(start=0, within=1), row),
+        ],
+        "q0": [lambda: sdhj.simulate(controller, q)],
+        "wanted": [lambda: controller.filter(ONE, 0, q)] if kind in ("masked", "complex", "date", "ragged") else [],
+    }
+    for name, calls in asked.items():
+        for call in calls:
+            with pytest.raises(ValueError, match=f"^{name} must be "):
+                call()
+
+
+@pytest.mark.parametrize("wrong", [None, 3, "grid", [1], {}, Grid, np.zeros(3)])
+def test_parts_of_a_problem_of_the_wrong_kind_are_named(wrong):
+    for name in ("grid", "dynamics"):
+        with pytest.raises(ValueError, match=rf"^{name} must be a sdhj\.\w+, got"):
+            replace(LINE, **{name: wrong})
+
+
+ARRAY = np.zeros(3)
+TWO = [np.zeros(2), np.zeros(3)]
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (
+            lambda: sdhj.simulate(Controller(interval_table()), ONE, ["worst"]),
+            r"adversary must be one of .*\['worst'\]",
+        ),
+        (lambda: sdhj.monte_carlo(Controller(interval_table()), 5, {}), r"adversary must be one of"),
+        (lambda: Controller(interval_table(), ARRAY), "rule must be one of"),
+        (lambda: Controller(interval_table(), ["deepest"]), "rule must be one of"),
+        (lambda: Scheme(flux=ARRAY), "flux must be one of"),
+        (lambda: Scheme(order=ARRAY), "order must be one of"),
+        (lambda: Scheme(cfl=ARRAY), r"cfl must be a number in \(0, 1\]"),
+        (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
+        (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
+        (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
+        (lambda: replace(LINE, view_time=ARRAY), "view_time must be one of"),
+        (lambda: replace(LINE, steps=10**400), r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\."),
+        (lambda: replace(LINE, target=TargetSet((0,), lambda p, t: [1.0, "a"] * 40)), "level set of 'target' must be"),
+        (lambda: replace(LINE, target=TargetSet((0,), lambda p, t: TWO)), "level set of 'target' must be real numbers"),
+        (
+            lambda: replace(LINE, target=TargetSet((0,), lambda p, t: None)),
+            "level set of 'target' must be real numbers",
+        ),
+        (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs must be real numbers"),
+        (lambda: Dynamics([[1.0]], [[1.0]], [[1.0]], TWO), "bounds must be real numbers"),
+        (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).drift_at(np.zeros((2, 1)), 0), "drift must be real"),
+        (lambda: Grid(TWO, [1.0], [5]), r"lower has 2|lower\[0\] must be a number"),
+        (lambda: Grid([ARRAY], [1.0], [5]), r"lower\[0\] must be a number"),
+        (lambda: Grid([0.0], [np.datetime64(3, "D")], [5]), r"upper\[0\] must be a number"),
+        (lambda: Grid([0.0], [1.0], [5], ends=[[["wall"], ["wall"]]]), "ends must be, for each axis"),
+        (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
+        (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
+        (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
+        (lambda: LipschitzBounds("a").checked(unicycle_problem()), "no Lipschitz bounds for the sets"),
+        (lambda: LipschitzBounds(sets=[1.0]).checked(LINE), "sets of LipschitzBounds must be a mapping"),
+        (lambda: LipschitzBounds(sets={"target": "a", "wall": 1}).checked(LINE), "the bounds of the set 'target' must"),
+        (
+            lambda: LipschitzBounds(sets={"target": [1.0], "wall": TWO}).checked(LINE),
+            "the bounds of the set 'wall' must",
+        ),
+        (
+            lambda: LipschitzBounds(sets={"target": [1], "wall": [1], 3: 1, "a": 1}).checked(LINE),
+            "Lipschitz bounds for",
+        ),
+        (lambda: LINE.target_value([["a"]], 0.0), "points must be real numbers"),
+        (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
+    ],
+)
+def test_what_does_not_fit_is_told_in_a_sentence_that_names_it(call, named):
+    with pytest.raises(ValueError, match=named) as raised:
+        call()
+    assert len(str(raised.value)) < 300
+
+
+def test_a_level_set_may_return_a_list():
+    problem = on_line(target=TargetSet((0,), lambda p, t: [abs(x) - 1.0 for x in p[:, 0].tolist()]))
+    assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=0).all()
+
+
+# ---- numbers without bounds, and memory
+
+
+@pytest.mark.parametrize("runs", [2**63, 1e308, 10**400, 10**8 + 1])
+def test_more_runs_than_memory_holds_are_refused(runs):
+    with pytest.raises(ValueError, match="runs must be a whole number from 1 to 100,000,000"):
+        sdhj.monte_carlo(Controller(interval_table()), runs)
+
+
+@pytest.mark.parametrize("asked", ["0", "-2", "many", "1e3", "99999999"])
+def test_a_number_of_threads_that_is_none_is_told(asked):
+    done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS=asked)
+    assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr
+    assert f"NUMBA_NUM_THREADS={asked} is no number of threads" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_address_space_is_a_limit_and_is_named():
+    code = "\n".join(
+        [
+            "import resource, sdhj",
+            "from sdhj import memory",
+            "resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, resource.RLIM_INFINITY))",
+            "memory.require(10**8, 'little')",
+            "memory.require(29 * 10**8, 'much')",
+        ]
+    )
+    done = run_python(code, OPENBLAS_NUM_THREADS="1")
+    said = "left of the 3 GB of address space that ulimit -v allows; use fewer nodes"
+    assert done.returncode == 1 and said in done.stderr and "much needs about 2.9 GB" in done.stderr, done.stderr
+
+
+def put(folder, **files):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (folder / name.replace("__", ".")).write_text(text)
+
+
+def test_control_groups_of_both_versions_are_limits_and_are_named(tmp_path):
+    own, root = tmp_path / "cgroup", tmp_path / "fs"
+    own.write_text("0::/outer/inner\n")
+    put(root, memory__current="1\n")
+    put(
+        root / "outer",
+        memory__max="1000000000\n",
+        memory__current="900000000\n",
+        memory__stat="file 7\ninactive_file 5\n",
+    )
+    put(root / "outer/inner", memory__max="max\n", memory__current="900000000\n", memory__stat="inactive_file 5\n")
+    told = [(100_000_005, f"are left of the 1 GB of the control group {root / 'outer'}")]
+    assert list(memory.of_control_groups(root, own)) == told
+    own.write_text("3:cpu,cpuacct:/\n2:memory:/not/seen/from/here\n1:name=systemd:/\n")
+    put(
+        root / "memory",
+        memory__limit_in_bytes="500\n",
+        memory__usage_in_bytes="600\n",
+        memory__stat="total_inactive_file 50\ninactive_file 1\n",
+    )
+    told = [(0, f"are left of the 5e-07 GB of the control group {root / 'memory'}")]
+    assert list(memory.of_control_groups(root, own)) == told
+    assert list(memory.of_control_groups(root, tmp_path / "absent")) == []
+
+
+@pytest.mark.parametrize("cells", [(5000, 5000, 300, 300), (10**9,) * 4])
+def test_a_certified_table_too_large_is_refused_before_it_is_begun(cells):
+    problem, began = sdhj.arm_case_study(nodes=5, steps=1), time.perf_counter()
+    with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*; use fewer cells"):
+        sdhj.solve(problem, Certified(cells=cells), progress=False)
+    assert time.perf_counter() - began < 10  # minutes, where every image is worked out first
+
+
+# ---- a disk that is full
+
+
+def test_a_picture_on_a_full_disk_is_an_error_of_the_disk(tmp_path):
+    pytest.importorskip("matplotlib")
+    code = "\n".join(
+        [
+            "import resource, sys",
+            "from sdhj.plotting.looks import new_figure, save",
+            "figure = new_figure()",
+            "figure.subplots().plot(range(1000), [n * n % 997 for n in range(1000)])",
+            "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))",
+            "for form in ('pdf', 'png', 'svg'):",
+            "    try:",
+            f"        save(figure, {str(tmp_path)!r}, 'full', (form,))",
+            "    except OSError as error:",
+            "        print(form)",
+        ]
+    )
+    done = run_python(code)
+    assert done.stdout.split() == ["pdf", "png", "svg"], done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_limit_that_this_process_has_is_read(monkeypatch):
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (10**12, 10**12) if which == resource.RLIMIT_AS else None)
+    ((left, said),) = memory._of_process()
+    assert 0 < left < 10**12 and "1e+03 GB of address space" in said
