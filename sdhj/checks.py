@@ -84,7 +84,9 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 def all_finite(array: NDArray[np.float64]) -> bool:
     """Whether all values of a C-ordered array are finite: those whose squares have a finite sum are, which is fast."""
     flat = array.ravel()
-    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = flat.dot(flat)
+    return math.isfinite(squares) or bool(np.isfinite(flat).all())
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
