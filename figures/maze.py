@@ -4,7 +4,7 @@ The problem is `examples/vehicle` of SCOTS (Rungger & Zamani, HSCC 2016; the veh
 TAC 2017, doi 10.1109/TAC.2016.2593947): 15 walls, a corner to be reached, 7 x 7 inputs held for 0.3 s. SCOTS answers on
 cells of 0.2 m x 0.2 m x 0.2 rad, walls grown by half a cell, and wins from 48,018 of 91,035 cells in hundreds of steps.
 
-`python figures/maze.py -o maze.png` solves the last 20 steps, plays them and draws from where the target can be reached.
+`python figures/maze.py -o maze.png` solves the last 20 steps, plays them and draws where they lead from.
 Errors of the scheme in each of hundreds of steps add up to standing still: where walls, or the promises of the table,
 are lost between the nodes there is a refusal in place of a number.
 """
