@@ -31,8 +31,9 @@ def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
     -------
     digest : str
         SHA-256 of everything the solver reads, hexadecimal.
-    sums : (parts, 1 + SIGNS)
-        Of each part how many numbers it has, and their sums with random signs, drawn `SIGNS` times.
+    sums : (parts, 2 + SIGNS)
+        Of each part how many numbers it has, so many times the logarithm of c, and the numbers' sums with random signs,
+        drawn `SIGNS` times.
     """
     grid, sums = problem.grid, []
     h = hashlib.sha256(f"{problem.view_time} {grid.ends}".encode())
@@ -60,7 +61,7 @@ def _signed(values: FloatArray, reach: float) -> list[float]:
         some = squashed[begin : begin + AT_ONCE]
         bits = random.random_raw(AT_ONCE * SIGNS // 64).astype("<u8").view(np.uint8).reshape(AT_ONCE, -1)
         total += some @ (1.0 - 2.0 * np.unpackbits(bits[: some.size], axis=1))
-    return [float(values.size), *total.tolist()]
+    return [float(values.size), float(values.size * np.log(scale)), *total.tolist()]  # the sums do not tell the scale
 
 
 def _parts(problem: "ReachAvoidProblem") -> Iterator[Any]:

@@ -286,6 +286,22 @@ def test_changes_that_would_cancel_are_seen(rng):
         assert not alike(sums, identity_of(changed))
 
 
+@pytest.mark.parametrize("factor", [1 + 1e-9, 1.2, 1e6, -1.0])
+def test_numbers_that_are_all_larger_are_others(rng, factor):
+    """Alone, all equal, or of any size: sums of what is relative to the mean do not tell by themselves."""
+    for values in (np.array([0.5]), np.full((3, 2), 0.7).ravel(), rng.normal(size=1000) * 1e-3):
+        assert not alike(identity_of(values), identity_of(values * factor))
+
+
+@pytest.mark.parametrize("part", ["bounds", "gain"])
+def test_a_stronger_adversary_is_another_problem(tmp_path, part):
+    problem = unicycle_problem(nodes=(9, 9, 8), steps=2)
+    sdhj.solve(problem, progress=False).save(tmp_path / "own.h5")
+    dynamics = dataclasses.replace(problem.dynamics, **{part: 1.2 * np.asarray(getattr(problem.dynamics, part))})
+    with pytest.raises(sdhj.TableFileError, match="another problem"):
+        sdhj.load(tmp_path / "own.h5", problem=dataclasses.replace(problem, dynamics=dynamics))
+
+
 def identity_of(values):
     return np.array([_signed(values, 4.0)])
 

@@ -204,7 +204,7 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
     with pytest.raises(ValueError, match="steps must be a whole number from 1 to 1,000,000"):
         sdhj.arm_case_study(nodes=9, steps=10**300)
     with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):
-        sdhj.solve(dataclasses.replace(arm(), steps=10**8))
+        sdhj.solve(dataclasses.replace(arm(), steps=10**6))
     monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
     memory.require(10**18, "anything")
 
