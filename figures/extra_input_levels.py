@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
+from sdhj.cli import compile_kernels
 
 STUDY = True
 
@@ -37,7 +38,7 @@ class LevelSweep:
 
 def sweep_input_levels(levels: Sequence[int] = (3, 5, 7, 9), *, method: str = "hji", **arguments: Any) -> LevelSweep:
     """Solve the arm's case study with more and more inputs; arguments as for `arm_case_study`."""
-    sdhj.solve(sdhj.arm_case_study(nodes=5, steps=1), method=method, progress=False)  # compiles, outside the clock
+    compile_kernels([method])  # outside the clock
     problems = [sdhj.arm_case_study(**arguments, input_levels=n) for n in levels]
     tables = [sdhj.solve(problem, method=method, progress=False) for problem in problems]
     return LevelSweep(

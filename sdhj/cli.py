@@ -6,6 +6,7 @@ import json
 import sys
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
@@ -18,6 +19,7 @@ import sdhj
 from sdhj.compiling import announced
 from sdhj.files import header, writable_file
 from sdhj.problem import VIEW_TIMES
+from sdhj.resolution import ResolutionWarning
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS
 
@@ -286,7 +288,8 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
         began = time.perf_counter()
         say(f"warming up {method}")
         chosen = sdhj.Certified(cells=WARM_CELLS) if method == "certified" else method
-        table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), chosen, progress=False)
+        with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # nobody wants this table
+            table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), chosen, progress=False)
         sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
             _compile_checker(table)
