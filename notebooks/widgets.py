@@ -197,8 +197,9 @@ class Explorer:
             reason = f"Not possible: {html.escape(self.error)}.<br>The picture is still that of the setting before."
             self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
         else:
-            told = "<br>".join(html.escape(text) for text in (_told(self.numbers), self.note) if text)
-            self._status.value = f"<div role='status' style='line-height:1.4'>{told}</div>"
+            told = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
+            note = f"<div role='note' style='line-height:1.4; color:#555555'>{html.escape(self.note)}</div>"
+            self._status.value = told + (note if self.note else "")
 
     def _image(self) -> Image:
         alt = self.alt or _first_line(self.draw)
