@@ -231,7 +231,8 @@ class Seen:
     @property
     def status(self) -> str:
         """What stands below the controls."""
-        text: str = self.cell.locator(".widget-html").last.inner_text().strip()
+        told = self.cell.locator(".widget-html").last.locator("[role=status], [role=alert]")
+        text: str = told.last.inner_text().strip()
         return text
 
     @property
