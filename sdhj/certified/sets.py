@@ -41,15 +41,16 @@ exact set is a layer of cells along the target, the obstacles and the pursuer.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof, is_arm
+from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import CellAxis, aligned_width, exact, measured, period_bounds, velocity_bounds
-from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
+from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import FloatArray
@@ -97,8 +98,6 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
-        if problem.steps is None:
-            raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
@@ -131,10 +130,9 @@ class CellSets:
     a step less.
     """
 
-    timeless = False  # equal rows cost little: only what a set adds to another is kept
-
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
+        self.timeless = proof.kind != "arm" and proof.problem.timeless
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
@@ -146,32 +144,36 @@ class CellSets:
 
     def extend(self, step: int, within: int) -> None:
         """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
-        rows, blocks = self.added[step + 1, within - 1]
+        rows, blocks = self._added(step + 1, within - 1)
         self.following[rows] = blocks
-        before = self.cells.copy()
-        if self.proof.problem.stays:  # nothing is united, and what stays clear longer does so for a step less
-            self.cells[:] = 0
-        self.proof.add(self.prepared, self.cells, self.following, step, within)
-        if self.proof.problem.stays:
-            self.cells &= before
+        before, stays = self.cells.copy(), self.proof.problem.stays
+        self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
         self._keep(step, within, (self.cells != before).any(axis=1))
 
     def stopped(self, step: int, within: int) -> bool:
         """Whether entry (step, within) is the one of (step, within - 1)."""
-        return not self.added[step, within][0].size
+        return not self._added(step, within)[0].size
 
     def share(self, step: int, within: int) -> None:
         """Entry (step, within) is the one of (step, within - 1)."""
-        self.proof.share(step, within)
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
+    def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
+        return self.added[0 if self.timeless else step, within]
+
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table; to `details` is added what there is to say of the cells."""
-        told = {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
+        proof, problem = self.proof, self.proof.problem
+        told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
+        if problem.steps is None:
+            changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
+            if (last := max(changed, default=1)) == problem.most_steps:
+                raise ValueError(f"the sets still change after {last:,} steps; give the problem a number of steps")
+            proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
         for place, (step, within) in enumerate(sorted(self.added)):
@@ -180,4 +182,6 @@ class CellSets:
             index[place, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
-        return CertifiedTable(self.proof, index, np.concatenate(pool), told | dict(details))
+        if problem.steps is None:  # without a target only what stays clear for ever
+            index = index[-1:] if problem.stays else index[: last + 1]
+        return CertifiedTable(proof, index, np.concatenate(pool), told)
