@@ -224,7 +224,11 @@ def _about(ends: Any, change: Any, rounding: float = 0.0) -> Ends:
 
 
 def _within(
-    grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Callable[[FloatArray, FloatArray], Ends]
+    grid: Grid,
+    axes: Sequence[int],
+    low: FloatArray,
+    high: FloatArray,
+    bounded: Callable[[FloatArray, FloatArray], Ends],
 ) -> Ends:
     """Bounds over boxes (M, axes), which are cut at the ends of their axes and where a periodic one closes."""
     rows, low, high = np.arange(len(low)), low.copy(), high.copy()
@@ -239,7 +243,10 @@ def _within(
         high[:, column] = np.where(whole, upper, high[:, column] - laps * period)
         over = np.flatnonzero(high[:, column] > upper)
         rows, beyond = np.concatenate([rows, rows[over]]), high[over]
-        low, high = np.concatenate([low, low[over]]), np.concatenate([np.minimum(high, _room(high, column, upper)), beyond])
+        low, high = (
+            np.concatenate([low, low[over]]),
+            np.concatenate([np.minimum(high, _room(high, column, upper)), beyond]),
+        )
         low[len(low) - over.size :, column] = lower
         high[len(high) - over.size :, column] -= period
     slabs = (slice(begin, begin + BOXES) for begin in range(0, len(rows), BOXES))

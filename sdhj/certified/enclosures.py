@@ -32,7 +32,10 @@ def _ends(value: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def _interval(value: Any) -> Any:
-    return ival.Interval(*_ends(value))
+    """An `ival.Interval`, made without the checks that ends which come from one need not pass again."""
+    interval, (low, high) = object.__new__(ival.Interval), _ends(value)
+    interval.lo, interval.hi = (low, high) if low.ndim else (float(low), float(high))
+    return interval
 
 
 def _enclosure(interval: Any) -> "Enclosure":

@@ -17,6 +17,7 @@ image; and an image may stick out of the cells that it is said to lie in by `DRI
 import itertools
 import json
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.batches import threads
 from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
 from sdhj.certified.cells import CellAxis, cells_of
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
@@ -168,8 +170,9 @@ class GeneralProof:
             edges[axis, : cells.count + 1] = cells.edges()
 
         def numbers(which: FloatArray) -> FloatArray:
-            cells = np.indices(counts[which]).reshape(int(which.sum()), -1)
-            return flat[which] @ cells if which.any() else np.zeros(1, np.int64)
+            if not which.any():
+                return np.zeros(1, np.int64)
+            return flat[which] @ np.indices(counts[which]).reshape(int(which.sum()), -1)
 
         free = numbers(~own)
         return Layout(counts, numbers(own), free, free.size, edges)
@@ -177,42 +180,60 @@ class GeneralProof:
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, and which cells it is safe from."""
         size, count = self.low.shape[2], len(self.problem.inputs)
-        finest = EVALUATED // (size * count * self.parts * len(self.low) * 2)
+        n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
         slabs, lattices = range(0, size, PLACES), self._lattices(progress)
         work = list(itertools.product(range(len(self.low)), range(count), slabs))
-        for start, j, begin in tqdm(work, desc="intervals", disable=hidden(progress)):
-            end = min(begin + PLACES, size)
-            tubes, last = self.reached(begin, end, j, self.problem.time(start), min(max(finest, 1), FINEST))
-            self.low[start, j, begin:end], self.high[start, j, begin:end] = self._in_cells(begin, end, last)
-            for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
-                self._strike(step, j, (begin, end), tubes, lattices)
 
-    def reached(self, begin: int, end: int, j: int, start: float, pieces: int) -> tuple[FloatArray, FloatArray]:
-        """How far the ends of cells at places begin..end-1 move under u_j from a time on.
+        def moved(start: int, j: int, begin: int) -> Ends:
+            places = np.arange(begin, min(begin + PLACES, size))
+            return self.reached(places, j, self.problem.time(start), min(max(finest, 1), FINEST))
 
-        During each part, (places, parts, ndim, 2), and in the whole interval, (places, ndim, 2). On the axes that are
+        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+            for some in (work[at : at + n] for at in range(0, len(work), n)):
+                for (start, j, begin), (tubes, last) in zip(
+                    some, pool.map(moved, *zip(*some, strict=True)), strict=True
+                ):
+                    places = begin, min(begin + PLACES, size)
+                    self.low[start, j, slice(*places)], self.high[start, j, slice(*places)] = self._in_cells(
+                        places, last
+                    )
+                    for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
+                        self._strike(step, j, places, tubes, lattices)
+                    bar.update()
+
+    def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
+        """How far the ends of cells at some places (M,) move under u_j from a time on, with so many pieces a part.
+
+        During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
         carried along a cell begins as a point and the velocity is bounded wherever it may be.
         """
         grid, carried, layout = self.problem.grid, self.strides == 0, self.layout
-        cells = np.stack(np.unravel_index(layout.begin[begin:end], layout.counts), axis=1)
+        cells = np.stack(np.unravel_index(layout.begin[places], layout.counts), axis=1)
         edges = layout.edges[np.arange(grid.ndim), cells], layout.edges[np.arange(grid.ndim), cells + 1]
-        low, high = np.where(carried, grid.lower, edges[0] - STATE_SLACK), np.where(carried, grid.upper, edges[1] + STATE_SLACK)
-        moved, tubes = np.zeros((2, end - begin, grid.ndim)), np.empty((end - begin, self.parts, grid.ndim, 2))
+        low, high = (
+            np.where(carried, grid.lower, edges[0] - STATE_SLACK),
+            np.where(carried, grid.upper, edges[1] + STATE_SLACK),
+        )
+        moved, tubes = np.zeros((2, len(places), grid.ndim)), np.empty((len(places), self.parts, grid.ndim, 2))
+        before = moved  # what the piece before added: a good guess for the next
         for part in range(self.parts):
             tube = [moved[0], moved[1]]
             for piece in range(part * pieces, (part + 1) * pieces):
                 times = [start + self.problem.delta * at / (self.parts * pieces) for at in (piece, piece + 1)]
-                moved = self._piece(low, high, moved, j, times)
+                after = self._piece(low, high, moved, before, j, times)
+                moved, before = after, after - moved
                 tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         return tubes, np.moveaxis(moved, 0, 2)
 
-    def _piece(self, low: FloatArray, high: FloatArray, moved: FloatArray, j: int, times: list[float]) -> FloatArray:
+    def _piece(
+        self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: list[float]
+    ) -> FloatArray:
         """What the ends of boxes low..high, moved by `moved`, have moved by at the end of a piece: (2, M, ndim)."""
         carried, grid = self.strides == 0, self.problem.grid
         ends = [np.where(carried, end, end + by) for end, by in zip((low, high), moved, strict=True)]
         h = np.nextafter(times[1] - times[0], np.inf)
-        box, velocity = self._room(ends, j, times, h)
+        box, velocity = self._room(ends, before, j, times, h)
         for axis in np.flatnonzero(np.diag(self.bounds.reads) & ~carried):
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
                 face = [box[0].copy(), box[1].copy()]
@@ -229,9 +250,15 @@ class GeneralProof:
             out[side] = np.where(held, at_wall, out[side])
         return out
 
-    def _room(self, ends: list[FloatArray], j: int, times: list[float], h: float) -> tuple[list[FloatArray], list[FloatArray]]:
+    def _room(
+        self, ends: list[FloatArray], before: FloatArray, j: int, times: list[float], h: float
+    ) -> tuple[list[FloatArray], list[FloatArray]]:
         """A box that the state stays in for a piece of length h, and bounds on the velocity in it, twice."""
-        carried, box = self.strides == 0, [end.copy() for end in ends]
+        carried, spread = self.strides == 0, 0.2 * np.abs(before) + STATE_SLACK
+        box = [
+            np.where(carried, ends[0], ends[0] + np.minimum(before[0], 0.0) - spread[0]),
+            np.where(carried, ends[1], ends[1] + np.maximum(before[1], 0.0) + spread[1]),
+        ]
         for _ in range(TRIES):
             velocity = self.bounds.velocity(j, *box, *times)
             reached = [
@@ -241,18 +268,20 @@ class GeneralProof:
             if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():
                 velocity = self.bounds.velocity(j, *reached, *times)
                 return reached, [*velocity, *(v.copy() for v in velocity)]
-            spread = 0.1 * (reached[1] - reached[0]) + STATE_SLACK
-            box = [np.where(carried, ends[0], reached[0] - spread), np.where(carried, ends[1], reached[1] + spread)]
+            wider = 0.1 * (reached[1] - reached[0]) + STATE_SLACK
+            box = [np.where(carried, ends[0], reached[0] - wider), np.where(carried, ends[1], reached[1] + wider)]
             if not all(np.isfinite(end).all() for end in box):
                 break
         raise ValueError("the dynamics change too fast for this interval: use more parts")
 
-    def _in_cells(self, begin: int, end: int, moved: FloatArray) -> Ends:
+    def _in_cells(self, places: tuple[int, int], moved: FloatArray) -> Ends:
         """The cells, from their own on, that hold cells at places begin..end-1 whose ends have moved: two (M, ndim)."""
-        low, high = np.empty((2, end - begin, len(self.axes)), np.int64)
-        cells = np.unravel_index(self.layout.begin[begin:end], self.layout.counts)
+        low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
+        cells = np.unravel_index(self.layout.begin[slice(*places)], self.layout.counts)
         for axis, (own, cell) in enumerate(zip(self.axes, cells, strict=True)):
-            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], self.strides[axis] > 0)
+            low[:, axis], high[:, axis] = moved_cells(
+                own, cell, moved[:, axis, 0], moved[:, axis, 1], self.strides[axis] > 0
+            )
         if max(-low.min(), high.max()) > np.iinfo(np.int16).max:
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high

@@ -90,7 +90,9 @@ class CertifiedTable:
         """Checked place of (start, within) in the index; `within` beyond N - start means N - start."""
         start = whole("start", start, least=0, most=self.steps)
         within = min(whole("within", within, least=0), self.steps - start)
-        return entry(self.steps, start, within) if len(self.index) > self.steps + 1 else min(within, len(self.index) - 1)
+        return (
+            entry(self.steps, start, within) if len(self.index) > self.steps + 1 else min(within, len(self.index) - 1)
+        )
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
         """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
