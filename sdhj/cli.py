@@ -3,6 +3,8 @@
 import functools
 import importlib
 import json
+import re
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 
 import sdhj
 from sdhj.compiling import announced
-from sdhj.files import header, replaced_whole, writable_file
+from sdhj.files import header, imported, replaced_whole, writable_file
 from sdhj.problem import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
 
@@ -181,20 +183,28 @@ def info(table: Path) -> None:
     "--certified", type=click.Path(path_type=Path), help="Certified table to hold an interpolated one against."
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
+@click.option("--problem", help="module:function that returns the problem of a table of your own robot.")
 @click.pass_context
 @plainly
 def verify_command(
-    context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
+    context: click.Context,
+    table: Path,
+    samples: int,
+    seed: int,
+    certified: Path | None,
+    output: Path | None,
+    problem: str | None,
 ) -> None:
     """Re-derive the claims of a certified table, or say what of another one is certified."""
     writable_picture(output)
-    read = loaded(table)
-    if read.method == "certified":
+    if problem is None:
+        read = loaded(table)
+    if problem is not None or read.method == "certified":
         from sdhj.certified.check import verify as check
 
-        del read  # the check reads the file itself, and both are large
+        read = None  # the check reads the file itself, and both are large
         began = time.perf_counter()
-        report = check(table, samples=samples or None, seed=seed)
+        report = check(table, own_problem(problem), samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
     if certified is None:
@@ -206,6 +216,19 @@ def verify_command(
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
     _compare(read, proof, seed, output)
+
+
+def own_problem(name: str | None) -> Any:
+    """What module:function returns; the module may lie in the folder that one is in."""
+    if name is None:
+        return None
+    if not re.fullmatch(r"[\w.]+:\w+", name):
+        raise ValueError(f"--problem must be module:function, got {name!r}")
+    sys.path.insert(0, "")
+    try:
+        return imported(name)()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"--problem {name} cannot be called: {error}") from error
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:

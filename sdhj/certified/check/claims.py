@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.reading import File, expect, is_whole
+from sdhj.certified.check.robots import examine
 from sdhj.certified.check.rows import Stored, check_rows
 
 GROUP = "certified"
@@ -60,15 +61,23 @@ class Verdict:
 
 
 def verify(
-    path: str | os.PathLike[str], *, samples: int | None = None, seed: int = 0, progress: bool | None = None
+    path: str | os.PathLike[str],
+    problem: Any = None,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    progress: bool | None = None,
 ) -> Verdict:
     """Check the certified sets in an HDF5 file.
 
     Parameters
     ----------
     path : path
+    problem : ReachAvoidProblem, optional
+        Whose claims they are, of a robot of one's own: its functions are not in the file.
     samples : int or None
-        How many rows are drawn at random, each checked with all its claims; None checks every row.
+        How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
+        own: how many cells; its moves are checked all.
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
@@ -85,10 +94,14 @@ def verify(
         if GROUP not in opened:
             raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
         if opened[GROUP].attrs.get("kind") != "arm":
-            raise ValueError(
-                f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only "
-                "the arm's case study can be checked from a file alone"
-            )
+            if problem is None:
+                raise ValueError(
+                    f"{path} holds certified sets of a problem of your own, whose functions are not in the file: give "
+                    "it, for example as `sdhj verify --problem module:function`; only the arm's case study can be "
+                    "checked from a file alone"
+                )
+            found = examine(opened, problem, samples, seed, _silent(progress))
+            return Verdict(tuple(Claim(name, n, m, tuple(bad[:SHOWN]), len(bad)) for name, n, m, bad in found))
         try:
             file = File(opened[GROUP], json.loads(opened.attrs["recipe"]))
         except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError) as error:
@@ -98,6 +111,10 @@ def verify(
         return Verdict((cover,))
     rows = np.random.default_rng(seed).permutation(file.index.shape[1])[:samples]
     return Verdict((cover, *check(file, rows, progress)))
+
+
+def _silent(progress: bool | None) -> bool:
+    return sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
 
 
 def cells_cover(file: Any) -> Claim:
@@ -130,8 +147,7 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
         check_rows(rows[at], world, stored, failed[at], example[at])
         return len(rows[at])
 
-    silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=silent)
+    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=_silent(progress))
     with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
         for done in threads.map(check_part, range(0, len(rows), ROWS_AT_ONCE)):
             bar.update(done)
