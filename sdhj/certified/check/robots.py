@@ -8,12 +8,13 @@
 4.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}.
 
 A place is the part of a cell that its moves depend on; on the other axes the velocity is bounded wherever the state may
-be. Functions that cannot be called with spans are bounded by what the file states of them (`Verdict` names those).
+be. A level set that cannot be called with spans is bounded by its own `enclosure`, or by what the file states of it or
+its `slope`, and the verdict says so; other dynamics are refused.
 """
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise, product
 from typing import Any
@@ -31,6 +32,7 @@ STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 4
 AT_ONCE = 1 << 16  # boxes
+OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
 
 
@@ -38,34 +40,37 @@ class Robot:
     """A problem's functions over boxes, and the cells of a file; ValueError where the two do not fit together."""
 
     def __init__(self, file: h5py.File, problem: Any) -> None:
-        group, grid, self.problem = file["certified"], problem.grid, problem
-        self.steps = int(file.attrs["steps"])
-        self.counts = np.array(group.attrs["shape"])
-        told = zip(*(group.attrs[name] for name in ("lowers", "widths")), group.attrs["extents"], strict=True)
+        group, self.problem, dynamics = file["certified"], problem, problem.dynamics
+        self.steps, self.delta, self.counts = int(file.attrs["steps"]), float(problem.delta), group.attrs["shape"][()]
+        told = zip(group.attrs["lowers"], group.attrs["widths"], group.attrs["extents"], strict=True)
         self.axes = [(Fraction(low), Fraction(width), *map(Fraction, extent)) for low, width, extent in told]
-        self.parts, matrix, time, self.stated = json.loads(group.attrs["bounds"])
-        self.matrix, self.time = (None if given is None else np.array(given) for given in (matrix, time))
+        self.parts, _, _, self.stated = json.loads(group.attrs["bounds"])
         names = ("index", "pool", "low", "high", "clear", "strides")
         self.index, self.pool, self.low, self.high, self.clear, self.strides = (group[name][()] for name in names)
         self.rests_on: set[str] = set()
-        self.known, ndim = self.strides > 0, len(self.counts)
-        self.periodic, starts = np.array(grid.periodic), len(self.low)
-        canonical = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
-        size, rows = int(np.prod(self.counts)), int(np.prod(self.counts[:-1]))
-        pairs, count = (self.steps + 1) * (self.steps + 2) // 2, len(problem.dynamics.inputs)
-        timed = "t" in sum(problem.dynamics.takes.values(), ())
-        moving = any(part.rate > 0 for part in problem.unsafe)
-        expect(len(self.axes) == ndim == grid.ndim and problem.steps in (None, self.steps), "axes and steps of the problem", ndim)
-        expect(np.array_equal(self.strides, canonical), "strides must count the places", self.strides)
-        shape = count, int(np.prod(self.counts[self.known])), ndim
-        fits = self.low.shape == self.high.shape == (starts, *shape) and starts == (self.steps if timed else 1)
-        fits &= self.clear.shape == (self.steps if timed or moving else 1, size, -(-count // 8))
-        fits &= self.pool.shape[1:] == (-(-self.counts[-1] // 64),) and self.index.shape[1:] == (rows,)
-        fits &= self.index.max() < len(self.pool) and (self.low <= self.high).all()
-        self.timeless = len(self.index) != pairs
-        fits &= not self.timeless or (not timed and not moving and len(self.index) in (1, self.steps + 1))
-        expect(bool(fits), "the arrays must fit the problem", self.index.shape)
-        self.edges = [np.array([float(low + i * w) for i in range(n)] + [float(low + (a + b) / 2)]) for n, (low, w, a, b) in zip(self.counts, self.axes, strict=True)]
+        self.known, self.periodic = self.strides > 0, np.array(problem.grid.periodic)
+        timed, pairs = "t" in sum(dynamics.takes.values(), ()), (self.steps + 1) * (self.steps + 2) // 2
+        self.timeless, moving = len(self.index) != pairs, timed or any(part.rate > 0 for part in problem.unsafe)
+        count, starts = len(dynamics.inputs), self.steps if timed else 1
+        places = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
+        fits = (
+            len(self.axes) == problem.grid.ndim
+            and problem.steps in (None, self.steps)
+            and np.array_equal(self.strides, places)
+            and self.low.shape == self.high.shape == (starts, count, np.prod(self.counts[self.known]), len(self.axes))
+            and self.clear.shape == (self.steps if moving else 1, np.prod(self.counts), -(-count // 8))
+            and self.pool.shape[1:] == (-(-self.counts[-1] // 64),)
+            and self.index.shape[1:] == (np.prod(self.counts[:-1]),)
+            and self.index.max() < len(self.pool)
+            and (self.low <= self.high).all()
+            and (not self.timeless or (not moving and len(self.index) in (1, self.steps + 1)))
+        )
+        expect(bool(fits), "the arrays must be those of the problem", self.index.shape)
+        self.edges = [
+            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
+            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
+        ]
+        self.always = 0.0, self.steps * self.delta
 
     def cover(self) -> list[str]:
         """What is wrong with the cells of the axes."""
@@ -74,222 +79,181 @@ class Robot:
             length = decimal(grid.upper[axis]) - decimal(grid.lower[axis])
             fits = low == decimal(grid.lower[axis]) and least <= length <= most and (n - 1) * width < least
             fits &= n * width >= most and most - least <= (length / 2**40 if self.periodic[axis] else 0)
-            if not self.known[axis]:  # cells that move alike are alike, and nothing holds them back on the way
-                fits &= not self.periodic[axis] or abs(n * width - most) <= STICKS_OUT
-                fits &= self.periodic[axis] or "wall" not in grid.ends[axis] or not self.problem.dynamics.takes
+            if not self.known[axis]:  # cells that move alike are alike, and no wall holds them back on the way
+                held = "wall" in grid.ends[axis] and self.problem.dynamics.takes
+                fits &= abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
             wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
         return wrong
 
-    # ---- functions over boxes: Array low, high (M, axes), and times
+    def ends(self, cells: Array, wider: float = 0.0) -> Array:
+        """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
+        beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
+        return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
 
-    def value(self, part: Any, low: Array, high: Array, times: tuple[float, float]) -> tuple[Array, Array]:
+    def cells(self, numbers: Array) -> Array:
+        return np.stack(np.unravel_index(numbers, self.counts), axis=1)
+
+    # ---- functions over boxes (2, M, axes), and times
+
+    def value(self, part: Any, box: Array, times: tuple[float, float]) -> Span:
         """Bounds of a level set."""
-        rate, stated, middle = getattr(part, "rate", None), self.stated.get(part.name), sum(times) / 2
-        drift = 0.0 if not rate else rate * (times[1] - times[0]) / 2
-        fixed = times[0] if rate == 0 else middle
+        rate, stated, function = getattr(part, "rate", None), self.stated.get(part.name), part.level_set
+        drift = rate * (times[1] - times[0]) / 2 if rate else 0.0
+        when = times[0] if rate == 0 else sum(times) / 2  # where it is not proved for all times at once
 
-        def at_centre(a: Array, b: Array) -> Span:
-            half = (b - a) / 2 * (1 + 1e-9)
+        def promised(a: Array, b: Array) -> Span:
+            self.rests_on.add(part.name)
+            if hasattr(function, "enclosure"):
+                return Span(*function.enclosure(a, b, *times))
+            half = (b - a) / 2
             slope = part.slope * np.sqrt((half**2).sum(axis=1)) if stated is None else half @ np.array(stated)
-            value = np.asarray(part.level_set((a + b) / 2, fixed), dtype=np.float64)
-            self.rests_on.add(part.name)
-            return Span(value - slope - 1e-9 * (1 + abs(value)) - drift, value + slope + 1e-9 * (1 + abs(value)) + drift)
+            value = np.asarray(function((a + b) / 2, when), dtype=np.float64)
+            slope = (slope + drift) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+            return Span(value - slope, value + slope)
 
-        def own(a: Array, b: Array) -> Span:
-            self.rests_on.add(part.name)
-            return Span(*part.level_set.enclosure(a, b, *times))
+        ways = [lambda a, b: function(Span(a, b), span_of(times)), promised]
+        if rate is not None:
+            ways.insert(1, lambda a, b: function(Span(a, b), when) + Span(-drift, drift))
+        return self.cut(part.axes, box, ways, ())
 
-        def still(a: Array, b: Array) -> Span:
-            return part.level_set(Span(a, b), fixed) + Span(-drift, drift)
-
-        ways = [own] if hasattr(part.level_set, "enclosure") else []
-        ways += [lambda a, b: part.level_set(Span(a, b), times[0] if times[0] == times[1] else Span(*times))]
-        ways += ([still] if rate is not None else []) + [at_centre]
-        answer = self.cut(part.axes, low, high, lambda a, b: first_of(ways, a, b, (len(a),)))
-        return answer.low, answer.high
-
-    def velocity(self, j: int, low: Array, high: Array, times: tuple[float, float]) -> Span:
-        """Bounds of the velocity under u_j and any adversary."""
-        dynamics, u = self.problem.dynamics, self.problem.dynamics.inputs[j]
-
-        def term(name: str, points: Any, t: Any) -> Any:
-            function = getattr(dynamics, name)
-            if not callable(function):
-                return np.asarray(function)[j] if name == "drift" else np.asarray(function)
-            if isinstance(points, Span) and hasattr(function, "enclosure"):
-                self.rests_on.add(name)
-                return Span(*function.enclosure(points.low, points.high, u, *times))
-            given = {"points": points, "u": u, "t": t}
-            return function(*(given[one] for one in dynamics.takes[name]))
+    def velocity(self, j: int, box: Array, times: tuple[float, float]) -> Span:
+        """Bounds of the velocity under u_j and any adversary, (M, ndim)."""
+        dynamics = self.problem.dynamics
 
         def called(a: Array, b: Array) -> Span:
-            points, t = Span(a, b), times[0] if times[0] == times[1] else Span(*times)
-            gain, most = term("gain", points, t), term("bounds", points, t)
-            push = np.sum(np.abs(Span(*two(gain))) * np.abs(Span(*two(most))), axis=-1).high
-            return term("drift", points, t) + Span(-push, push)
+            given = {"points": Span(a, b), "u": dynamics.inputs[j], "t": span_of(times)}
 
-        def at_centre(a: Array, b: Array) -> Span:
-            points, t = (a + b) / 2, sum(times) / 2
-            drift = np.broadcast_to(term("drift", points, t), a.shape)
-            push = np.abs(term("gain", points, t)) @ term("bounds", points, t)
-            push = push + (b - a) / 2 @ (np.zeros((a.shape[1],) * 2) if self.matrix is None else self.matrix).T
-            push = push + (0.0 if self.time is None else self.time * (times[1] - times[0]) / 2)
-            push = push * (1 + 1e-9) + 1e-9 * (1 + np.abs(drift))
-            self.rests_on.add("dynamics")
-            return Span(drift - push, drift + push)
+            def term(name: str) -> Span:
+                if not callable(array := getattr(dynamics, name)):
+                    return Span(*[array[j] if name == "drift" else array] * 2)
+                return as_span(array(*(given[one] for one in dynamics.takes[name])))
 
-        ways = [called] + ([at_centre] if self.matrix is not None or self.time is not None else [])
-        return self.cut(range(len(self.counts)), low, high, lambda a, b: first_of(ways, a, b, a.shape))
+            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high
+            return term("drift") + Span(-push, push)
 
-    def cut(self, axes: Any, low: Array, high: Array, of: Callable[[Array, Array], Span]) -> Span:
+        return self.cut(range(len(self.counts)), box, [called], (len(self.counts),))
+
+    def cut(self, axes: Any, box: Array, ways: list[Any], tail: tuple[int, ...]) -> Span:
         """Bounds over boxes, asked for within the ends of the axes: in two halves where a periodic one closes."""
-        low, high, grid = low.copy(), high.copy(), self.problem.grid
+        box, grid = box.copy(), self.problem.grid
         for column, axis in enumerate(axes):
-            least, most = grid.lower[axis], grid.upper[axis]
+            least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
             if not self.periodic[axis]:
-                low[:, column], high[:, column] = (np.clip(end[:, column], least, most) for end in (low, high))
+                np.clip(box[:, :, column], least, most, out=box[:, :, column])
                 continue
-            full = high[:, column] - low[:, column] >= most - least
-            turns = np.floor((low[:, column] - least) / (most - least)) * (most - least)
-            low[:, column] = np.where(full, least, np.maximum(low[:, column] - turns, least))
-            high[:, column] = np.where(full, most, high[:, column] - turns)
-            if (over := high[:, column] > most).any():
-                second = low[over], high[over]
-                second[0][:, column], second[1][:, column] = least, second[1][:, column] - (most - least)
-                high[over, column] = most
-                one, two_ = self.cut(axes, low, high, of), self.cut(axes, *second, of)
-                one.low[over] = np.minimum(one.low[over], two_.low)
-                one.high[over] = np.maximum(one.high[over], two_.high)
-                return one
-        pieces = [of(low[at : at + AT_ONCE], high[at : at + AT_ONCE]) for at in range(0, max(len(low), 1), AT_ONCE)]
-        return Span(*(np.concatenate([ends_of(piece, side) for piece in pieces]) for side in (0, 1)))
+            full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)
+            a[:], b[:] = np.where(full, least, np.maximum(a - turns, least)), np.where(full, most, b - turns)
+            if (over := b > most).any():
+                second = box[:, over]
+                second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
+                b[over] = most
+                out, beyond = self.cut(axes, box, ways, tail), self.cut(axes, second, ways, tail)
+                out.low[over] = np.minimum(out.low[over], beyond.low)
+                out.high[over] = np.maximum(out.high[over], beyond.high)
+                return out
+        slabs = [box[:, at : at + AT_ONCE] for at in range(0, max(box.shape[1], 1), AT_ONCE)]
+        found = [first_of(ways, *slab, (slab.shape[1], *tail)) for slab in slabs]
+        return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
 
     # ---- moves
 
+    def cells_at(self, places: Array) -> Array:
+        """A cell (M, ndim) at each place, the first on the other axes."""
+        own = zip(self.strides.tolist(), self.counts.tolist(), strict=True)
+        return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
+
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
-        """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (M, 2, ndim)."""
-        grid, delta = self.problem.grid, float(self.problem.delta)
-        cells = self.cells_at(places)
-        at = [np.where(self.known, np.stack([self.edges[a][cells[:, a] + s] for a in range(len(self.counts))], 1) + (2 * s - 1) * NEAR, (grid.lower, grid.upper)[s]) for s in (0, 1)]
+        """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
+        grid, cells = self.problem.grid, self.cells_at(places)
+        at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
+        walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
+        bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
         moved, swept = np.zeros((2, *cells.shape)), np.empty((len(cells), self.parts, 2, cells.shape[1]))
-        wall = np.array([["wall" == end for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
-        bars = np.where(wall[0], grid.lower, -np.inf), np.where(wall[1], grid.upper, np.inf)
-        cuts = start + delta * np.arange(self.parts * finer + 1) / (self.parts * finer)
+        cuts = (start + self.delta * np.arange(self.parts * finer + 1) / (self.parts * finer)).tolist()
         for part in range(self.parts):
-            least, most = moved[0].copy(), moved[1].copy()
-            for times in pairwise(cuts[part * finer : (part + 1) * finer + 1].tolist()):
-                moved = self.piece(at, moved, j, times)
-                for side, bar in product((0, 1), (0, 1)):
-                    place = at[side] + moved[side]
-                    beyond = place < bars[0] if bar == 0 else place > bars[1]
-                    moved[side] = np.where(beyond, bars[bar] - at[side] + (2 * side - 1) * 1e-15, moved[side])
+            least, most = moved
+            for times in pairwise(cuts[part * finer : (part + 1) * finer + 1]):
+                moved = self.piece(at + self.known * moved, moved, j, times)
+                held = np.clip(at + moved, *bars)
+                moved = np.where(held == at + moved, moved, held - at + OUTWARD * 1e-15)
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
             swept[:, part, 0], swept[:, part, 1] = least, most
-        return swept, np.moveaxis(moved, 0, 1)
+        return swept, moved
 
-    def piece(self, at: list[Array], moved: Array, j: int, times: tuple[float, float]) -> Array:
-        """`moved` after a piece: an end moves as fast as the velocity can be in the box's face on its side."""
-        h = (times[1] - times[0]) * (1 + 1e-15)
-        low, high = (np.where(self.known, at[side] + moved[side], at[side]) for side in (0, 1))
-        grown = 0.0
+    def piece(self, box: Array, moved: Array, j: int, times: tuple[float, float]) -> Array:
+        """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
+        h, grown = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:])
         for _ in range(30):
-            a, b = low - self.known * (grown + 1e-11), high + self.known * (grown + 1e-11)
-            speed = self.velocity(j, a, b, times)
-            ahead = low + h * np.minimum(speed.low, 0), high + h * np.maximum(speed.high, 0)
-            if (~self.known | ((ahead[0] > a) & (ahead[1] < b))).all():
+            room = box + OUTWARD * self.known * (grown + 1e-11)
+            speed = self.velocity(j, room, times)
+            far = np.stack([h * np.minimum(speed.low, 0), h * np.maximum(speed.high, 0)])
+            if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
                 break
-            grown = 1.3 * np.maximum(np.maximum(low - ahead[0], ahead[1] - high), grown)
+            grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
-            raise ValueError("no box was found that the state stays in")
-        slow, fast = speed.low.copy(), speed.high.copy()
-        for axis in np.flatnonzero(self.known):
-            for side, own in enumerate((low, high)):
-                face = [a.copy(), b.copy()]
-                face[0][:, axis] = own[:, axis] + h * np.minimum(speed.low[:, axis], 0) - 1e-11
-                face[1][:, axis] = own[:, axis] + h * np.maximum(speed.high[:, axis], 0) + 1e-11
-                there = self.velocity(j, *face, times)
-                (slow, fast)[side][:, axis] = (there.low, there.high)[side][:, axis]
-        steps = [h * v + (2 * side - 1) * 2e-15 * np.abs(h * v) for side, v in enumerate((slow, fast))]
-        out = [by + step + (2 * side - 1) * 3e-16 * np.abs(by + step) for side, (by, step) in enumerate(zip(moved, steps, strict=True))]
-        return np.stack(out)
+            raise ValueError("no box was found that the state stays in for a part of the interval")
+        out = np.stack([speed.low, speed.high])
+        for axis, side in product(np.flatnonzero(self.known), (0, 1)):
+            face = room.copy()
+            face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
+            out[side, :, axis] = ends_of(self.velocity(j, face, times), side)[:, axis]
+        return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
-    def cells_at(self, places: Array) -> Array:
-        """A cell (M, ndim) at each place, 0 on the other axes."""
-        return np.stack([(places // max(s, 1)) % n if s else 0 * places for s, n in zip(self.strides, self.counts, strict=True)], axis=1)
-
-    def moves_hold(self, places: Array, start: int, j: int, last: Array) -> Array:
+    def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
         """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
         fits, cells = np.ones(len(places), np.bool_), self.cells_at(places)
-        low, high = (array[start, j, places].astype(np.int64) for array in (self.low, self.high))
         for axis, (_, width, least, most) in enumerate(self.axes):
-            n, w, edges = self.counts[axis], float(width), self.edges[axis]
-            if self.periodic[axis] and self.known[axis]:
-                length, own = float((least + most) / 2), cells[:, axis]
-                first, end = (edges[k % n] + k // n * length for k in (own + low[:, axis], own + high[:, axis] + 1))
-                first, end = first - edges[own], end - edges[own + 1]
-            else:
-                first, end = low[:, axis] * w, high[:, axis] * w
-            fits &= (first <= last[:, 0, axis] + STICKS_OUT) & (last[:, 1, axis] <= end + STICKS_OUT)
+            low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
+            first, last = low * float(width), high * float(width)
+            if self.periodic[axis] and self.known[axis]:  # cells need not be alike
+                own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
+                sides = enumerate((own + low, own + high + 1))
+                first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
+            fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
     # ---- tubes and sets
 
-    def outside(self, part: Any, low: Array, high: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
-        """Whether boxes (M, axes) are proved to be outside an unsafe set, (M,)."""
-        out = self.value(part, low, high, times)[0] > 0
-        open_ = np.flatnonzero(~out)
-        if depth and open_.size:
-            shares = np.ones(open_.size, np.bool_)
-            middle = (low[open_] + high[open_]) / 2
-            for upper in product((False, True), repeat=low.shape[1]):
-                left = np.flatnonzero(shares)
-                a, b = np.where(upper, middle[left], low[open_][left]), np.where(upper, high[open_][left], middle[left])
-                shares[left] = self.outside(part, a, b, times, depth - 1)
-            out[open_] = shares
+    def outside(self, part: Any, box: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
+        """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
+        out = self.value(part, box, times).low > 0
+        open_ = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
+        if open_.size:
+            good, middle = np.ones(open_.size, np.bool_), box[:, open_].mean(axis=0)
+            for upper in product((False, True), repeat=box.shape[2]):
+                left = np.flatnonzero(good)
+                (a, b), centre = box[:, open_[left]], middle[left]
+                half = np.stack([np.where(upper, centre, a), np.where(upper, b, centre)])
+                good[left] = self.outside(part, half, times, depth - 1)
+            out[open_] = good
         return out
 
     def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
         """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
-        grid, cells = self.problem.grid, np.stack(np.unravel_index(numbers, self.counts), axis=1)
-        start, delta = step * float(self.problem.delta), float(self.problem.delta)
-        ends = [np.stack([self.edges[a][cells[:, a] + side] for a in range(len(self.counts))], axis=1) for side in (0, 1)]
-        out = np.ones(len(cells), np.bool_)
+        grid, ends, out = self.problem.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
+        whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
             room = 1e-6 * grid.spacing[axis]
-            for side, kind in enumerate(grid.ends[axis]):
-                if kind == "unsafe":
-                    furthest = [swept[:, :, 0, axis].min(axis=1), swept[:, :, 1, axis].max(axis=1)][side] + ends[side][:, axis]
-                    out &= furthest >= grid.lower[axis] - room if side == 0 else furthest <= grid.upper[axis] + room
+            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
+            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
+        cuts = [(step + piece / self.parts) * self.delta for piece in range(self.parts + 1)]
         for part in self.problem.unsafe:
-            own = list(part.axes)
-            boxes = [ends[side][:, None, own] + swept[:, :, side][:, :, own] + (2 * side - 1) * 2 * NEAR for side in (0, 1)]
-            todo = np.flatnonzero(out)
-            if part.rate == 0:
-                whole = self.outside(part, boxes[0][todo].min(axis=1), boxes[1][todo].max(axis=1), self.always(), 0)
-                todo = todo[~whole]
-            for piece in range(self.parts):
-                cuts = [start + delta * (piece + k) / self.parts for k in (0, 1)]
-                times = self.always() if part.rate == 0 else (cuts[0], cuts[1])
-                good = self.outside(part, boxes[0][todo, piece], boxes[1][todo, piece], times)
-                out[todo[~good]] = False
-                todo = todo[good]
+            own, left = list(part.axes), np.flatnonzero(out)
+            if part.rate == 0:  # often the whole tube at once will do
+                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
+            for piece, times in enumerate(pairwise(cuts)):
+                box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
+                good = self.outside(part, box[..., own], self.always if part.rate == 0 else times)
+                out[left[~good]], left = False, left[good]
         return out
-
-    def always(self) -> tuple[float, float]:
-        return 0.0, self.steps * float(self.problem.delta)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
-        t = step * float(self.problem.delta)
-        times, cells = self.always() if self.timeless else (t, t), np.stack(np.unravel_index(numbers, self.counts), axis=1)
-        ends = [np.stack([self.edges[a][cells[:, a] + s] for a in range(len(self.counts))], axis=1) + (2 * s - 1) * NEAR for s in (0, 1)]
-        out = np.ones(len(cells), np.bool_)
+        times = self.always if self.timeless else (step * self.delta, step * self.delta)
+        box, out, target = self.ends(self.cells(numbers), NEAR), np.ones(len(numbers), np.bool_), self.problem.target
         for part in self.problem.unsafe:
-            out &= self.outside(part, *(end[:, list(part.axes)] for end in ends), times)
-        if not self.problem.stays:
-            own = list(self.problem.target.axes)
-            out &= self.value(self.problem.target, ends[0][:, own], ends[1][:, own], times)[1] <= 0
-        return out
+            out &= self.outside(part, box[..., list(part.axes)], times)
+        return out & ((self.value(target, box[..., list(target.axes)], times).high <= 0) | self.problem.stays)
 
     def bits(self, row: int) -> Array:
         """A set of the file, (cells,) bool."""
@@ -298,34 +262,35 @@ class Robot:
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
-        cells = np.stack(np.unravel_index(numbers, self.counts), axis=1)
-        inside = following.reshape(self.counts)
+        cells, inside = self.cells(numbers), following.reshape(self.counts)
         for axis in np.flatnonzero(self.periodic):
-            inside = np.concatenate([inside] * 3, axis=axis)
+            inside = np.concatenate([inside] * 2, axis=axis)
         sums = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
         for axis in range(sums.ndim):
             np.cumsum(sums, axis=axis, out=sums)
         start, out = min(step, len(self.low) - 1), np.zeros(len(numbers), np.bool_)
-        clear = self.clear[min(step, len(self.clear) - 1)]
+        clear, most = self.clear[min(step, len(self.clear) - 1)], self.counts - 1
         for j in range(self.low.shape[1]):
             left = np.flatnonzero(~out)
             left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
-            places = cells[left] @ self.strides
-            first, last = (cells[left] + array[start, j, places] for array in (self.low, self.high))
-            end = np.where(self.periodic, 3 * self.counts, self.counts) - 1
-            fits = ((last - first < self.counts) | ~self.periodic).all(axis=1)
-            turn = np.where(self.periodic, first // self.counts, 0) * self.counts
-            first, last = np.clip(first - turn, 0, end), np.clip(last - turn, 0, end)
-            total, volume = np.zeros(len(left), np.int64), np.prod(last - first + 1, axis=1)
+            first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
+            turns, whole = first // self.counts * self.counts, last - first > most
+            first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
+            last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
+            total = np.zeros(len(left), np.int64)
             for corner in product((0, 1), repeat=cells.shape[1]):
-                at = tuple(np.where(side, last[:, a] + 1, first[:, a]) for a, side in enumerate(corner))
-                total += sums[at] * (-1) ** (corner.count(0))
-            out[left] = fits & (total == volume)
+                at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
+                total += sums[at] * (-1) ** corner.count(0)
+            out[left] = total == np.prod(last - first + 1, axis=1)
         return out
 
 
-def two(value: Any) -> tuple[Any, Any]:
-    return ends_of(value, 0), ends_of(value, 1)
+def as_span(value: Any) -> Span:
+    return Span(ends_of(value, 0), ends_of(value, 1))
+
+
+def span_of(times: tuple[float, float]) -> Any:
+    return Span(*times) if times[0] < times[1] else times[0]
 
 
 def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -> Span:
@@ -333,14 +298,16 @@ def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -
     failed: list[Exception] = []
     for way in ways:
         try:
-            answer = way(low, high)
-            return Span(*(np.broadcast_to(end, shape) for end in two(answer)))
+            answer = as_span(way(low, high))
+            return Span(np.broadcast_to(answer.low, shape), np.broadcast_to(answer.high, shape))
         except BAD as error:
             failed.append(error)
     raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")
 
 
-def examine(file: h5py.File, problem: Any, samples: int | None, seed: int, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
+def examine(
+    file: h5py.File, problem: Any, samples: int | None, seed: int, silent: bool
+) -> Iterator[tuple[str, int, int, list[str]]]:
     """Of each kind of claim its name, how many were made and checked, and what failed."""
     robot = Robot(file, problem)
     wrong = robot.cover()

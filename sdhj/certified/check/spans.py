@@ -64,7 +64,20 @@ class Span(NDArrayOperatorsMixin):
         self.low[at], self.high[at] = ends_of(value, 0), ends_of(value, 1)
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("sum", "max", "min", "mean", "reshape", "ravel", "clip", "any", "all", "take", "transpose", "squeeze"):
+        if name in (
+            "sum",
+            "max",
+            "min",
+            "mean",
+            "reshape",
+            "ravel",
+            "clip",
+            "any",
+            "all",
+            "take",
+            "transpose",
+            "squeeze",
+        ):
             return lambda *args, **options: getattr(np, name)(self, *args, **options)
         raise AttributeError(name)
 
