@@ -84,7 +84,7 @@ class Robot:
 
 
 def random_robot(seed):
-    """Two or three axes, some periodic; a drift that turns with the state, gains that depend on it, a disk that moves."""
+    """Two or three axes, some periodic; drift and often gains depend on the state, some on time; a disk that moves."""
     rng = np.random.default_rng(seed)
     ndim = int(rng.integers(2, 4))
     periodic = [bool(rng.random() < 0.4) for _ in range(ndim)]

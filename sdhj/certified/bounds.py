@@ -13,10 +13,10 @@ be, and may jump there.
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -169,9 +169,9 @@ class Bounds:
             self._chosen[what, len(ways)] = place
             return answer
         raise ValueError(
-            f"{what} cannot be bounded over boxes of states: {failed[0]}. Write it with NumPy functions that intervals "
-            f"go through, say how fast it can change, bounds={told}, or give the function an attribute `enclosure`: see "
-            "sdhj.certified.bounds"
+            f"{what} cannot be bounded over boxes of states: {failed[0]}. Write it in NumPy functions that intervals "
+            f"go through, say how fast it can change, bounds={told}, or give the function an attribute `enclosure` "
+            "(sdhj.certified.bounds)"
         ) from failed[0]
 
     @cached_property
@@ -268,19 +268,9 @@ def _room(high: FloatArray, column: int, upper: float) -> FloatArray:
 # ---- what of stated bounds can be refuted by looking at the functions
 
 
-class Known(NamedTuple):
-    """A function that has bounds, of states (M, ndim) and a time: (M, rows, terms), whose changes add up."""
-
-    names: list[str]  # of the rows
-    function: Callable[[FloatArray, float], FloatArray]
-    bounds: FloatArray  # (rows, ndim)
-    drifting: FloatArray | None  # (rows,) bounds in time, where they are not looked at elsewhere
-    moving: bool
-
-
-def known_functions(problem: ReachAvoidProblem, stated: LipschitzBounds) -> Iterator[Known]:
-    """The level sets, and the velocity under each input, whose bounds are stated."""
-    ndim = problem.grid.ndim
+def check_stated(problem: ReachAvoidProblem, stated: LipschitzBounds) -> None:
+    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others."""
+    ndim, timed, rng = problem.grid.ndim, problem.dynamics.timed, np.random.default_rng(0)
 
     def level(part: Any, points: FloatArray, t: float) -> FloatArray:
         return np.asarray(problem.value_of(part, points, t), dtype=np.float64)[:, None, None]
@@ -293,38 +283,39 @@ def known_functions(problem: ReachAvoidProblem, stated: LipschitzBounds) -> Iter
         if part.name in stated.sets:
             bounds = np.zeros((1, ndim))
             bounds[0, list(part.axes)] = stated.sets[part.name]
-            names = [f"the level set of {part.name!r}"]
-            yield Known(names, partial(level, part), bounds, None, getattr(part, "moving", True))
+            names, moving = [f"the level set of {part.name!r}"], getattr(part, "moving", True)
+            _try((problem, rng), names, partial(level, part), bounds, None, moving)
     if stated.dynamics is not None or stated.time is not None:
         matrix = np.full((ndim, ndim), np.inf) if stated.dynamics is None else stated.dynamics
         for j in range(len(problem.inputs)):
             names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
-            yield Known(names, partial(velocity, j), matrix, stated.time, problem.dynamics.timed)
+            _try((problem, rng), names, partial(velocity, j), matrix, stated.time if timed else None, timed)
 
 
-def check_stated(problem: ReachAvoidProblem, stated: LipschitzBounds) -> None:
-    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others."""
-    grid, rng, span = problem.grid, np.random.default_rng(0), (problem.steps or 1) * problem.delta
-    for known in known_functions(problem, stated):
-        for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
-            step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower
-            room[axis] -= step  # functions may jump where a periodic axis closes
-            points = grid.lower + rng.random((PAIRS, grid.ndim)) * room
-            beside = points + step * np.eye(grid.ndim)[axis]
-            told, later = f"over {step:.3g} along the axis {grid.names[axis]!r}", share * problem.delta
-            for t in (0.0, 0.37 * span, span - later) if known.moving else (0.0,):
-                _refute(known, (points, t), (beside, t), known.bounds[:, axis], step, told)
-                if known.drifting is not None and known.moving:
-                    _refute(known, (points, t), (points, t + later), known.drifting, later, f"over {later:.3g} s")
+def _try(
+    given: tuple[ReachAvoidProblem, Any], names: list[str], function: Any, bounds: Any, drifting: Any, moving: bool
+) -> None:
+    """Try a function of states and a time, (M, rows, terms) whose changes add up: along each axis, and in time."""
+    (problem, rng), grid = given, given[0].grid
+    span = (problem.steps or 1) * problem.delta
+    for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
+        step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower
+        room[axis] -= step  # functions may jump where a periodic axis closes
+        points = grid.lower + rng.random((PAIRS, grid.ndim)) * room
+        told, later = f"over {step:.3g} along the axis {grid.names[axis]!r}", share * problem.delta
+        for t in (0.0, 0.37 * span, span - later) if moving else (0.0,):
+            here = function(points, t)
+            _refute(names, here, function(points + step * np.eye(grid.ndim)[axis], t), bounds[:, axis], step, told)
+            if drifting is not None:
+                _refute(names, here, function(points, t + later), drifting, later, f"over {later:.3g} s")
 
 
-def _refute(known: Known, one: Any, other: Any, bounds: FloatArray, step: float, told: str) -> None:
-    here, there = known.function(*one), known.function(*other)
+def _refute(names: list[str], here: FloatArray, there: FloatArray, bounds: FloatArray, step: float, told: str) -> None:
     change = np.abs(there - here).sum(axis=2)
     over = change - bounds * step * (1 + ALLOWANCE) - ALLOWANCE * (1.0 + np.abs(here[:, :, 0]))
     worst, row = np.unravel_index(np.argmax(over), over.shape)
     if over[worst, row] > 0.0:
         raise ValueError(
-            f"{known.names[row]} changes by {change[worst, row]:.3g} {told}, and its Lipschitz bound {bounds[row]:g} "
+            f"{names[row]} changes by {change[worst, row]:.3g} {told}, and its Lipschitz bound {bounds[row]:g} "
             f"allows {bounds[row] * step:.3g}; give a bound of at least {change[worst, row] / step:.3g}"
         )

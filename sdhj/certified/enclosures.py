@@ -124,7 +124,7 @@ METHODS_AS_FUNCTIONS = {
 
 
 def _by_ends(function: Callable[..., Any], args: Any, options: Any) -> Any:
-    """A function that only moves values, of both ends."""
+    """A function that moves values, or rises with all of them and does not round, of both ends."""
 
     def picked(value: Any, side: int) -> Any:
         if isinstance(value, list | tuple):
@@ -224,7 +224,7 @@ def _along(operation: Callable[[Any, Any], Any]) -> Callable[..., Enclosure]:
     return reduced
 
 
-_sum, _prod, _most, _least = (_along(operation) for operation in (np.add, np.multiply, _maximum, _minimum))
+_sum, _prod = _along(np.add), _along(np.multiply)
 
 
 def _mean(array: Any, axis: Any = None, keepdims: bool = False, **_: Any) -> Enclosure:
@@ -236,12 +236,6 @@ def _norm(array: Any, ord: Any = None, axis: Any = None, keepdims: bool = False)
     if ord not in (None, 2) or (axis is None and array.ndim > 1 and ord is not None):
         raise NotFollowed(f"numpy.linalg.norm of order {ord}")
     return np.sqrt(_sum(np.square(array), axis, keepdims))
-
-
-def _clip(array: Any, least: Any = None, most: Any = None, **named: Any) -> Enclosure:
-    least, most = named.pop("a_min", named.pop("min", least)), named.pop("a_max", named.pop("max", most))
-    array = array if least is None else _maximum(array, least)
-    return array if most is None else _minimum(array, most)
 
 
 def _matmul(one: Any, other: Any) -> Enclosure:
@@ -284,17 +278,16 @@ UFUNCS: dict[Any, Callable[..., Any]] = {
     **{np.remainder: _remainder, np.floor_divide: _floor_divide, np.matmul: _matmul},
 }
 REDUCED: dict[Any, Callable[..., Any]] = {
-    **{np.add: _sum, np.multiply: _prod, np.maximum: _most, np.minimum: _least},
-    **{np.logical_or: _most, np.logical_and: _least},
+    **{np.add: _sum, np.multiply: _prod, np.maximum: np.max, np.minimum: np.min},
+    **{np.logical_or: np.max, np.logical_and: np.min},
 }
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    **{np.sum: _sum, np.prod: _prod, np.mean: _mean, np.max: _most, np.min: _least, np.any: _most, np.all: _least},
-    **{np.amax: _most, np.amin: _least, np.where: _where, np.clip: _clip, np.linalg.norm: _norm, np.dot: _matmul},
+    **{np.sum: _sum, np.prod: _prod, np.mean: _mean, np.where: _where, np.linalg.norm: _norm, np.dot: _matmul},
     **{np.shape: lambda array: array.shape, np.ndim: lambda array: array.ndim, np.size: lambda array: array.size},
 }
 MOVING = "stack concatenate vstack hstack column_stack broadcast_to broadcast_arrays reshape ravel transpose moveaxis "
 MOVING += "swapaxes squeeze expand_dims atleast_1d atleast_2d take roll repeat tile flip split array_split copy "
-MOVING += "zeros_like ones_like full_like empty_like"
+MOVING += "zeros_like ones_like full_like empty_like max min amax amin clip any all"
 PLACED = {getattr(np, name) for name in MOVING.split()}
 
 

@@ -1,4 +1,4 @@
-"""What one interval does to the cells of any problem, from bounds on its functions over boxes (`sdhj.certified.bounds`).
+"""What one interval does to the cells of any problem, by bounds on its functions over boxes (`sdhj.certified.bounds`).
 
 The velocity may depend on some of the axes only, as a car's on its heading. Those are an image's *place*; a cell's
 position on the others is carried along, so all cells at a place move alike, and where an image lies is told in cells.

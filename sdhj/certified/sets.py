@@ -13,14 +13,14 @@ The obligations of the proof, where each is met, and the test in tests/certified
 
 1.  *The cells cover the state space, and their edges are exact.* `CellAxis`; numbers are the decimals they are written
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
-2.  *The image is outside what can be reached.* For dynamics that do not depend on the state: `CellAxis.image`, in
-    fractions, with the adversary's worst velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the
-    others: `GeneralProof.reached`, by the Lipschitz bounds that the user states.
-    [test_general_reach_box_holds_every_trajectory]
-3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`, `covered`.
-    [test_recursion_agrees_with_the_twin]
+2.  *The image is outside what can be reached.* For the arm: `CellAxis.image`, in fractions, with the adversary's worst
+    velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the others: `GeneralProof.reached`, by
+    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside]
+3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
+    [test_recursion_agrees_with_the_twin, test_images_are_inside_as_plain_loops_say]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
-    its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
+    its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out] For the
+    others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -34,7 +34,11 @@ The obligations of the proof, where each is met, and the test in tests/certified
 10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
 
-The proof is for the problem as data: arm, disks, speeds, bounds. The unsafe set counts at every instant, so `view_time`
+The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as they
+are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack of 8
+for coordinates up to a few hundred. It supposes that velocities are measurable functions between the bounds, no more:
+they may jump. Promises enter only where intervals cannot go: `LipschitzBounds`, `slope`, `rate` and a function's own
+`enclosure`; and that an unsafe set of rate 0 stands still, where intervals of time cannot go. The unsafe set counts at every instant, so `view_time`
 makes no difference here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the
 exact set is a layer of cells along the target, the obstacles and the pursuer.
 """
@@ -70,7 +74,7 @@ class Certified:
         About how many cells each axis gets; the number is moved to one whose cells are aligned with the inputs and the
         disturbance where there is one. More cells, a larger certified set. By default (419, 419, 72, 72) for the arm.
     bounds : LipschitzBounds, optional
-        For a problem of your own: how fast its dynamics and level-set functions can change. The case studies need none.
+        For those functions of a problem of your own that intervals cannot be followed through: how fast they change.
     parts : int
         Into how many parts the interval is cut, for the fastest input, to bound the tube.
 

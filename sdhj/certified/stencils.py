@@ -1,4 +1,4 @@
-"""Compiled tests of packed cells: whether an image is in a set, which tubes meet an unsafe set, what a change can reach.
+"""Compiled tests of packed cells: which images are in a set, which tubes meet an unsafe set, what a change can reach.
 
 A cell of a set is bit `cell[-1]` of its row; rows count the cells of all other axes, the last of them fastest. How far
 an interval moves a cell is told in cells: from cell + low to cell + high on each axis, clipped at the ends of a bounded
@@ -55,7 +55,7 @@ def cell_of(number, counts, cell):
 
 @kernel()
 def image_inside(cell, low, high, cells, index, pool, room):
-    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim) is scratch."""
+    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch."""
     first, number, at, last, total = room[0], room[1], room[2], cell.size - 1, 1
     for axis in range(cell.size):
         count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]

@@ -13,7 +13,7 @@ import sdhj
 from sdhj.certified.check import verify
 
 CELLS = {2: (50, 50), 3: (24, 24, 24)}
-FAST, THOROUGH = (1, 10, 13), range(50)
+FAST, THOROUGH = (1, 10), range(50)
 
 
 def car():
@@ -52,7 +52,7 @@ def test_a_car_grows_and_is_proved(saved, rng):
     assert (verdict := verify(path, car(), progress=False)).ok, str(verdict)
     assert verify(path, car(), samples=500, progress=False).ok
     report = sdhj.monte_carlo(sdhj.Controller(table), 2000, "worst", seed=1, progress=False)
-    assert report.failed == 0
+    assert report.counts["reached"] == 2000
     again = sdhj.load(path, problem=car())
     states = states_in(table, rng, 500)
     np.testing.assert_array_equal(again.certified_inputs(states, 0, 4), table.certified_inputs(states, 0, 4))
@@ -127,16 +127,16 @@ FAULTS = {
 
 
 def add_cells(group, within):
-    """Every cell of the first certified row."""
-    index, pool = group["index"][()], group["pool"][()]
-    row = np.flatnonzero(index[within])[0]
-    pool[index[within, row]] = (1 << 38) - 1
-    group["pool"][...] = pool
+    """A row that is empty gets the cells of one that is not, from `within` on."""
+    index = group["index"][()]
+    rows = np.flatnonzero(index[0])[0], np.flatnonzero(index[4] == 0)[0]
+    index[within:5, rows[1]] = index[within, rows[0]]
+    group["index"][...] = index
 
 
 def drop_cells(group):
     index = group["index"][()]
-    index[3, np.flatnonzero(index[3])[:5]] = 0
+    index[3, np.flatnonzero(index[2])[:5]] = 0
     group["index"][...] = index
 
 
@@ -148,7 +148,7 @@ def shift(group, name, by):
 
 def all_clear(group):
     clear = group["clear"][()]
-    clear[0, np.flatnonzero(clear[0, :, 0] == 0)[:50]] = 1
+    clear[0, np.flatnonzero(clear[0, :, 0] & 1 == 0)[:50]] |= 1
     return clear
 
 
@@ -186,7 +186,7 @@ def test_claims_of_another_problem_are_not_proved(change, saved):
     given = {name: getattr(problem.dynamics, name) for name in ("inputs", "drift", "gain", "bounds")} | moving
     other = {name: getattr(problem, name) for name in ("grid", "target", "unsafe", "delta", "steps")} | told
     problem = sdhj.ReachAvoidProblem(dynamics=sdhj.Dynamics(**given), **other)
-    assert not verify(saved[1], problem, samples=3000, progress=False).ok
+    assert not verify(saved[1], problem, samples=300, progress=False).ok
 
 
 def test_what_it_rests_on_is_said(tmp_path):

@@ -14,6 +14,8 @@ import sdhj
 from sdhj.certified import LipschitzBounds
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.packed import Cells, to_words
+from sdhj.certified.stencils import image_inside
 
 UNICYCLE = LipschitzBounds(
     dynamics=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]), sets={"target": [1.0, 1.0], "pillar": [1.0, 1.0]}
@@ -155,6 +157,46 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
             for t in (0.4, 0.43, 0.45):
                 value = problem.value_of(disk, states, t)
                 assert (least <= value).all() and (value <= most).all()
+
+
+def test_bounds_of_a_lattice_hold_in_its_boxes(rng):
+    """Wherever a disk is at some time of a part, the box that holds the place is counted."""
+    problem = torus_problem()
+    proof, disk = proof_of(problem, (40, 30), parts=2), problem.unsafe[0]
+    lattice = proof._lattice(disk, [(0.2, 0.3), (0.3, 0.4)])
+    seen = 0
+    for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
+        if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:
+            continue
+        states = rng.uniform(-np.pi, np.pi, (3000, 2))
+        states = states[disk.level_set(states, t) <= 0]
+        at = ((states - lattice.lower) / lattice.pitch).astype(int)
+        sums = lattice.sums[part].reshape(lattice.sizes + 1)
+        for i, k in at:
+            seen += 1
+            assert sums[i + 1, k + 1] - sums[i, k + 1] - sums[i + 1, k] + sums[i, k] == 1
+    assert seen > 100
+    assert lattice.sums[0].max() < lattice.sizes.prod() / 4
+
+
+def test_images_are_inside_as_plain_loops_say(rng):
+    """The kernel against loops over all cells of an image, with walls, a period and sets that are nearly full."""
+    counts, periodic = np.array([4, 5, 7]), np.array([False, True, False])
+    cells = Cells(np.zeros(3), np.ones(3), np.ones(3), counts, periodic, 2)
+    room, found = np.empty((3, 3), np.int64), []
+    for _ in range(300):
+        inside = rng.random(counts) < 0.93
+        pool, index = to_words(inside.reshape(-1, 7)), np.arange(20)
+        cell, low = rng.integers(0, counts), rng.integers(-4, 3, 3)
+        high = low + rng.integers(0, 3, 3)
+        each = [
+            [(c + k) % n if wraps else min(max(c + k, 0), n - 1) for k in range(a, b + 1)]
+            for c, a, b, n, wraps in zip(cell, low, high, counts, periodic, strict=True)
+        ]
+        expected = all(inside[at] for at in itertools.product(*each))
+        assert image_inside(cell, low, high, cells, index, pool, room) == expected
+        found.append(expected)
+    assert 50 < sum(found) < 250
 
 
 def closed(part):

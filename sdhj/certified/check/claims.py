@@ -77,7 +77,7 @@ def verify(
         Whose claims they are, of a robot of one's own: its functions are not in the file.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
-        own: how many cells; its moves are checked all.
+        own: how many cells.
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.

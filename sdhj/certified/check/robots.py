@@ -13,7 +13,6 @@ its `slope`, and the verdict says so; other dynamics are refused.
 """
 
 import json
-import math
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise, product
@@ -326,10 +325,10 @@ def examine(
 
 
 def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
-    """Every move; and every input that is clear, from the cells chosen."""
-    places = np.arange(robot.low.shape[2])
+    """Moves of the cells chosen, and every input that is clear from them."""
     numbers = np.flatnonzero(chosen)
-    at = np.stack(np.unravel_index(numbers, robot.counts), axis=1) @ robot.strides
+    at = robot.cells(numbers) @ robot.strides
+    places = np.unique(at)
     wrong: tuple[list[str], list[str]] = ([], [])
     made = checked = 0
     for start, j in tqdm([*product(range(len(robot.low)), range(robot.low.shape[1]))], desc="moves", disable=silent):
@@ -351,8 +350,8 @@ def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[s
                 told[step] = some[~np.concatenate(good)] if good else some
         wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
         wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in told.items() for n in numbers[some])
-    count = math.prod(robot.low.shape[:3])
-    yield "moves", count, count, wrong[0]
+    starts, inputs, all_places, _ = robot.low.shape
+    yield "moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0]
     yield "clear of the unsafe sets", made, checked, wrong[1]
 
 
