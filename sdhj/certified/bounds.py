@@ -49,7 +49,7 @@ class LipschitzBounds:
     """
 
     dynamics: FloatArray | None = None
-    sets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    sets: Mapping[str, Any] = field(default_factory=dict)
     time: FloatArray | None = None
 
     def checked(self, problem: ReachAvoidProblem) -> "LipschitzBounds":
@@ -130,7 +130,7 @@ class Bounds:
         moved = rate * half if rate and half else 0.0
         ways: list[Callable[[], Ends]] = []
         if (own := getattr(function, "enclosure", None)) is not None:
-            ways.append(lambda: _checked(own(low, high, t0, t1), low[:, 0].shape))
+            ways.append(lambda: _answered(own(low, high, t0, t1), low[:, 0].shape))
         ways.append(lambda: _followed(function, low, high, (t0, t1)))
         if t1 > t0 and rate is not None:
             ways.append(lambda: _about(_followed(function, low, high, (middle, middle)), moved))
@@ -184,10 +184,10 @@ def _followed(function: Callable[..., Any], low: FloatArray, high: FloatArray, t
     from sdhj.certified.enclosures import Enclosure
 
     t: Any = times[0] if times[0] == times[1] else Enclosure(*times)
-    return _checked(function(Enclosure(low.copy(), high.copy()), t), low[:, 0].shape)
+    return _answered(function(Enclosure(low.copy(), high.copy()), t), low[:, 0].shape)
 
 
-def _checked(answer: Any, shape: tuple[int, ...]) -> Ends:
+def _answered(answer: Any, shape: tuple[int, ...]) -> Ends:
     from sdhj.certified.enclosures import Enclosure, enclosure_of
 
     told = enclosure_of(Enclosure(*answer) if isinstance(answer, tuple) else answer, shape)
@@ -214,7 +214,7 @@ def _followed_velocity(
 
     parts = dynamics.adversaries
     push = (np.abs(term("gain", (*low.shape, parts))) * np.abs(term("bounds", (0, parts)))).sum(axis=-1).high
-    return _checked(term("drift", low.shape) + Enclosure(-push, push), low.shape)
+    return _answered(term("drift", low.shape) + Enclosure(-push, push), low.shape)
 
 
 def _about(ends: Any, change: Any, rounding: float = 0.0) -> Ends:

@@ -13,27 +13,31 @@ from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
-import ival
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from sdhj.grid import FloatArray
+
+try:
+    import ival
+except ImportError as missing:
+    raise ImportError("intervals need crival: pip install 'sdhj[certified]'") from missing
 
 
 class NotFollowed(TypeError):
     """An operation that no bound is known for, named in the message."""
 
 
-def _ends(value: Any) -> tuple[FloatArray, FloatArray]:
+def _low_high(value: Any) -> tuple[FloatArray, FloatArray]:
     if isinstance(value, Enclosure):
         return value.low, value.high
     plain = np.asarray(value, dtype=np.float64)
     return plain, plain
 
 
-def _interval(value: Any) -> Any:
+def _tight(value: Any) -> Any:
     """An `ival.Interval`, made without the checks that ends which come from one need not pass again."""
-    interval, (low, high) = object.__new__(ival.Interval), _ends(value)
+    interval, (low, high) = object.__new__(ival.Interval), _low_high(value)
     interval.lo, interval.hi = (low, high) if low.ndim else (float(low), float(high))
     return interval
 
@@ -75,7 +79,7 @@ class Enclosure(NDArrayOperatorsMixin):
     def _decided(self, *_: Any, **__: Any) -> Any:
         raise NotFollowed("a decision, an index or a conversion, which needs one value where there are many")
 
-    __bool__ = __int__ = __float__ = __index__ = _decided  # type: ignore[assignment]
+    __bool__ = __int__ = __float__ = __index__ = _decided
 
     def __array__(self, *_: Any, **__: Any) -> Any:
         raise NotFollowed(
@@ -96,7 +100,7 @@ class Enclosure(NDArrayOperatorsMixin):
         return Enclosure(self.low[at], self.high[at])
 
     def __setitem__(self, at: Any, value: Any) -> None:
-        self.low[at], self.high[at] = _ends(value)
+        self.low[at], self.high[at] = _low_high(value)
 
     def __iter__(self) -> Any:
         return (self[k] for k in range(len(self)))
@@ -129,7 +133,7 @@ def _by_ends(function: Callable[..., Any], args: Any, options: Any) -> Any:
     def picked(value: Any, side: int) -> Any:
         if isinstance(value, list | tuple):
             return type(value)(picked(one, side) for one in value)
-        return _ends(value)[side] if isinstance(value, Enclosure) else value
+        return _low_high(value)[side] if isinstance(value, Enclosure) else value
 
     low, high = (
         function(*picked(args, side), **{key: picked(value, side) for key, value in options.items()}) for side in (0, 1)
@@ -146,7 +150,7 @@ def _compared(certain: Callable[..., Any], possible: Callable[..., Any]) -> Call
     """0 or 1 by what the ends (a, b) of one and (c, d) of the other say."""
 
     def answer(one: Any, other: Any) -> Enclosure:
-        ends = (*_ends(one), *_ends(other))
+        ends = (*_low_high(one), *_low_high(other))
         return Enclosure(certain(*ends).astype(np.float64), possible(*ends).astype(np.float64))
 
     return answer
@@ -164,34 +168,34 @@ _equal = _compared(lambda a, b, c, d: (a == d) & (b == c), lambda a, b, c, d: (a
 
 
 def _maximum(one: Any, other: Any) -> Enclosure:
-    return Enclosure(*map(np.maximum, _ends(one), _ends(other)))
+    return Enclosure(*map(np.maximum, _low_high(one), _low_high(other)))
 
 
 def _minimum(one: Any, other: Any) -> Enclosure:
-    return Enclosure(*map(np.minimum, _ends(one), _ends(other)))
+    return Enclosure(*map(np.minimum, _low_high(one), _low_high(other)))
 
 
 def _not(one: Any) -> Enclosure:
-    low, high = _ends(one)
+    low, high = _low_high(one)
     return Enclosure(1.0 - high, 1.0 - low)  # exact: of 0 and 1
 
 
 def _where(condition: Any, one: Any, other: Any) -> Enclosure:
     """Both where it is open which."""
-    some, every = _ends(condition)[1] != 0.0, _ends(condition)[0] != 0.0
-    (a, b), (c, d) = _ends(one), _ends(other)
+    some, every = _low_high(condition)[1] != 0.0, _low_high(condition)[0] != 0.0
+    (a, b), (c, d) = _low_high(one), _low_high(other)
     low = np.where(every, a, np.where(some, np.minimum(a, c), c))
     return Enclosure(low, np.where(every, b, np.where(some, np.maximum(b, d), d)))
 
 
-def _power(base: Any, exponent: Any) -> Enclosure:
+def _raised(base: Any, exponent: Any) -> Enclosure:
     if not isinstance(exponent, Enclosure) and np.ndim(exponent) == 0 and float(exponent).is_integer():
-        return _enclosure(ival.pown(_interval(base), int(exponent)))
-    return _enclosure(ival.pow(_interval(base), _interval(exponent)))
+        return _enclosure(ival.pown(_tight(base), int(exponent)))
+    return _enclosure(ival.pow(_tight(base), _tight(exponent)))
 
 
 def _floor_divide(one: Any, other: Any) -> Enclosure:
-    return _enclosure(ival.floor(_interval(one) / _interval(other)))
+    return _enclosure(ival.floor(_tight(one) / _tight(other)))
 
 
 def _remainder(one: Any, other: Any) -> Enclosure:
@@ -200,7 +204,7 @@ def _remainder(one: Any, other: Any) -> Enclosure:
         raise NotFollowed("numpy.remainder by a divisor that is not one number")
     laps, divisor = _floor_divide(one, other), float(other)
     ends = min(divisor, 0.0), max(divisor, 0.0)
-    rest = _enclosure(_interval(one) - _interval(laps) * divisor)
+    rest = _enclosure(_tight(one) - _tight(laps) * divisor)
     known = laps.low == laps.high
     return Enclosure(
         np.where(known, np.clip(rest.low, *ends), ends[0]), np.where(known, np.clip(rest.high, *ends), ends[1])
@@ -210,7 +214,7 @@ def _remainder(one: Any, other: Any) -> Enclosure:
 def _along(operation: Callable[[Any, Any], Any]) -> Callable[..., Enclosure]:
     """A sum or the like over one axis or all."""
 
-    def reduced(array: Any, axis: Any = None, keepdims: bool = False, **_: Any) -> Enclosure:
+    def reduced(array: Any, axis: Any = None, keepdims: bool = False, **_: Any) -> Any:
         if isinstance(axis, tuple):
             for own in sorted((own % array.ndim for own in axis), reverse=True):
                 array = reduced(array, own, keepdims)
@@ -224,36 +228,36 @@ def _along(operation: Callable[[Any, Any], Any]) -> Callable[..., Enclosure]:
     return reduced
 
 
-_sum, _prod = _along(np.add), _along(np.multiply)
+_summed, _prod = _along(np.add), _along(np.multiply)
 
 
-def _mean(array: Any, axis: Any = None, keepdims: bool = False, **_: Any) -> Enclosure:
-    total = _sum(array, axis, keepdims)
+def _mean(array: Any, axis: Any = None, keepdims: bool = False, **_: Any) -> Any:
+    total = _summed(array, axis, keepdims)
     return total / (array.size // max(total.size, 1))
 
 
-def _norm(array: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Enclosure:
+def _norm_of(array: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     if ord not in (None, 2) or (axis is None and array.ndim > 1 and ord is not None):
         raise NotFollowed(f"numpy.linalg.norm of order {ord}")
-    return np.sqrt(_sum(np.square(array), axis, keepdims))
+    return np.sqrt(_summed(np.square(array), axis, keepdims))
 
 
-def _matmul(one: Any, other: Any) -> Enclosure:
+def _matmul(one: Any, other: Any) -> Any:
     if one.ndim > 2 or other.ndim > 2:
         raise NotFollowed("numpy.matmul of stacks of matrices")
     left, right = (one[None] if one.ndim == 1 else one), (other[:, None] if other.ndim == 1 else other)
-    out = _sum(np.multiply(left[:, :, None], right[None]), axis=1)
+    out = _summed(np.multiply(left[:, :, None], right[None]), axis=1)
     out = out[0] if one.ndim == 1 else out
     return out[..., 0] if other.ndim == 1 else out
 
 
 def _of(name: str) -> Callable[..., Enclosure]:
     function = getattr(ival, name)
-    return lambda *args: _enclosure(function(*map(_interval, args)))
+    return lambda *args: _enclosure(function(*map(_tight, args)))
 
 
 def _operator(name: str) -> Callable[..., Enclosure]:
-    return lambda one, other: _enclosure(getattr(_interval(one), name)(_interval(other)))
+    return lambda one, other: _enclosure(getattr(_tight(one), name)(_tight(other)))
 
 
 SAME = "sin cos tan sinh cosh tanh exp expm1 exp2 log log1p log2 log10 sqrt cbrt floor ceil trunc sign hypot"
@@ -264,10 +268,10 @@ OTHERS = {
 UFUNCS: dict[Any, Callable[..., Any]] = {
     **{getattr(np, name): _of(OTHERS.get(name, name)) for name in (*SAME.split(), *OTHERS)},
     **{np.add: _operator("__add__"), np.subtract: _operator("__sub__"), np.multiply: _operator("__mul__")},
-    **{np.divide: _operator("__truediv__"), np.power: _power, np.float_power: _power},
+    **{np.divide: _operator("__truediv__"), np.power: _raised, np.float_power: _raised},
     np.negative: lambda one: Enclosure(-one.high, -one.low),
     np.positive: lambda one: one,
-    **dict.fromkeys((np.absolute, np.fabs), lambda one: _enclosure(abs(_interval(one)))),
+    **dict.fromkeys((np.absolute, np.fabs), lambda one: _enclosure(abs(_tight(one)))),
     **dict.fromkeys((np.deg2rad, np.radians), lambda one: one * (_enclosure(ival.acos(ival.Interval(-1.0))) / 180.0)),
     **dict.fromkeys((np.maximum, np.fmax, np.logical_or, np.bitwise_or), _maximum),
     **dict.fromkeys((np.minimum, np.fmin, np.logical_and, np.bitwise_and), _minimum),
@@ -278,11 +282,11 @@ UFUNCS: dict[Any, Callable[..., Any]] = {
     **{np.remainder: _remainder, np.floor_divide: _floor_divide, np.matmul: _matmul},
 }
 REDUCED: dict[Any, Callable[..., Any]] = {
-    **{np.add: _sum, np.multiply: _prod, np.maximum: np.max, np.minimum: np.min},
+    **{np.add: _summed, np.multiply: _prod, np.maximum: np.max, np.minimum: np.min},
     **{np.logical_or: np.max, np.logical_and: np.min},
 }
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    **{np.sum: _sum, np.prod: _prod, np.mean: _mean, np.where: _where, np.linalg.norm: _norm, np.dot: _matmul},
+    **{np.sum: _summed, np.prod: _prod, np.mean: _mean, np.where: _where, np.linalg.norm: _norm_of, np.dot: _matmul},
     **{np.shape: lambda array: array.shape, np.ndim: lambda array: array.ndim, np.size: lambda array: array.size},
 }
 MOVING = "stack concatenate vstack hstack column_stack broadcast_to broadcast_arrays reshape ravel transpose moveaxis "
@@ -293,7 +297,7 @@ PLACED = {getattr(np, name) for name in MOVING.split()}
 
 def enclosure_of(answer: Any, shape: Sequence[int]) -> Enclosure:
     """What a function answered, as an enclosure of `shape`; ValueError where it has none or is nowhere defined."""
-    low, high = _ends(answer)
+    low, high = _low_high(answer)
     try:
         low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
     except ValueError:

@@ -17,6 +17,7 @@ image; and an image may stick out of the cells that it is said to lie in by `DRI
 import itertools
 import json
 import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +31,7 @@ from sdhj.batches import threads
 from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
 from sdhj.certified.cells import CellAxis, cells_of
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
-from sdhj.certified.stencils import Lattice, Layout, Moves, certified_inputs, grow, reached_rows, strike, strike_ends
+from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
 from sdhj.compiling import hidden
 from sdhj.grid import FloatArray
 from sdhj.interpolation import SLACK
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
 DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
-WIDER = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
+MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
 TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
@@ -96,7 +97,8 @@ class GeneralProof:
         needed = 4 * math.prod(shape) + size * (times * bytes_ + 8) + 16 * PLACES * len(axes) * parts
         require(needed, f"certifying {size:.1e} cells", "use fewer cells")
         clear = np.full((times, size, bytes_), 255, np.uint8)
-        return cls(problem, axes, parts, stated, strides, *(np.zeros(shape, np.int16) for _ in range(2)), clear)
+        low, high = np.zeros((2, *shape), np.int16)
+        return cls(problem, axes, parts, stated, strides, low, high, clear)
 
     @property
     def rows(self) -> int:
@@ -135,7 +137,7 @@ class GeneralProof:
 
     def save(self, group: h5py.Group) -> None:
         """Write the moves, the inputs that are clear, and what they rest on."""
-        stated = {name: bounds.tolist() for name, bounds in self.stated.sets.items()}  # a name may be anything
+        stated = {name: list(bounds) for name, bounds in self.stated.sets.items()}  # a name may be anything
         told = [None if bounds is None else bounds.tolist() for bounds in (self.stated.dynamics, self.stated.time)]
         group.attrs["bounds"] = json.dumps([self.parts, *told, stated])
         for name in ("strides", "low", "high", "clear"):
@@ -161,7 +163,7 @@ class GeneralProof:
         return cells_of(self.axes, self.rows)
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> Placed:
         """Cells by place."""
         counts, own = np.array([axis.count for axis in self.axes]), self.strides > 0
         flat = np.cumprod([1, *counts[:0:-1]])[::-1].copy()
@@ -172,10 +174,10 @@ class GeneralProof:
         def numbers(which: FloatArray) -> FloatArray:
             if not which.any():
                 return np.zeros(1, np.int64)
-            return flat[which] @ np.indices(counts[which]).reshape(int(which.sum()), -1)
+            return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
 
         free = numbers(~own)
-        return Layout(counts, numbers(own), free, free.size, edges)
+        return Placed(counts, numbers(own), free, free.size, edges)
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, and which cells it is safe from."""
@@ -227,7 +229,7 @@ class GeneralProof:
         return tubes, np.moveaxis(moved, 0, 2)
 
     def _piece(
-        self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: list[float]
+        self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: Sequence[float]
     ) -> FloatArray:
         """What the ends of boxes low..high, moved by `moved`, have moved by at the end of a piece: (2, M, ndim)."""
         carried, grid = self.strides == 0, self.problem.grid
@@ -239,7 +241,7 @@ class GeneralProof:
                 face = [box[0].copy(), box[1].copy()]
                 face[0][:, axis] = ends[side][:, axis] + h * np.minimum(velocity[0][:, axis], 0.0) - STATE_SLACK / 8
                 face[1][:, axis] = ends[side][:, axis] + h * np.maximum(velocity[1][:, axis], 0.0) + STATE_SLACK / 8
-                least_most = self.bounds.velocity(j, *face, *times)
+                least_most = self.bounds.velocity(j, face[0], face[1], times[0], times[1])
                 velocity[2 + side][:, axis] = least_most[side][:, axis]
         out = np.stack([_added(by, h, v, side) for side, (by, v) in enumerate(zip(moved, velocity[2:], strict=True))])
         walls = grid.faces("wall")
@@ -251,7 +253,7 @@ class GeneralProof:
         return out
 
     def _room(
-        self, ends: list[FloatArray], before: FloatArray, j: int, times: list[float], h: float
+        self, ends: list[FloatArray], before: FloatArray, j: int, times: Sequence[float], h: float
     ) -> tuple[list[FloatArray], list[FloatArray]]:
         """A box that the state stays in for a piece of length h, and bounds on the velocity in it, twice."""
         carried, spread = self.strides == 0, 0.2 * np.abs(before) + STATE_SLACK
@@ -260,13 +262,13 @@ class GeneralProof:
             np.where(carried, ends[1], ends[1] + np.maximum(before[1], 0.0) + spread[1]),
         ]
         for _ in range(TRIES):
-            velocity = self.bounds.velocity(j, *box, *times)
+            velocity = self.bounds.velocity(j, box[0], box[1], times[0], times[1])
             reached = [
                 np.where(carried, ends[0], np.minimum(ends[0], ends[0] + h * velocity[0]) - STATE_SLACK / 4),
                 np.where(carried, ends[1], np.maximum(ends[1], ends[1] + h * velocity[1]) + STATE_SLACK / 4),
             ]
             if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():
-                velocity = self.bounds.velocity(j, *reached, *times)
+                velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])
                 return reached, [*velocity, *(v.copy() for v in velocity)]
             wider = 0.1 * (reached[1] - reached[0]) + STATE_SLACK
             box = [np.where(carried, ends[0], reached[0] - wider), np.where(carried, ends[1], reached[1] + wider)]
@@ -287,7 +289,7 @@ class GeneralProof:
         return low, high
 
     def _strike(
-        self, step: int, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Lattice]]
+        self, step: int, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
     ) -> None:
         """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end."""
         grid, bit = self.problem.grid, np.uint8(1 << j % 8)
@@ -302,9 +304,9 @@ class GeneralProof:
 
     # ---- sets over boxes and times
 
-    def _lattices(self, progress: bool | None) -> list[list[Lattice]]:
+    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""
-        out: list[list[Lattice]] = []
+        out: list[list[Boxes]] = []
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
             if not part.moving:
                 span = np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
@@ -316,7 +318,7 @@ class GeneralProof:
                 out[-1].append(self._lattice(part, list(itertools.pairwise(cuts))))
         return out
 
-    def _lattice(self, part: UnsafeSet, times: list[tuple[float, float]]) -> Lattice:
+    def _lattice(self, part: UnsafeSet, times: list[tuple[float, float]]) -> Boxes:
         """The boxes that may meet an unsafe set in each of some times, counted."""
         own = [self.axes[axis] for axis in part.axes]
         often = len(times) * self.problem.steps if part.moving else 1
@@ -327,19 +329,19 @@ class GeneralProof:
         lower = np.array([float(axis.lower) for axis in own])
         length = np.array([float(sum(axis.extent) / 2) for axis in own])
         periodic = np.array([axis.periodic for axis in own])
-        corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes)], axis=1)
+        corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
         sums = []
         for t0, t1 in times:
-            least, _ = self.bounds.level(part, corner - WIDER, corner + pitch + WIDER, t0, t1)
+            least, _ = self.bounds.level(part, corner - MARGIN_OF_BOXES, corner + pitch + MARGIN_OF_BOXES, t0, t1)
             meets = ~(least > 0.0).reshape(sizes)
-            for k in np.flatnonzero(periodic):
+            for k in np.flatnonzero(periodic).tolist():
                 meets = np.concatenate([meets, meets], axis=k)
             counted = np.pad(meets, [(1, 0)] * len(own)).astype(np.int32)
             for k in range(len(own)):
                 np.cumsum(counted, axis=k, out=counted)
             sums.append(counted.ravel())
         laps = sizes * np.where(periodic, 2, 1)
-        return Lattice(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
+        return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
 
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time."""
@@ -386,7 +388,7 @@ def _places(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Boun
     Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
     and leave again within an interval.
     """
-    own = bounds.reads.any(axis=0)
+    own: FloatArray = np.logical_or.reduce(bounds.reads, axis=0)
     for place, axis in enumerate(axes):
         own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
         own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic

@@ -19,8 +19,8 @@ The obligations of the proof, where each is met, and the test in tests/certified
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
     [test_recursion_agrees_with_the_twin, test_images_are_inside_as_plain_loops_say]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
-    its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out] For the
-    others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
+    its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
+    For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -34,13 +34,13 @@ The obligations of the proof, where each is met, and the test in tests/certified
 10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
 
-The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as they
-are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack of 8
-for coordinates up to a few hundred. It supposes that velocities are measurable functions between the bounds, no more:
-they may jump. Promises enter only where intervals cannot go: `LipschitzBounds`, `slope`, `rate` and a function's own
-`enclosure`; and that an unsafe set of rate 0 stands still, where intervals of time cannot go. The unsafe set counts at every instant, so `view_time`
-makes no difference here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the
-exact set is a layer of cells along the target, the obstacles and the pursuer.
+The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
+they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
+of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where intervals cannot go:
+`LipschitzBounds`, `slope`, a function's own `enclosure`, and `rate`, also where it says that a set stands still. The
+unsafe set counts at every instant, so `view_time` makes no difference here. Images lose nothing where cells are aligned
+(`sdhj.certified.cells`); what is lost against the exact set is a layer of cells along the target, the obstacles and the
+pursuer.
 """
 
 import math

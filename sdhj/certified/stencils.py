@@ -27,7 +27,7 @@ class Moves(NamedTuple):
     strides: FloatArray
 
 
-class Lattice(NamedTuple):
+class Boxes(NamedTuple):
     """Boxes of equal size on the axes that an unsafe set depends on, and how many of them may meet it.
 
     axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. sums
@@ -171,7 +171,7 @@ def boxes_meeting(box, part, lattice, at):
     return total
 
 
-class Layout(NamedTuple):
+class Placed(NamedTuple):
     """Cells by place and the rest: number = begin[place] + offset[rest], rest < free; and their edges.
 
     counts (ndim,); edges (ndim, most + 1).

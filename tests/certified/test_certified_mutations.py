@@ -73,8 +73,8 @@ MUTATIONS = {
     "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
     "room to move in": (
         GENERAL,
-        "velocity = self.bounds.velocity(j, *reached, *times)",
-        "velocity = self.bounds.velocity(j, *ends, *times)",
+        "velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])",
+        "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
         "test_damped_motion",
     ),
     "push of the adversary": (BOUNDS, "Enclosure(-push, push)", "0.0", GROWTH),
@@ -99,11 +99,16 @@ MUTATIONS = {
         "test_timed_growth_holds",
     ),
     "last cell of an image": (GENERAL, "np.ceil((high - DRIFT) / width)", "np.floor((high - DRIFT) / width)", IMAGES),
-    "boxes of a set": (GENERAL, "corner + pitch + WIDER, t0, t1", "corner + WIDER, t0, t1", "test_bounds_of_a_lattice"),
+    "boxes of a set": (
+        GENERAL,
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + MARGIN_OF_BOXES, t0, t1",
+        "test_bounds_of_a_lattice",
+    ),
     "times of a set": (
         GENERAL,
-        "corner + pitch + WIDER, t0, t1",
-        "corner + pitch + WIDER, t0, t0",
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + pitch + MARGIN_OF_BOXES, t0, t0",
         "test_bounds_of_a_lattice",
     ),
     "rate of a set": (

@@ -151,7 +151,7 @@ class Robot:
                 out.high[over] = np.maximum(out.high[over], beyond.high)
                 return out
         slabs = [box[:, at : at + AT_ONCE] for at in range(0, max(box.shape[1], 1), AT_ONCE)]
-        found = [first_of(ways, *slab, (slab.shape[1], *tail)) for slab in slabs]
+        found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
         return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
 
     # ---- moves
@@ -265,8 +265,8 @@ class Robot:
         for axis in np.flatnonzero(self.periodic):
             inside = np.concatenate([inside] * 2, axis=axis)
         sums = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
-        for axis in range(sums.ndim):
-            np.cumsum(sums, axis=axis, out=sums)
+        for k in range(sums.ndim):
+            np.cumsum(sums, axis=k, out=sums)
         start, out = min(step, len(self.low) - 1), np.zeros(len(numbers), np.bool_)
         clear, most = self.clear[min(step, len(self.clear) - 1)], self.counts - 1
         for j in range(self.low.shape[1]):

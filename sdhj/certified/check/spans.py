@@ -14,9 +14,9 @@ from sdhj.certified.check.bits import Array
 
 LAST = 2.0**-49  # of a value, by which an answer is widened: sixteen units in the last place
 
-EXACT = dict.fromkeys((np.maximum, np.fmax, np.logical_or, np.bitwise_or), np.maximum)
+EXACT: dict[Any, Any] = dict.fromkeys((np.maximum, np.fmax, np.logical_or, np.bitwise_or), np.maximum)
 EXACT |= dict.fromkeys((np.minimum, np.fmin, np.logical_and, np.bitwise_and), np.minimum)
-RISING = {np.exp, np.expm1, np.log, np.log1p, np.log2, np.cbrt, np.arctan, np.arcsin, np.sinh, np.tanh}
+RISING: set[Any] = {np.exp, np.expm1, np.log, np.log1p, np.log2, np.cbrt, np.arctan, np.arcsin, np.sinh, np.tanh}
 RISING |= {np.floor, np.ceil, np.sign, np.add, np.deg2rad, np.radians, np.trunc, np.arcsinh, np.positive}
 ALIKE = "stack concatenate vstack hstack column_stack broadcast_to broadcast_arrays reshape ravel transpose moveaxis "
 ALIKE += "squeeze expand_dims atleast_1d atleast_2d take roll zeros_like ones_like full_like empty_like max min amax "
@@ -31,7 +31,7 @@ def ends_of(value: Any, side: int) -> Any:
     return (value.low, value.high)[side] if isinstance(value, Span) else value
 
 
-def widened(low: Any, high: Any, least: float = 0.0) -> "Span":
+def widened(low: Any, high: Any, least: Any = 0.0) -> "Span":
     """Wider by rounding; `least` absolutely."""
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     with np.errstate(invalid="ignore"):
@@ -88,7 +88,7 @@ class Span(NDArrayOperatorsMixin):
     def __bool__(self) -> bool:
         raise TypeError("a decision, which needs one value")
 
-    __float__ = __array__ = __bool__  # type: ignore[assignment]
+    __float__ = __array__ = __bool__
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if method == "reduce":
@@ -110,49 +110,50 @@ class Span(NDArrayOperatorsMixin):
             most = np.sum(np.maximum(np.abs(args[0].low), np.abs(args[0].high)), *args[1:], **options)
             low, high = (function(end, *args[1:], **options) for end in (args[0].low, args[0].high))
             return widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most)
-        if function in (np.where, np.linalg.norm):
-            return {np.where: _chosen, np.linalg.norm: _length}[function](*args, **options)
-        return NotImplemented
+        if function is np.where:
+            return _chosen(*args)
+        return _length(*args, **options) if function is np.linalg.norm else NotImplemented
 
 
 def ends_of_all(options: dict[str, Any], side: int) -> dict[str, Any]:
     return {name: ends_of(value, side) for name, value in options.items()}
 
 
-def _ends(*values: Any) -> tuple[Array, ...]:
+def _all_ends(*values: Any) -> tuple[Array, ...]:
     return tuple(np.asarray(ends_of(value, side), dtype=np.float64) for value in values for side in (0, 1))
 
 
-def _product(one: Any, other: Any) -> Span:
-    a, b, c, d = _ends(one, other)
+def _times(one: Any, other: Any) -> Span:
+    a, b, c, d = _all_ends(one, other)
     corners = [np.where((p == 0) | (q == 0), 0.0, p * q) for p in (a, b) for q in (c, d)]
     return _hull(*corners)
 
 
 def _inverse(one: Any) -> Span:
-    a, b = _ends(one)
+    a, b = _all_ends(one)
     whole = (a <= 0) & (b >= 0)
     return widened(np.where(whole, -np.inf, 1 / b), np.where(whole, np.inf, 1 / a))
 
 
 def _size(one: Any) -> Span:
-    a, b = _ends(one)
+    a, b = _all_ends(one)
     return Span(np.maximum(np.maximum(a, -b), 0.0), np.maximum(-a, b))
 
 
-def _power(one: Any, to: Any) -> Span:
+def _power(one: Any, to: Any) -> Any:
     if isinstance(to, Span) or not float(to).is_integer():
         return np.exp(to * np.log(one))
     if to < 0:
         return _inverse(_power(one, -to))
     base = _size(one) if to % 2 == 0 else one
-    out = widened(*(end**to for end in _ends(base)), 1e-300)
+    low, high = (end**to for end in _all_ends(base))
+    out: Any = widened(low, high, 1e-300)
     return np.maximum(out, 0.0) if to % 2 == 0 else out
 
 
 def _sine(one: Any, turn: float = 0.0) -> Span:
     """sin(x + turn * pi / 2): its ends and the hills and valleys between them."""
-    a, b = _ends(one)
+    a, b = _all_ends(one)
     quarter = (np.array([a, b]) / (np.pi / 2) + turn - 1.0) / 4.0  # whole at a hill, and a half at a valley
     doubt = 1e-14 * (1.0 + np.abs(quarter).max(axis=0))
     hill = np.floor(quarter[1] + doubt) >= np.ceil(quarter[0] - doubt)
@@ -164,13 +165,13 @@ def _sine(one: Any, turn: float = 0.0) -> Span:
 
 
 def _tangent(one: Any) -> Span:
-    a, b = _ends(one)
+    a, b = _all_ends(one)
     pole = np.floor(a / np.pi + 0.5 - 1e-14) != np.floor(b / np.pi + 0.5 + 1e-14)
     return widened(np.where(pole, -np.inf, np.tan(a)), np.where(pole, np.inf, np.tan(b)), 1e-15)
 
 
 def _angle(y: Any, x: Any) -> Span:
-    (a, b), (c, d) = _ends(y), _ends(x)
+    (a, b), (c, d) = _all_ends(y), _all_ends(x)
     corners = _hull(*(np.arctan2(p, q) for p in (a, b) for q in (c, d)))
     cut = (a <= 0) & (b >= 0) & (c <= 0)
     return widened(np.where(cut, -np.pi, corners.low), np.where(cut, np.pi, corners.high))
@@ -184,12 +185,12 @@ def _rest(one: Any, by: Any) -> Span:
 
 
 def _truth(sure: Callable[..., Any], possible: Callable[..., Any]) -> Callable[..., Span]:
-    return lambda one, other: Span(sure(*_ends(one, other)), possible(*_ends(one, other)))
+    return lambda one, other: Span(sure(*_all_ends(one, other)), possible(*_all_ends(one, other)))
 
 
 def _chosen(condition: Any, one: Any, other: Any) -> Span:
-    sure, possible = (end != 0 for end in _ends(condition))
-    a, b, c, d = _ends(one, other)
+    sure, possible = (end != 0 for end in _all_ends(condition))
+    a, b, c, d = _all_ends(one, other)
     low = np.where(sure, a, np.where(possible, np.minimum(a, c), c))
     return Span(low, np.where(sure, b, np.where(possible, np.maximum(b, d), d)))
 
@@ -201,15 +202,15 @@ def _length(one: Any, axis: Any = None) -> Span:
 _before = _truth(lambda a, b, c, d: b < c, lambda a, b, c, d: a < d)
 _not_after = _truth(lambda a, b, c, d: b <= c, lambda a, b, c, d: a <= d)
 _same = _truth(lambda a, b, c, d: (a == d) & (b == c), lambda a, b, c, d: (a <= d) & (c <= b))
-OTHER: dict[Any, Callable[..., Span]] = {
+OTHER: dict[Any, Callable[..., Any]] = {
     np.negative: lambda one: Span(-one.high, -one.low),
-    np.subtract: lambda one, other: np.add(one, Span(*(-end for end in _ends(other)[::-1]))),
-    np.multiply: _product,
-    np.divide: lambda one, other: _product(one, _inverse(other)),
+    np.subtract: lambda one, other: np.add(one, Span(*(-end for end in _all_ends(other)[::-1]))),
+    np.multiply: _times,
+    np.divide: lambda one, other: _times(one, _inverse(other)),
     np.reciprocal: _inverse,
     **dict.fromkeys((np.absolute, np.fabs), _size),
     np.square: lambda one: _power(one, 2),
-    np.sqrt: lambda one: widened(*(np.sqrt(np.maximum(end, 0.0)) for end in _ends(one))),
+    np.sqrt: lambda one: widened(*(np.sqrt(np.maximum(end, 0.0)) for end in _all_ends(one))),
     np.power: _power,
     np.hypot: lambda one, other: widened(*(np.hypot(*ends_of((_size(one), _size(other)), side)) for side in (0, 1))),
     np.sin: _sine,
@@ -217,9 +218,9 @@ OTHER: dict[Any, Callable[..., Span]] = {
     np.tan: _tangent,
     np.arctan2: _angle,
     np.arccos: lambda one: widened(np.arccos(one.high), np.arccos(one.low)),
-    np.cosh: lambda one: widened(*(np.cosh(end) for end in _ends(_size(one)))),
+    np.cosh: lambda one: widened(*(np.cosh(end) for end in _all_ends(_size(one)))),
     np.remainder: _rest,
-    np.matmul: lambda one, other: np.sum(_product(one[:, :, None], np.asarray(other)[None]), axis=1),
+    np.matmul: lambda one, other: np.sum(_times(one[:, :, None], np.asarray(other)[None]), axis=1),
     **{np.less: _before, np.less_equal: _not_after, np.equal: _same},
     **{np.greater: lambda one, other: _before(other, one), np.greater_equal: lambda one, other: _not_after(other, one)},
     **dict.fromkeys((np.logical_not, np.invert), lambda one: Span(1.0 - one.high, 1.0 - one.low)),
