@@ -304,13 +304,26 @@ class GeneralProof:
 
     # ---- sets over boxes and times
 
+    @property
+    def _always(self) -> tuple[float, float]:
+        return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
+
+    @cached_property
+    def timeless(self) -> bool:
+        """Whether one set stands for all starts: nothing depends on time, and the target is bounded at all times."""
+        if not self.problem.timeless or self.problem.stays or self.problem.steps is None:
+            return self.problem.timeless
+        try:
+            return bool(self._over_cells(self.problem.target, self._always))
+        except ValueError:
+            return False
+
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""
         out: list[list[Boxes]] = []
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
             if not part.moving:
-                span = np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
-                out.append([self._lattice(part, [(0.0, span)])])
+                out.append([self._lattice(part, [self._always])])
                 continue
             out.append([])
             for step in range(self.problem.steps):
@@ -346,8 +359,7 @@ class GeneralProof:
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time."""
         problem, t, out = self.problem, self.problem.time(step), np.ones([axis.count for axis in self.axes], np.bool_)
-        span = np.inf if problem.steps is None else problem.time(problem.steps)
-        times = (0.0, span) if problem.timeless else (t, t)
+        times = self._always if self.timeless else (t, t)
         for part in problem.unsafe:
             out &= self._over_cells(part, times)[0] > 0.0
         if not problem.stays:

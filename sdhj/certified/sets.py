@@ -136,7 +136,7 @@ class CellSets:
 
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
-        self.timeless = proof.kind != "arm" and proof.problem.timeless
+        self.timeless = isinstance(proof, GeneralProof) and proof.timeless
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks

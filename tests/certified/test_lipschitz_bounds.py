@@ -52,6 +52,18 @@ def test_bounds_are_asked_for():
         )
 
 
+def test_a_target_that_is_stated_is_asked_at_every_step():
+    """That it stands still is promised by nobody: one set for each start, all alike."""
+    problem = interval_problem(steps=3)
+    hidden = dataclasses.replace(problem, target=opaque(problem.target))
+    one, other = (
+        certified(given, cells=[80], bounds=LipschitzBounds(sets={"target": [1.0]})) for given in (problem, hidden)
+    )
+    assert len(one.index) == 4 and len(other.index) == 10
+    for start in range(4):
+        assert np.array_equal(one.bits(start=start, within=2), other.bits(start=start, within=2))
+
+
 def test_an_enclosure_of_ones_own():
     problem = interval_problem()
     part = opaque(problem.unsafe[0])
