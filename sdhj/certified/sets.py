@@ -104,6 +104,8 @@ class Certified:
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
+            if problem.steps is None:
+                raise ValueError(f"method {self.name!r} needs a number of steps of an arm: give the problem one")
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
         return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
 
