@@ -72,6 +72,7 @@ def play_and_check(seed, tmp_path, runs):
     return table.fraction(start=0, within=robot.steps) > 1.1 * table.fraction(start=0, within=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", FAST)
 def test_random_robots_lose_no_run(seed, tmp_path):
     assert play_and_check(seed, tmp_path, 400)
