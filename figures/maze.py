@@ -64,7 +64,7 @@ def to_box(points: FloatArray, box: tuple[float, ...]) -> FloatArray:
 
 
 def to_walls(points: FloatArray) -> FloatArray:
-    return np.min([to_box(points, wall) for wall in WALLS], axis=0)
+    return np.min(np.stack([to_box(points, wall) for wall in WALLS]), axis=0)
 
 
 def maze(

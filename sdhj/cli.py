@@ -3,6 +3,7 @@
 import functools
 import importlib
 import json
+import re
 import sys
 import time
 import uuid
@@ -17,7 +18,7 @@ import numpy as np
 
 import sdhj
 from sdhj.compiling import announced
-from sdhj.files import header, writable_file
+from sdhj.files import header, imported, writable_file
 from sdhj.problem import VIEW_TIMES
 from sdhj.resolution import ResolutionWarning
 from sdhj.simulation.adversaries import ADVERSARIES
@@ -225,25 +226,33 @@ def info(table: Path) -> None:
     "--certified", type=click.Path(path_type=Path), help="Certified table to hold an interpolated one against."
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
+@click.option("--problem", help="module:function that returns the problem of a table of your own robot.")
 @click.pass_context
 @plainly
 def verify_command(
-    context: click.Context, table: Path, samples: int, seed: int, certified: Path | None, output: Path | None
+    context: click.Context,
+    table: Path,
+    samples: int,
+    seed: int,
+    certified: Path | None,
+    output: Path | None,
+    problem: str | None,
 ) -> None:
     """Re-derive the claims of a certified table, or say what of another one is certified."""
     writable_picture(output)
-    read = loaded(table)
-    if read.method == "certified" and (certified or output):
+    read = None if problem else loaded(table)
+    certain = read is None or read.method == "certified"
+    if certain and (certified or output):
         raise ValueError(
             f"{table} is certified itself: its claims are checked, and there is nothing to hold them against or to "
             "draw; leave out --certified and -o, or name an interpolated table first"
         )
-    if read.method == "certified":
+    if certain:
         from sdhj.certified.check import verify as check
 
-        del read  # the check reads the file itself, and both are large
+        read = None  # the check reads the file itself, and both are large
         began = time.perf_counter()
-        report = check(table, samples=samples or None, seed=seed)
+        report = check(table, own_problem(problem), samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
     if samples:
@@ -257,6 +266,19 @@ def verify_command(
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
     _compare(read, proof, seed, output)
+
+
+def own_problem(name: str | None) -> Any:
+    """What module:function returns; the module may lie in the folder that one is in."""
+    if name is None:
+        return None
+    if not re.fullmatch(r"[\w.]+:\w+", name):
+        raise ValueError(f"--problem must be module:function, got {name!r}")
+    sys.path.insert(0, "")
+    try:
+        return imported(name)()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"--problem {name} cannot be called: {error}") from error
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:

@@ -227,6 +227,15 @@ def held(problem, states):
     return states
 
 
+def held_periodic(grid, states):
+    """States with the coordinates of periodic axes between the ends."""
+    states = np.array(states)
+    for axis in np.flatnonzero(grid.periodic):
+        period = grid.upper[axis] - grid.lower[axis]
+        states[:, axis] = grid.lower[axis] + np.mod(states[:, axis] - grid.lower[axis], period)
+    return states
+
+
 def chosen_inputs(table, states, step, rng):
     """For each state one of the inputs certified for its steps to go, at random; there is one."""
     left, safe = steps_to_go(table, states, step), np.empty((len(states), len(table.problem.inputs)), np.bool_)

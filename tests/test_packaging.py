@@ -147,6 +147,7 @@ def imported(*patterns: str) -> dict[str, set[str]]:
 # Packages imported under another name than the one they are installed by, or that a declared one cannot do without.
 COMES_WITH = {
     "IPython": "ipywidgets",
+    "ival": "crival",
     "PIL": "pillow",
     "mpl_toolkits": "matplotlib",
     "nbformat": "nbval",
@@ -165,6 +166,7 @@ OURS = {"sdhj"} | {path.stem for folder in ("figures", "notebooks", "tests") for
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
         ("sdhj/certified/**/*.py", []),
+        ("sdhj/certified/enclosures.py", ["certified"]),
         ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
         ("sdhj/plotting/*.py", ["plot"]),
         ("figures/*.py", ["plot", "bench", "physics"]),
@@ -177,7 +179,9 @@ def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
     declared = {requirement.name.replace("-", "_") for requirement in requirements(*extras)}
     if pattern.startswith("tests"):
         declared.add("playwright")  # of the group `dev`; skipped without it
-    own = {"sdhj/maps.py", "sdhj/simulation/environment.py"} - {pattern}  # these have extras of their own
+    own = {"sdhj/maps.py", "sdhj/certified/enclosures.py", "sdhj/simulation/environment.py"} - {
+        pattern
+    }  # these have extras of their own
     undeclared = {name: files - own for name, files in imported(pattern).items() if name not in declared}
     assert not any(undeclared.values()), undeclared
 

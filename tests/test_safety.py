@@ -207,9 +207,10 @@ def test_what_cannot_be_asked_for():
     target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.3)
     with pytest.raises(ValueError, match="depend on time; give a number of steps"):
         ReachAvoidProblem(grid, still, target, (), 0.1, None)
-    with pytest.raises(ValueError, match="needs a number of steps"):
-        bounds = LipschitzBounds()
-        sdhj.solve(
-            replace(double_integrator(), dynamics=Dynamics([[0.0]], [[0.0, 0.0]], np.eye(2), [0, 0])),
-            Certified((9, 9), bounds=bounds),
-        )
+
+
+def test_certificates_for_ever():
+    """What does not move stays where it is: every cell that is clear, with or without a target."""
+    still = replace(double_integrator(), dynamics=Dynamics([[0.0]], [[0.0, 0.0]], np.eye(2), [0, 0]))
+    table = sdhj.solve(still, Certified((9, 9)), progress=False)
+    assert table.steps == 1 and table.fraction(start=0, within=1) == table.fraction(start=0, within=0) > 0.0

@@ -7,14 +7,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sdhj.certified.general_proof import LipschitzBounds
+    from sdhj.certified.bounds import LipschitzBounds
     from sdhj.certified.sets import Certified
     from sdhj.certified.table import CertifiedTable
 
 _MODULES = {
     "Certified": "sdhj.certified.sets",
     "CertifiedTable": "sdhj.certified.table",
-    "LipschitzBounds": "sdhj.certified.general_proof",
+    "LipschitzBounds": "sdhj.certified.bounds",
 }
 __all__ = ["Certified", "CertifiedTable", "LipschitzBounds"]
 

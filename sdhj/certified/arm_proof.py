@@ -167,7 +167,7 @@ class ArmProof:
                 clear[j][:] = to_words(np.ones(motion.agent.nx * motion.agent.ny, np.bool_))
         return clear
 
-    def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
+    def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, changed: Any = None) -> None:
         """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
         motion, (n1, n2, words) = self.motion, self.shape
         eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
@@ -196,9 +196,6 @@ class ArmProof:
         clear = clear_of_obstacles(stage, self.axes, np.full((3, 1), t), np.zeros((2, 1, 2)), 0.0)
         out *= clear[0, 0, :, :, None].astype(np.uint64)
         return out.reshape(-1, self.shape[2])
-
-    def share(self, step: int, within: int) -> None:
-        """Nothing is kept of the inputs."""
 
 
 def arm_numbers(stage: ArmScene) -> FloatArray:

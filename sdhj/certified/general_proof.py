@@ -1,137 +1,57 @@
-"""What one interval does to the cells of any problem, by bounds that its author states.
+"""What one interval does to the cells of any problem, by bounds on its functions over boxes (`sdhj.certified.bounds`).
 
-Reach boxes come from a growth bound. Let |x(t0) - c| <= h hold on every axis, and let F(x, t) = f(x, u_j, t) +
-g(x, u_j, t) v, v any share of the adversary's box, change with the state by at most A |x - y| and with time by at most
-B |t - s| (A a matrix and B a row of non-negative numbers, the same for every input and share). Let |g v| <= w hold at c
-and at s, the middle of a time of length T. Over that time the state moves away from c by at most r with
+The velocity may depend on some of the axes only, as a car's on its heading. Those are an image's *place*; a cell's
+position on the others is carried along, so all cells at a place move alike, and where an image lies is told in cells.
 
-    r = h + T (|f(c, u_j, s)| + w + B T / 2 + A r),
+The interval is cut into pieces. Let the state be in a box X at the begin of one of length h, and let V bound the
+velocity in a larger box B. If X + [0, h] V lies inside B, the state stays in B during the piece: it could only leave
+where it already has. Its lower end on axis i, say at a, is then at least a + h F, where F bounds the velocity along i
+from below in the part of B where x_i is in [a + h min(0, V_i), a + h max(0, V_i)]: as long as the bound is the least
+coordinate the state moves no slower than F there, and else it is ahead of the bound (Mueller's theorem on differential
+inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left over
+a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
 
-so its velocity is within A r + w + B T / 2 of f(c, u_j, s) throughout, and the box moves with it. The interval is cut
-into parts so that A r stays small. Nothing is integrated and no step is approximate. Walls only hold the state back: a
-box is cut at them. What has left over a safe end is out of danger for good, so there too a box is cut, and what is left
-of it are the states of which something is still to be proved.
+Displacements, not places, are added up, outward rounded, so a state off its cell by STATE_SLACK stays so near to the
+image; and an image may stick out of the cells that it is said to lie in by `DRIFT`, which a thousand steps are allowed.
 """
 
 import itertools
 import math
-import reprlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.cells import MOST_PIECES, CellAxis, measured, velocity_bounds
-from sdhj.certified.packed import STATE_SLACK, TOUCHING, cell_masks, covered, to_bits, to_words
-from sdhj.checks import real_array, whole
+from sdhj.batches import threads
+from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
+from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
+from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
+from sdhj.checks import whole
 from sdhj.compiling import hidden
 from sdhj.files import stored
-from sdhj.grid import ENDS, FloatArray
+from sdhj.grid import FloatArray
+from sdhj.interpolation import SLACK
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import entry
+from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 if TYPE_CHECKING:
     from sdhj.certified.table import CertifiedTable
 
-SEAM = 1e-6  # a larger difference across the seam of a periodic axis, relative to the values, is a jump
-PAIRS = 2000  # of states, by which the bounds along an axis are tried
-ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one
-
-
-@dataclass(frozen=True)
-class LipschitzBounds:
-    """How fast a problem's functions can change with the state, and the dynamics with time.
-
-    Parameters
-    ----------
-    dynamics : (ndim, ndim) array, optional
-        dynamics[i, k] >= |d/dx_k (drift_i + sum_d gain_id v_d)| everywhere, for every input and |v_d| <= bounds_d. Not
-        needed (zero) where the dynamics do not depend on the state.
-    sets : mapping from the name of a set to a sequence of float
-        For the target and each unsafe set: a bound on |d(level set)/dx| for each of its axes.
-    time : (ndim,) array, optional
-        time[i] >= |d/dt (drift_i + sum_d gain_id r_d bounds_d)| everywhere, for every input and |r_d| <= 1: a bound on
-        |d velocity/dt| for each axis. Not needed (zero) where the dynamics do not depend on time.
-    """
-
-    dynamics: FloatArray | None = None
-    sets: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    time: FloatArray | None = None
-
-    def checked(self, problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
-        """`dynamics` (ndim, ndim), `time` (ndim,) and `sets` by name; ValueError where they do not fit the problem."""
-        ndim, names = problem.grid.ndim, [part.name for part in known_sets(problem)]
-        given_sets: object = self.sets
-        if not isinstance(given_sets, Mapping):
-            told = reprlib.repr(given_sets)
-            raise ValueError(f"sets of LipschitzBounds must be a mapping from the names of sets to bounds, got {told}")
-        if len(set(names)) < len(names):
-            raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {names}")
-        if missing := [name for name in names if name not in self.sets]:
-            raise ValueError(
-                f"no Lipschitz bounds for the sets {', '.join(map(repr, missing))}: give bounds=LipschitzBounds(sets="
-                "{name: [a bound on |d(level set)/dx| for each axis of the set]}), from sdhj.certified"
-            )
-        if unknown := sorted(map(repr, set(self.sets) - set(names))):
-            raise ValueError(
-                f"Lipschitz bounds for {', '.join(unknown)}, but the problem's sets are {', '.join(map(repr, names))}"
-            )
-        given = (("dynamics", "the state", not problem.dynamics.stateless), ("time", "time", problem.dynamics.timed))
-        for name, what, needed in given:
-            if needed and getattr(self, name) is None:
-                told = f"the dynamics of {problem.name!r} depend on {what}: give LipschitzBounds({name}=...), how fast"
-                raise ValueError(told)
-        matrix = _bounds("dynamics of LipschitzBounds", self.dynamics, (ndim, ndim))
-        axes = {part.name: (len(part.axes),) for part in known_sets(problem)}
-        sets = {name: _bounds(f"the bounds of the set {name!r}", self.sets[name], axes[name]) for name in names}
-        return matrix, _bounds("time of LipschitzBounds", self.time, (ndim,)), sets
-
-
-def _bounds(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray:
-    bounds = np.zeros(shape) if given is None else real_array(name, given)
-    if bounds.shape != shape or not np.isfinite(bounds).all() or (bounds < 0).any():
-        raise ValueError(f"{name} must be {' x '.join(map(str, shape))} finite numbers >= 0, got {bounds.tolist()}")
-    return bounds
-
-
-def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
-    """The target, if there is one, and the unsafe sets."""
-    return [*([] if problem.stays else [problem.target]), *problem.unsafe]
-
-
-def velocity_terms(
-    problem: ReachAvoidProblem, points: FloatArray, j: int, t: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Drift (M, ndim), gain (M, ndim, D) and the adversary's bounds (D,) at points (M, ndim) under u_j at a time."""
-    dynamics, points = problem.dynamics, problem.grid.wrapped(points)
-    return dynamics.drift_at(points, j, t), dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t)
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """Boxes with centres and half-widths, each (M, ndim), over a time [begin, end] of the interval.
-
-    `left` (M,) bool tells those that had left over a safe end before.
-    """
-
-    centre: FloatArray
-    half: FloatArray
-    begin: float
-    end: float
-    left: Any = False
-
-    def values(self, problem: ReachAvoidProblem, part: Any, bounds: FloatArray, start: float) -> list[FloatArray]:
-        """Bounds of a level-set function over the boxes and their times, in the interval from `start`: two (M,)."""
-        centre, middle = problem.grid.held(self.centre, *ENDS), start + (self.begin + self.end) / 2
-        value = problem.value_of(part, centre, middle)
-        change, rounding = self.half[:, list(part.axes)] @ bounds, ALLOWANCE * (1.0 + np.abs(value))
-        moved = part.rate * (self.end - self.begin) / 2 if self.end > self.begin else 0.0
-        return [value - change - moved - rounding, value + change + moved + rounding]
+DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
+NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
+MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
+TRIES = 12  # to find a box that the state stays in
+FINEST = 8  # pieces of a part
+EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
+BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+PLACES = 1 << 15  # whose tubes are in memory at once
+PIECES_OF_A_CELL = 16  # on each axis, at most
 
 
 @dataclass(frozen=True)
@@ -144,39 +64,38 @@ class GeneralProof:
     axes : tuple of CellAxis
     parts : int
         Parts of the interval.
-    matrix, drifting, sets : what `LipschitzBounds.checked` returns
-    masks : (entries, bytes, cells) uint8
-        Bit j % 8 of byte j // 8: the input u_j is certified for the cell. Filled by the recursion.
+    stated : LipschitzBounds
+        What the proof rests on, checked; nothing where intervals could be followed.
+    strides : (ndim,) int64
+        A cell is at the place sum(cell * strides).
+    low, high : (starts, L, places, ndim) int16
+        The cells that hold the image of a cell, from its own on; starts is 1 where the dynamics do not depend on time.
+    clear : (starts, cells, bytes) uint8
+        Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell; starts is 1 where nothing depends on time.
     """
 
     problem: ReachAvoidProblem
     axes: tuple[CellAxis, ...]
     parts: int
-    matrix: FloatArray
-    drifting: FloatArray
-    sets: Mapping[str, FloatArray]
-    masks: FloatArray
-    kind = "general"
+    stated: LipschitzBounds
+    strides: FloatArray
+    low: FloatArray
+    high: FloatArray
+    clear: FloatArray
+    kind = "enclosed"
 
     @classmethod
     def of(
-        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, bounds: LipschitzBounds
+        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, stated: LipschitzBounds
     ) -> "GeneralProof":
-        """Check the bounds and make room."""
-        (matrix, drifting, sets), count = bounds.checked(problem), len(problem.inputs)
-        if (problem.delta / parts * matrix).sum(
-            axis=1
-        ).max() > 0.5:  # what `inverse` inverts is far from singular below
-            raise ValueError("the dynamics change too fast for this interval: use more parts")
-        entries, size = entry(problem.steps, problem.steps, 0) + 1, math.prod(axis.count for axis in axes)
-        images = count * (problem.steps if problem.dynamics.timed else 1)
-        # masks, where each input is clear, images, and the tube of one input
-        each = entries * -(-count // 8) + problem.steps * count + 16 * len(axes) * (images + parts + 2)
-        require(size * each, f"certifying {size:.1e} cells", "use fewer cells")
-        masks = np.zeros((entries, -(-count // 8), size), np.uint8)
-        proof = cls(problem, axes, parts, matrix, drifting, sets, masks)
-        check_bounds(proof)
-        return proof
+        """Check what is stated and make room; `prepare` fills it."""
+        stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
+        own = _places(problem, axes, Bounds(problem, stated))
+        strides, moves, clear = shapes(problem, axes, own)
+        needed = 4 * math.prod(moves) + math.prod(clear) + 8 * size + 16 * PLACES * len(axes) * parts
+        require(needed, f"certifying {size:.1e} cells", "use fewer cells")
+        low, high = np.zeros((2, *moves), np.int16)
+        return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
 
     @property
     def rows(self) -> int:
@@ -185,245 +104,354 @@ class GeneralProof:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the masks take in memory."""
-        return int(self.masks.nbytes)
+        """Bytes that the arrays take in memory."""
+        return int(self.low.nbytes + self.high.nbytes + self.clear.nbytes)
+
+    def _at(self, step: int) -> tuple[Moves, FloatArray]:
+        """Moves, and which inputs are clear, of the interval from a step."""
+        start = min(step, len(self.low) - 1)
+        return Moves(self.low[start], self.high[start], self.strides, self.layout.safe), self.clear[
+            min(step, len(self.clear) - 1)
+        ]
 
     def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
-        out = np.empty((len(states), self.masks.shape[1]), np.uint8)
-        cell_masks(states, table.cells, self.masks[places[0]], out)
-        return np.unpackbits(out, axis=1, count=len(self.problem.inputs), bitorder="little").view(np.bool_)
+        return self._inputs(states, step, table.index[places[1]], table.pool)
+
+    def _inputs(self, states: FloatArray, step: int, index: FloatArray, pool: FloatArray) -> FloatArray:
+        out = np.empty((len(states), len(self.problem.inputs)), np.bool_)
+        certified_inputs(np.ascontiguousarray(states), self.cells, *self._at(step), index, pool, out)
+        return out
 
     def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
-        """Minus what is proved of the clearance on the way of every input from states (M, ndim): (M, L), < 0 if clear.
+        """< 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0: (M, L).
 
-        By the tube of the state itself, as `prepare` asks of its cell.
+        How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.
         """
-        start, shape = self.problem.time(step), (len(self.problem.inputs), len(states))
-        clear, out = np.ones(shape, np.bool_), np.full(shape, -np.inf)
-        for j in range(len(clear)):
-            for boxes in self.reached(states - STATE_SLACK, states + STATE_SLACK, j, start)[0]:
-                clear[j] &= self._clear(boxes, start)
-                for part in self.problem.unsafe:
-                    least, _ = boxes.values(self.problem, part, self.sets[part.name], start)
-                    np.maximum(out[j], -least, out=out[j])
-        return np.where(clear, np.minimum(out, -TOUCHING), np.maximum(out, TOUCHING)).T
+        safe = self._inputs(states, step, table.index[0], table.pool[:0])
+        moved = states[:, None] + self.problem.interval(step).displacements(states)
+        ends = self.problem.grid.held(moved.reshape(-1, len(self.axes)))
+        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(safe.shape)
+        return np.where(safe, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     @property
     def told(self) -> dict[str, Any]:
-        """What a file tells of it: the bounds that the inputs rest on."""
-        sets = {name: bounds.tolist() for name, bounds in self.sets.items()}
-        matrix, time = self.matrix.tolist(), self.drifting.tolist()
-        return {"parts": self.parts, "dynamics": matrix, "time": time, "sets": sets}
+        """What a file tells of it: the axes of a place, and what it rests on."""
+        sets = {name: bounds.tolist() for name, bounds in self.stated.sets.items()}
+        matrix, time = (None if own is None else own.tolist() for own in (self.stated.dynamics, self.stated.time))
+        own = (self.strides > 0).tolist()
+        return {"parts": self.parts, "own": own, "dynamics": matrix, "time": time, "sets": sets}
 
     def save(self, file: h5py.File) -> None:
-        """Write the inputs."""
-        file.create_dataset("masks", data=self.masks, compression="gzip", shuffle=True)
+        """Write the moves, and the inputs that are clear."""
+        for name in ("low", "high", "clear"):
+            file.create_dataset(name, data=getattr(self, name), compression="gzip", shuffle=True)
 
     @classmethod
     def load(
         cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
         """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
-        matrix, drifting, sets = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
-        size, entries = math.prod(axis.count for axis in axes), entry(problem.steps, problem.steps, 0) + 1
-        masks = stored(file, "masks", "uint8", (entries, -(-len(problem.inputs) // 8), size))
+        if len(told["own"]) != len(axes) or not {True, False}.issuperset(told["own"]):
+            raise ValueError(f"axes of a place must be told for each axis, got {told['own']}")
+        strides, moves, clear = shapes(problem, axes, np.array(told["own"], np.bool_))
+        arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
+        stated = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
         parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, matrix, drifting, sets, masks)
+        return cls(problem, axes, parts, stated, strides, *arrays, stored(file, "clear", "uint8", clear))
 
     # ---- the recursion; sets are (rows, W) uint64
 
     @cached_property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper ends of all cells, the last axis fastest, each (cells, ndim)."""
-        edges = [axis.edges() for axis in self.axes]
-        low, high = (np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij") for side in (0, 1))
-        return np.stack([own.ravel() for own in low], axis=1), np.stack([own.ravel() for own in high], axis=1)
+    def bounds(self) -> Bounds:
+        return Bounds(self.problem, self.stated)
 
     @cached_property
-    def inverse(self) -> FloatArray:
-        """Of 1 - T A, T the time of a part: non-negative."""
-        return np.linalg.inv(np.eye(len(self.matrix)) - self.problem.delta / self.parts * self.matrix)
+    def cells(self) -> Cells:
+        """The cells as arrays for compiled code."""
+        return cells_of(self.axes, self.rows)
 
-    def reached(
-        self, low: FloatArray, high: FloatArray, j: int, start: float
-    ) -> tuple[list[Boxes], FloatArray, FloatArray]:
-        """Tube (`Boxes` for each part) and image of boxes low..high (M, ndim) under u_j from `start` on.
-
-        Of what has all left over a safe end the image is empty: its lower end is above the upper one.
-        """
-        tube, held, time = [], self.problem.grid.held, self.problem.delta / self.parts
-        safe, left = self.problem.grid.faces("safe"), np.zeros(len(low), np.bool_)
-        for part in range(self.parts):
-            centre, half = (low + high) / 2, (high - low) / 2
-            # past an unsafe end, where nothing is certified, the user's functions are not asked
-            within = self.problem.grid.held(centre, *ENDS)
-            drift, gain, bounds = velocity_terms(self.problem, within, j, start + (part + 0.5) * time)
-            push = np.abs(gain) @ bounds + self.drifting * (time / 2)
-            push = push + ALLOWANCE * (1.0 + np.abs(drift) + push)
-            away = (half + time * (np.abs(drift) + push)) @ self.inverse.T * (1 + ALLOWANCE)
-            slack = away @ self.matrix.T + push
-            after = held(low + time * (drift - slack)), held(high + time * (drift + slack))
-            least, most = held(np.minimum(low, after[0]), "safe"), held(np.maximum(high, after[1]), "safe")
-            tube.append(Boxes((least + most) / 2, (most - least) / 2, part * time, (part + 1) * time, left))
-            left = left | ((after[0] > safe[1]) | (after[1] < safe[0])).any(axis=1)
-            low, high = held(after[0], "safe"), held(after[1], "safe")
-        return tube, low, np.where(left[:, None], low - 1.0, high)
-
-    def prepare(self, progress: bool | None) -> tuple[dict[tuple[int, int], Any], FloatArray]:
-        """For each start and input the cells that cover each image; where tubes are clear, bool (steps, L, cells)."""
-        problem, (low, high), images = self.problem, self.ends, {}
-        clear = np.ones((problem.steps, len(problem.inputs), len(low)), np.bool_)
-        starts, timed = range(problem.steps if problem.dynamics.timed else 1), problem.dynamics.timed
-        pairs = list(itertools.product(starts, range(len(problem.inputs))))
-        for start, j in tqdm(pairs, desc="intervals", disable=hidden(progress)):
-            tube, first, last = self.reached(low - STATE_SLACK, high + STATE_SLACK, j, problem.time(start))
-            images[start, j] = self._cover(first, last, j)
-            for step, boxes in itertools.product([start] if timed else range(problem.steps), tube):
-                clear[step, j] &= self._clear(boxes, problem.time(step))
-        return images, clear
-
-    def _clear(self, boxes: Boxes, start: float) -> FloatArray:
-        """Whether boxes are outside every unsafe set and between the unsafe ends at all their times, (M,)."""
-        out, beyond = np.ones(len(boxes.centre), np.bool_), self.problem.grid.beyond
-        for corner in (boxes.centre - boxes.half, boxes.centre + boxes.half):
-            out &= ~beyond(corner, "unsafe")
-        for part in self.problem.unsafe:
-            out &= boxes.values(self.problem, part, self.sets[part.name], start)[0] > 0.0
-        return out | boxes.left
-
-    def _cover(self, low: FloatArray, high: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
-        """First cell and number of cells that cover each image, on each axis: two (ndim, cells) int64 arrays."""
-        first, number = np.empty((2, len(self.axes), len(low)), np.int64)
-        own, delta = np.indices([axis.count for axis in self.axes]), measured(self.problem.delta)
+    @cached_property
+    def layout(self) -> Placed:
+        """Cells by place."""
+        counts, own = np.array([axis.count for axis in self.axes]), self.strides > 0
+        flat = np.cumprod([1, *counts[:0:-1]])[::-1].copy()
+        edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
-            if self.problem.dynamics.constant:  # exactly
-                tables = cells.image(*velocity_bounds(self.problem, axis, j), delta)
-                first[axis], number[axis] = (table[own[axis].ravel()] for table in tables)
-            else:
-                first[axis], number[axis] = cover(low[:, axis], high[:, axis], cells)
-        number[:, (low > high).any(axis=1)] = 0  # of what has left no cell is asked for
-        return first, number
+            edges[axis, : cells.count + 1] = cells.edges()
 
-    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, within: int) -> None:
-        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
-        (images, clear), shape = prepared, np.array([axis.count for axis in self.axes])
-        inside, start = to_bits(following, shape[-1]).ravel(), step if self.problem.dynamics.timed else 0
-        reached, new = np.empty_like(inside), np.zeros_like(inside)
-        masks = self.masks[entry(self.problem.steps, step, within)]
-        for j in range(len(self.problem.inputs)):
-            covered(inside, *images[start, j], shape, clear[step, j], reached)
-            masks[j // 8] |= reached.astype(np.uint8) << np.uint8(j % 8)
-            new |= reached
-        cells |= to_words(new.reshape(-1, shape[-1]))
+        def numbers(which: FloatArray) -> FloatArray:
+            if not which.any():
+                return np.zeros(1, np.int64)
+            return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
+
+        free, safe = numbers(~own), self.problem.grid.faces("safe")
+        return Placed(counts, numbers(own), free, free.size, edges, safe)
+
+    def prepare(self, progress: bool | None) -> None:
+        """Fill moves and clear: where every input takes every place, and which cells it is safe from."""
+        size, count = self.low.shape[2], len(self.problem.inputs)
+        n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
+        slabs, lattices = range(0, size, PLACES), self._lattices(progress)
+        work = list(itertools.product(range(len(self.low)), range(count), slabs))
+
+        def moved(start: int, j: int, begin: int) -> Ends:
+            places = np.arange(begin, min(begin + PLACES, size))
+            return self.reached(places, j, self.problem.time(start), min(max(finest, 1), FINEST))
+
+        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+            for some in (work[at : at + n] for at in range(0, len(work), n)):
+                for (start, j, begin), (tubes, last) in zip(
+                    some, pool.map(moved, *zip(*some, strict=True)), strict=True
+                ):
+                    places = begin, min(begin + PLACES, size)
+                    self.low[start, j, slice(*places)], self.high[start, j, slice(*places)] = self._in_cells(
+                        places, last
+                    )
+                    for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
+                        self._strike(step, j, places, tubes, lattices)
+                    bar.update()
+
+    def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
+        """How far the ends of cells at some places (M,) move under u_j from a time on, with so many pieces a part.
+
+        During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
+        carried along a cell begins as a point and the velocity is bounded wherever it may be.
+        """
+        grid, carried, layout = self.problem.grid, self.strides == 0, self.layout
+        cells = np.stack(np.unravel_index(layout.begin[places], layout.counts), axis=1)
+        edges = layout.edges[np.arange(grid.ndim), cells], layout.edges[np.arange(grid.ndim), cells + 1]
+        low, high = (
+            np.where(carried, grid.lower, edges[0] - STATE_SLACK),
+            np.where(carried, grid.upper, edges[1] + STATE_SLACK),
+        )
+        moved, tubes = np.zeros((2, len(places), grid.ndim)), np.empty((len(places), self.parts, grid.ndim, 2))
+        before = moved  # what the piece before added: a good guess for the next
+        for part in range(self.parts):
+            tube = [moved[0], moved[1]]
+            for piece in range(part * pieces, (part + 1) * pieces):
+                times = [start + self.problem.delta * at / (self.parts * pieces) for at in (piece, piece + 1)]
+                after = self._piece(low, high, moved, before, j, times)
+                moved, before = after, after - moved
+                tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
+            tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
+        return tubes, np.moveaxis(moved, 0, 2)
+
+    def _piece(
+        self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: Sequence[float]
+    ) -> FloatArray:
+        """What the ends of boxes low..high, moved by `moved`, have moved by at the end of a piece: (2, M, ndim)."""
+        carried, grid = self.strides == 0, self.problem.grid
+        ends = [np.where(carried, end, end + by) for end, by in zip((low, high), moved, strict=True)]
+        h = np.nextafter(times[1] - times[0], np.inf)
+        box, velocity = self._room(ends, before, j, times, h)
+        for axis in np.flatnonzero(np.diag(self.bounds.reads) & ~carried):
+            for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
+                face = [box[0].copy(), box[1].copy()]
+                face[0][:, axis] = ends[side][:, axis] + h * np.minimum(velocity[0][:, axis], 0.0) - STATE_SLACK / 8
+                face[1][:, axis] = ends[side][:, axis] + h * np.maximum(velocity[1][:, axis], 0.0) + STATE_SLACK / 8
+                least_most = self.bounds.velocity(j, face[0], face[1], times[0], times[1])
+                velocity[2 + side][:, axis] = least_most[side][:, axis]
+        out = np.stack([_added(by, h, v, side) for side, (by, v) in enumerate(zip(moved, velocity[2:], strict=True))])
+        walls = grid.faces("wall")
+        for side, end in enumerate((low, high)):
+            place = end + out[side]
+            held = ~carried & ((place < walls[0]) | (place > walls[1]))
+            at_wall = np.nextafter(np.clip(place, *walls) - end, np.inf if side else -np.inf)
+            out[side] = np.where(held, at_wall, out[side])
+        return out
+
+    def _room(
+        self, ends: list[FloatArray], before: FloatArray, j: int, times: Sequence[float], h: float
+    ) -> tuple[list[FloatArray], list[FloatArray]]:
+        """A box that the state stays in for a piece of length h, and bounds on the velocity in it, twice."""
+        carried, spread = self.strides == 0, 0.2 * np.abs(before) + STATE_SLACK
+        box = [
+            np.where(carried, ends[0], ends[0] + np.minimum(before[0], 0.0) - spread[0]),
+            np.where(carried, ends[1], ends[1] + np.maximum(before[1], 0.0) + spread[1]),
+        ]
+        for _ in range(TRIES):
+            velocity = self.bounds.velocity(j, box[0], box[1], times[0], times[1])
+            reached = [
+                np.where(carried, ends[0], np.minimum(ends[0], ends[0] + h * velocity[0]) - STATE_SLACK / 4),
+                np.where(carried, ends[1], np.maximum(ends[1], ends[1] + h * velocity[1]) + STATE_SLACK / 4),
+            ]
+            if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():
+                velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])
+                return reached, [*velocity, *(v.copy() for v in velocity)]
+            wider = 0.1 * (reached[1] - reached[0]) + STATE_SLACK
+            box = [np.where(carried, ends[0], reached[0] - wider), np.where(carried, ends[1], reached[1] + wider)]
+            if not all(np.isfinite(end).all() for end in box):
+                break
+        raise ValueError("the dynamics change too fast for this interval: use more parts")
+
+    def _in_cells(self, places: tuple[int, int], moved: FloatArray) -> Ends:
+        """The cells, from their own on, that hold cells at places begin..end-1 whose ends have moved: two (M, ndim)."""
+        low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
+        cells = np.unravel_index(self.layout.begin[slice(*places)], self.layout.counts)
+        for axis, (own, cell) in enumerate(zip(self.axes, cells, strict=True)):
+            known, safe = self.strides[axis] > 0, "safe" in self.problem.grid.ends[axis]
+            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], known, safe)
+        if max(-low.min(), high.max()) > np.iinfo(np.int16).max:
+            raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
+        return low, high
+
+    def _strike(
+        self, step: int, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
+    ) -> None:
+        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end."""
+        grid, bit = self.problem.grid, np.uint8(1 << j % 8)
+        clear = np.ascontiguousarray(self.clear[step, :, j // 8])
+        room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
+        least, most = grid.faces("unsafe")
+        if np.isfinite([least, most]).any():
+            strike_ends(clear, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
+        for known in lattices:
+            strike(clear, tubes, places, known[min(step, len(known) - 1)], bit, self.layout, NARROW)
+        self.clear[step, :, j // 8] = clear
+
+    # ---- sets over boxes and times
+
+    @property
+    def _always(self) -> tuple[float, float]:
+        return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
+
+    @cached_property
+    def timeless(self) -> bool:
+        """Whether one set stands for all starts: nothing depends on time, and the target is bounded at all times."""
+        if not self.problem.timeless or self.problem.stays or self.problem.steps is None:
+            return self.problem.timeless
+        try:
+            return bool(self._over_cells(self.problem.target, self._always))
+        except ValueError:
+            return False
+
+    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
+        """For each unsafe set a lattice for each step, or one for all where it stands still."""
+        out: list[list[Boxes]] = []
+        for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
+            if not part.moving:
+                out.append([self._lattice(part, [self._always])])
+                continue
+            out.append([])
+            for step in range(self.problem.steps):
+                cuts = [self.problem.time(step) + self.problem.delta * at / self.parts for at in range(self.parts + 1)]
+                out[-1].append(self._lattice(part, list(itertools.pairwise(cuts))))
+        return out
+
+    def _lattice(self, part: UnsafeSet, times: list[tuple[float, float]]) -> Boxes:
+        """The boxes that may meet an unsafe set in each of some times, counted."""
+        own = [self.axes[axis] for axis in part.axes]
+        often = len(times) * self.problem.steps if part.moving else 1
+        room = BOXES_OF_A_SET / (often * math.prod(axis.count for axis in own))
+        fine = min(max(int(room ** (1 / len(own))), 1), PIECES_OF_A_CELL)
+        pitch = np.array([float(axis.width) / fine for axis in own])
+        sizes = np.array([axis.count * fine for axis in own])
+        lower = np.array([float(axis.lower) for axis in own])
+        length = np.array([float(sum(axis.extent) / 2) for axis in own])
+        periodic = np.array([axis.periodic for axis in own])
+        corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
+        sums = []
+        for t0, t1 in times:
+            least, _ = self.bounds.level(part, corner - MARGIN_OF_BOXES, corner + pitch + MARGIN_OF_BOXES, t0, t1)
+            meets = ~(least > 0.0).reshape(sizes)
+            for k in np.flatnonzero(periodic).tolist():
+                meets = np.concatenate([meets, meets], axis=k)
+            counted = np.pad(meets, [(1, 0)] * len(own)).astype(np.int32)
+            for k in range(len(own)):
+                np.cumsum(counted, axis=k, out=counted)
+            sums.append(counted.ravel())
+        laps = sizes * np.where(periodic, 2, 1)
+        return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
 
     def goal(self, step: int) -> FloatArray:
-        """Cells inside the target and outside the unsafe set at t_k."""
-        (low, high), target, t = self.ends, self.problem.target, self.problem.time(step)
-        boxes = Boxes((low + high) / 2, (high - low) / 2 + STATE_SLACK, 0.0, 0.0)
-        inside = self._clear(boxes, t)
-        if not self.problem.stays:
-            inside &= boxes.values(self.problem, target, self.sets[target.name], t)[1] <= 0.0
-        return to_words(inside.reshape(-1, self.axes[-1].count))
+        """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time."""
+        problem, t, out = self.problem, self.problem.time(step), np.ones([axis.count for axis in self.axes], np.bool_)
+        times = self._always if self.timeless else (t, t)
+        for part in problem.unsafe:
+            out &= self._over_cells(part, times)[0] > 0.0
+        if not problem.stays:
+            out &= self._over_cells(problem.target, times)[1] <= 0.0
+        return to_words(out.reshape(-1, self.axes[-1].count))
 
-    def share(self, step: int, within: int) -> None:
-        """The inputs of entry (step, within) are those of (step, within - 1)."""
-        place = entry(self.problem.steps, step, within)
-        self.masks[place] = self.masks[place - 1]
+    def _over_cells(self, part: Any, times: tuple[float, float]) -> list[FloatArray]:
+        """Least and greatest value of a level set in every cell, broadcastable to the cells."""
+        edges = [self.axes[axis].edges() for axis in part.axes]
+        low, high = (
+            np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)
+            for side in (0, 1)
+        )
+        ends = self.bounds.level(
+            part, low.reshape(-1, len(edges)) - STATE_SLACK, high.reshape(-1, len(edges)) + STATE_SLACK, *times
+        )
+        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
+        return [end.reshape(shape) for end in ends]
 
+    def add(
+        self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
+    ) -> None:
+        """Make `cells`, S_k^{n-1}, S_k^n; following is S_{k+1}^{n-1}, which differs from S_{k+1}^{n-2} in some rows.
 
-# ---- what of the bounds can be refuted by looking at the functions
-
-
-class Known(NamedTuple):
-    """A function that has bounds, of states (M, ndim) and a time: (M, rows, terms), whose changes add up."""
-
-    names: list[str]  # of the rows
-    function: Callable[[FloatArray, float], FloatArray]
-    bounds: FloatArray  # (rows, ndim)
-    drifting: FloatArray | None  # (rows,) bounds in time, where they are not looked at elsewhere
-    moving: bool
-    seamless: bool  # whether it may not jump where a periodic axis closes
-
-
-def known_functions(proof: GeneralProof) -> Iterator[Known]:
-    """The level sets, and the velocity under each input."""
-    problem = proof.problem
-
-    def level(part: Any, points: FloatArray, t: float) -> FloatArray:
-        return problem.value_of(part, points, t)[:, None, None]
-
-    def velocity(j: int, points: FloatArray, t: float) -> FloatArray:
-        drift, gain, bounds = velocity_terms(problem, points, j, t)
-        return np.concatenate([drift[..., None], gain * bounds], axis=2)
-
-    for part in known_sets(problem):
-        bounds, unsafe = np.zeros((1, problem.grid.ndim)), isinstance(part, UnsafeSet)
-        bounds[0, list(part.axes)] = proof.sets[part.name]
-        names, moving = [f"the level set of {part.name!r}"], getattr(part, "moving", True)
-        yield Known(names, partial(level, part), bounds, None, moving, unsafe)
-    for j in range(0 if problem.dynamics.constant else len(problem.inputs)):
-        names = [f"the velocity along {name!r} under input {j}" for name in problem.grid.names]
-        yield Known(names, partial(velocity, j), proof.matrix, proof.drifting, problem.dynamics.timed, True)
+        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`.
+        """
+        (moves, clear), near = self._at(step), np.ones(len(cells), np.bool_)
+        if changed is not None:
+            near[:] = False
+            reach = np.stack([moves.low.min(axis=(0, 1)), moves.high.max(axis=(0, 1))]).astype(np.int64)
+            reached_rows(changed, reach, self.cells, near)
+        grow(np.flatnonzero(near), cells, following, clear, moves, self.cells, self.problem.stays)
 
 
-def check_bounds(proof: GeneralProof) -> None:
-    """Refuse bounds that differences between a few thousand pairs of states refute; it proves nothing of the others.
+def shapes(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
+) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
+    """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
+    counts, count, strides = np.array([axis.count for axis in axes]), len(problem.inputs), np.zeros(len(axes), np.int64)
+    strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
+    timed = problem.steps if problem.dynamics.timed else 1
+    times = problem.steps if any(part.moving for part in problem.unsafe) else timed
+    return strides, (timed, count, math.prod(counts[own].tolist()), len(axes)), (
+        times,
+        math.prod(counts.tolist()),
+        -(-count // 8),
+    )
 
-    And functions that jump where a periodic axis closes, at any node: no Lipschitz bound holds across a jump. Boxes of
-    tubes reach across that seam; cells of the goal do not, so the target may jump there. What moves may jump at some
-    times only: it is tried at the middles of all parts, where it is evaluated, and between them.
+
+def _places(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Bounds) -> FloatArray:
+    """Which axes an image depends on, (ndim,) bool.
+
+    Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
+    and leave again within an interval.
     """
-    problem, grid, rng = proof.problem, proof.problem.grid, np.random.default_rng(0)
-    span, often = problem.steps * problem.delta, 2 * proof.parts * problem.steps + 1
-    for known in known_functions(proof):
-        for axis in np.flatnonzero(grid.periodic).tolist() if known.seamless else ():
-            points = grid.points()[np.indices(grid.shape)[axis].ravel() == 0]
-            other = points.copy()
-            other[:, axis] = grid.upper[axis] - 1e-9 * (grid.upper[axis] - grid.lower[axis])
-            for t in np.linspace(0.0, span, often).tolist() if known.moving else (0.0,):
-                _refuse_jump(known, points, other, t, grid.names[axis])
-        for axis, share in itertools.product(range(grid.ndim), (0.5, 0.02)):
-            step, room = share * grid.spacing[axis], np.array(grid.upper) - grid.lower
-            room[axis] -= step  # the target may jump at the seam
-            points = grid.lower + rng.random((PAIRS, grid.ndim)) * room
-            beside = points + step * np.eye(grid.ndim)[axis]
-            told, later = f"over {step:.3g} along the axis {grid.names[axis]!r}", share * problem.delta
-            for t in (0.0, 0.37 * span, span - later) if known.moving else (0.0,):
-                _refute(known, (points, t), (beside, t), known.bounds[:, axis], step, told)
-                if known.drifting is not None and known.moving:
-                    _refute(known, (points, t), (points, t + later), known.drifting, later, f"over {later:.3g} s")
+    own: FloatArray = np.logical_or.reduce(bounds.reads, axis=0)
+    for place, axis in enumerate(axes):
+        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
+        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
+    return own
 
 
-def _refuse_jump(known: Known, points: FloatArray, other: FloatArray, t: float, axis: str) -> None:
-    here, there = known.function(points, t), known.function(other, t)
-    jumps = np.abs(here - there).sum(axis=2).max(axis=0)
-    if (jump := jumps.max()) > SEAM * (1.0 + np.abs(here).max()):
-        raise ValueError(
-            f"{known.names[jumps.argmax()]} at t = {t:g} jumps by {jump:.3g} where the periodic axis {axis!r} closes, "
-            "so no Lipschitz bound holds there; make it periodic, for example in the sine and cosine of the coordinate"
-        )
+def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatArray:
+    """moved + h * velocity, rounded up or down; exactly `moved` where nothing moves."""
+    way = np.inf if up else -np.inf
+    step = h * velocity
+    step = step + (1e-15 if up else -1e-15) * np.abs(step)  # h is off the length of the piece by less
+    return np.where(step == 0.0, moved, np.nextafter(moved + step, way))
 
 
-def _refute(known: Known, one: Any, other: Any, bounds: FloatArray, step: float, told: str) -> None:
-    here, there = known.function(*one), known.function(*other)
-    change = np.abs(there - here).sum(axis=2)
-    over = change - bounds * step * (1 + ALLOWANCE) - ALLOWANCE * (1.0 + np.abs(here[:, :, 0]))
-    worst, row = np.unravel_index(np.argmax(over), over.shape)
-    if over[worst, row] > 0.0:
-        raise ValueError(
-            f"{known.names[row]} changes by {change[worst, row]:.3g} {told}, and its Lipschitz bound {bounds[row]:g} "
-            f"allows {bounds[row] * step:.3g}; give a bound of at least {change[worst, row] / step:.3g}"
-        )
+def moved_cells(axis: CellAxis, cell: FloatArray, low: FloatArray, high: FloatArray, known: bool, safe: bool) -> Ends:
+    """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
 
-
-def cover(low: FloatArray, high: FloatArray, axis: CellAxis) -> tuple[FloatArray, FloatArray]:
-    """First cell and number of cells that hold [low, high] with room for rounding; int64 each."""
-    width, length, count = float(axis.width), float(sum(axis.extent) / 2), axis.count
-    low, high = low - float(axis.lower) - ALLOWANCE, high - float(axis.lower) + ALLOWANCE
-    laps = (np.floor(low / length), np.floor(high / length)) if axis.periodic else (0.0, 0.0)
-    least = -np.inf if axis.periodic else 0
-    begin = laps[0] * count + np.clip(np.floor((low - laps[0] * length) / width), least, count - 1)
-    end = laps[1] * count + np.minimum(np.ceil((high - laps[1] * length) / width), count)
-    begin, end = begin.astype(np.int64), np.maximum(end, begin + 1).astype(np.int64)
-    return begin % count, np.minimum(end - begin, count)
+    known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width.
+    safe : whether to be past an end of the axis is to be out of danger; a cell that is has left by more than slack.
+    """
+    width = float(axis.width)
+    if not known or not axis.periodic:
+        inward = [np.where(end != 0.0, -2 * STATE_SLACK, DRIFT) if safe else DRIFT for end in (low, high)]
+        first, last = np.floor((low + inward[0]) / width), np.ceil((high - inward[1]) / width)
+        return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
+    length, edges = float(sum(axis.extent) / 2), axis.edges() - float(axis.lower)
+    begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
+    laps = np.floor(begin / length), np.floor(end / length)
+    first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
+    last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
+    return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)

@@ -150,28 +150,6 @@ def add_certified(cells, first, number, allowed, clear, out):
                 out[a, i, word] |= block[word]
 
 
-@kernel(parallel=True)
-def covered(inside, first, number, shape, wanted, out):
-    """Whether every cell of each index box is in a set.
-
-    inside (cells,) bool, flat; first and number (ndim, cells) int64 say which cells cover the image of each cell,
-    modulo the shape; only where wanted (cells,), False elsewhere. out (cells,) bool, overwritten.
-    """
-    for i in prange(out.size):
-        out[i], total, code = wanted[i], 1, 0
-        for axis in range(shape.size):
-            total *= number[axis, i]
-        while out[i] and code < total:
-            rest, flat, stride = code, 0, 1
-            for back in range(shape.size):
-                axis = shape.size - 1 - back
-                flat += ((first[axis, i] + rest % number[axis, i]) % shape[axis]) * stride
-                rest //= number[axis, i]
-                stride *= shape[axis]
-            out[i] = inside[flat]
-            code += 1
-
-
 # ---- questions about states
 #
 # Serial and without Python's lock: batches are shared out over threads, and only some of Numba's threading layers take
@@ -240,14 +218,3 @@ def fewest_steps(states, cells, index, pool, out):
                 else:
                     least = middle + 1
             out[m] = most
-
-
-@kernel(nogil=True)
-def cell_masks(states, cells, masks, out):
-    """Bytes of the masks (bytes, cells) of all cells within STATE_SLACK of each state; out (M, bytes), overwritten."""
-    found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
-    out[:] = 0
-    for m in range(states.shape[0]):
-        for k in range(cells_at(states[m], cells, found)):
-            row, bit = row_and_bit(found[k], cells)
-            out[m] |= masks[:, row * cells.counts[-1] + bit]

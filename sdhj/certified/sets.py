@@ -13,14 +13,14 @@ The obligations of the proof, where each is met, and the test in tests/certified
 
 1.  *The cells cover the state space, and their edges are exact.* `CellAxis`; numbers are the decimals they are written
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
-2.  *The image is outside what can be reached.* For dynamics that do not depend on the state: `CellAxis.image`, in
-    fractions, with the adversary's worst velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the
-    others: `GeneralProof.reached`, by the Lipschitz bounds that the user states.
-    [test_general_reach_box_holds_every_trajectory]
-3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`, `covered`.
-    [test_recursion_agrees_with_the_twin]
+2.  *The image is outside what can be reached.* For the arm: `CellAxis.image`, in fractions, with the adversary's worst
+    velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the others: `GeneralProof.reached`, by
+    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside]
+3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
+    [test_recursion_agrees_with_the_twin, test_images_are_inside_as_plain_loops_say]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
+    For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -34,15 +34,19 @@ The obligations of the proof, where each is met, and the test in tests/certified
 10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
 
-The proof is for the problem as data: arm, disks, speeds, bounds. The unsafe set counts at every instant, so `view_time`
-makes no difference here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the
-exact set is a layer of cells along the target, the obstacles and the pursuer.
+The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
+they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
+of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where intervals cannot go:
+`LipschitzBounds`, `slope`, a function's own `enclosure`, and `rate`, also where it says that a set stands still. The
+unsafe set counts at every instant, so `view_time` makes no difference here. Images lose nothing where cells are aligned
+(`sdhj.certified.cells`); what is lost against the exact set is a layer of cells along the target, the obstacles and the
+pursuer.
 """
 
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar
 
@@ -50,8 +54,9 @@ import numpy as np
 
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
+from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, measured, velocity_bounds
-from sdhj.certified.general_proof import GeneralProof, LipschitzBounds
+from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import MAX_NODES, FloatArray
@@ -71,7 +76,7 @@ class Certified:
         About how many cells each axis gets; the number is moved to one whose cells are aligned with the inputs and the
         disturbance where there is one. More cells, a larger certified set. By default (419, 419, 72, 72) for the arm.
     bounds : LipschitzBounds, optional
-        For a problem of your own: how fast its dynamics and level-set functions can change. The case studies need none.
+        For those functions of a problem of your own that intervals cannot be followed through: how fast they change.
     parts : int
         Into how many parts the interval is cut, for the fastest input, to bound the tube.
 
@@ -99,8 +104,6 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
-        if problem.steps is None:
-            raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             if rebuild(problem.recipe).digest != problem.digest:  # its geometry is the recipe's, its target too
@@ -109,6 +112,8 @@ class Certified:
                     f"{'no target' if problem.stays else 'other parts'}, is another: build it with other arguments, or "
                     "give Certified(bounds=LipschitzBounds(...)), which proves any problem"
                 )
+            if problem.steps is None:
+                raise ValueError(f"method {self.name!r} needs a number of steps of an arm: give the problem one")
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
         return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
 
@@ -137,10 +142,9 @@ class CellSets:
     a step less.
     """
 
-    timeless = False  # equal rows cost little: only what a set adds to another is kept
-
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
+        self.timeless = isinstance(proof, GeneralProof) and proof.timeless
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
@@ -152,32 +156,37 @@ class CellSets:
 
     def extend(self, step: int, within: int) -> None:
         """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
-        rows, blocks = self.added[step + 1, within - 1]
+        rows, blocks = self._added(step + 1, within - 1)
         self.following[rows] = blocks
-        before = self.cells.copy()
-        if self.proof.problem.stays:  # nothing is united, and what stays clear longer does so for a step less
-            self.cells[:] = 0
-        self.proof.add(self.prepared, self.cells, self.following, step, within)
-        if self.proof.problem.stays:
-            self.cells &= before
+        before, stays = self.cells.copy(), self.proof.problem.stays
+        self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
         self._keep(step, within, (self.cells != before).any(axis=1))
 
     def stopped(self, step: int, within: int) -> bool:
         """Whether entry (step, within) is the one of (step, within - 1)."""
-        return not self.added[step, within][0].size
+        return not self._added(step, within)[0].size
 
     def share(self, step: int, within: int) -> None:
         """Entry (step, within) is the one of (step, within - 1)."""
-        self.proof.share(step, within)
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
+    def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
+        return self.added[0 if self.timeless else step, within]
+
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table; to `details` is added what there is to say of the cells."""
-        told = {"parts": self.proof.parts, "cells": [axis.count for axis in self.proof.axes]}
+        proof, problem = self.proof, self.proof.problem
+        told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
+        if problem.steps is None:
+            changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
+            told["endless"] = True
+            if (last := max(changed, default=1)) == problem.most_steps:
+                raise ValueError(f"the sets still change after {last:,} steps; give the problem a number of steps")
+            proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
         for place, (step, within) in enumerate(sorted(self.added)):
@@ -186,4 +195,6 @@ class CellSets:
             index[place, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
-        return CertifiedTable(self.proof, index, np.concatenate(pool), told | dict(details))
+        if problem.steps is None:  # without a target only what stays clear for ever
+            index = index[-1:] if problem.stays else index[: last + 1]
+        return CertifiedTable(proof, index, np.concatenate(pool), told)

@@ -22,7 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
-PROOFS: dict[str, Any] = {"arm": ArmProof, "general": GeneralProof}
+PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class CertifiedTable:
     proof : ArmProof or GeneralProof
         What one interval does to the cells.
     index : (entries, rows) uint32
-        For each (start, within) and each cell of the leading axes, which block of the pool holds its cells.
+        For each (start, within) and each cell of the leading axes, which block of the pool holds its cells. Where
+        nothing depends on time for each `within` alone, or for all the last.
     pool : (blocks, words) uint64
         Blocks of packed cells of the remaining axes; block 0 is empty.
     details : mapping
@@ -87,7 +88,10 @@ class CertifiedTable:
     def _place(self, start: int, within: int) -> int:
         """Checked place of (start, within) in the index; `within` beyond N - start means N - start."""
         start = whole("start", start, least=0, most=self.steps)
-        return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
+        within = min(whole("within", within, least=0), self.steps - start)
+        return (
+            entry(self.steps, start, within) if len(self.index) > self.steps + 1 else min(within, len(self.index) - 1)
+        )
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
         """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
@@ -212,7 +216,10 @@ class CertifiedTable:
         axes = tuple(told_axis(problem.grid, axis, width, count) for axis, width, count in widths)
         proof = PROOFS[cells["kind"]].load(told["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
-        index = stored(file, "index", "uint32", (entry(problem.steps, problem.steps, 0) + 1, rows))
+        index = stored(file, "index", "uint32", (None, rows))
+        one_for_all = problem.timeless and len(index) in (1, problem.steps + 1)
+        if len(index) != entry(problem.steps, problem.steps, 0) + 1 and not one_for_all:
+            raise ValueError(f"it has {len(index)} sets, which does not fit {problem.steps} steps")
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")

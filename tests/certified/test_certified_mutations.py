@@ -9,9 +9,11 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CELLS, PACKED, LINKS, CONTACT, GENERAL = (
-    f"certified/{name}.py" for name in ("cells", "packed", "links", "contact", "general_proof")
+CELLS, PACKED, LINKS, CONTACT, GENERAL, BOUNDS, STENCILS, INTERVALS = (
+    f"certified/{name}.py"
+    for name in ("cells", "packed", "links", "contact", "general_proof", "bounds", "stencils", "enclosures")
 )
+SAMPLES, GROWTH, IMAGES = "test_every_sample_is_inside", "test_general_reach_box", "test_images_and_tubes"
 
 # file, what is taken out, what is left, the test that must fail
 MUTATIONS = {
@@ -69,13 +71,69 @@ MUTATIONS = {
     "walls of the pursuer": (PACKED, "k]) | passes", "k]) & passes", "test_packed_erosion"),
     "slack": (PACKED, "STATE_SLACK = 1e-10", "STATE_SLACK = 0.0", "test_state_on_an_edge"),
     "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
-    "growth bound": (GENERAL, "slack = away @ self.matrix.T + push", "slack = push", "test_general_reach_box"),
-    "change with time": (GENERAL, "self.drifting * (time / 2)", "0.0", "test_timed_growth_holds"),
-    "time of an interval": (GENERAL, "j, start + (part", "j, 0.0 + (part", "test_timed_growth_holds"),
-    "rate of a set": (GENERAL, "part.rate * (self.end - self.begin) / 2", "0.0", "test_general_bounds_hold"),
-    "size of a box": (GENERAL, "self.half[:, list(part.axes)] @ bounds", "0.0", "test_general_bounds_hold"),
+    "room to move in": (
+        GENERAL,
+        "velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])",
+        "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
+        "test_damped_motion",
+    ),
+    "push of the adversary": (BOUNDS, "Enclosure(-push, push)", "0.0", GROWTH),
+    "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", GROWTH),
+    "tube between the parts": (
+        GENERAL,
+        "tube = [moved[0], moved[1]]",
+        "tube = [moved[0] + np.inf, moved[1] - np.inf]",
+        GROWTH,
+    ),
+    "upper face": (
+        GENERAL,
+        "velocity[2 + side][:, axis] = least_most[side]",
+        "velocity[2 + side][:, axis] = least_most[0]",
+        "test_damped_motion",
+    ),
+    "change with time": (BOUNDS, "time * ((t1 - t0) / 2)", "0.0", "test_timed_growth_holds"),
+    "time of an interval": (
+        GENERAL,
+        "[start + self.problem.delta * at",
+        "[0.0 + self.problem.delta * at",
+        "test_timed_growth_holds",
+    ),
+    "last cell of an image": (GENERAL, "np.ceil((high - DRIFT) / width)", "np.floor((high - DRIFT) / width)", IMAGES),
+    "boxes of a set": (
+        GENERAL,
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + MARGIN_OF_BOXES, t0, t1",
+        "test_bounds_of_a_lattice",
+    ),
+    "times of a set": (
+        GENERAL,
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + pitch + MARGIN_OF_BOXES, t0, t0",
+        "test_bounds_of_a_lattice",
+    ),
+    "rate of a set": (
+        BOUNDS,
+        "moved = rate * half if rate and half else 0.0",
+        "moved = 0.0",
+        "test_general_bounds_hold",
+    ),
+    "size of a box": (BOUNDS, "far = reach @ bounds if", "far = 0.0 if", "test_general_bounds_hold"),
+    "where an axis closes": (BOUNDS, "np.minimum.at(least", "len(least", "test_a_function_may_jump"),
+    "all cells of an image": (
+        STENCILS,
+        "at[axis] < number[axis]",
+        "at[axis] < number[axis] - 1",
+        "test_images_are_inside",
+    ),
+    "open sides of a jump": (INTERVALS, "np.where(some, np.minimum(a, c), c)", "c", SAMPLES),
+    "laps of a remainder": (INTERVALS, "known = laps.low == laps.high", "known = laps.low == laps.low", SAMPLES),
 }
-COMPILED = {"slack", "cells of the image"}  # their tests solve a problem
+COMPILED = {
+    "slack",
+    "cells of the image",
+    "where an axis closes",
+    "last cell of an image",
+}  # their tests solve a problem
 
 
 @pytest.fixture(scope="module")

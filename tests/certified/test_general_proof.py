@@ -1,5 +1,7 @@
 """Problems of one's own: growth boxes, level sets over boxes, closed forms and runs."""
 
+import dataclasses
+import itertools
 from fractions import Fraction
 
 import naive_certified as naive
@@ -10,7 +12,10 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified import LipschitzBounds
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.packed import Cells, to_words
+from sdhj.certified.stencils import image_inside
 
 UNICYCLE = LipschitzBounds(
     dynamics=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]), sets={"target": [1.0, 1.0], "pillar": [1.0, 1.0]}
@@ -47,42 +52,155 @@ def test_moving_obstacle_is_met_between_the_samples(rng):
     naive.assert_runs_succeed(table, naive.states_in(table, rng, 20000), rng)
 
 
-def test_general_reach_box_holds_every_trajectory(rng):
+def proof_of(problem, cells, bounds=None, parts=5):
+    """Nothing solved: what one interval does."""
+    method = sdhj.Certified(cells=cells, bounds=bounds, parts=parts)
+    return GeneralProof.of(problem, method.axes(problem), parts, bounds or LipschitzBounds())
+
+
+@pytest.mark.parametrize("bounds", [None, UNICYCLE])
+def test_general_reach_box_holds_every_trajectory(rng, bounds):
     problem = unicycle_problem()
-    proof = GeneralProof(problem, (), 5, np.asarray(UNICYCLE.dynamics), np.zeros(3), {}, np.empty(0))
-    low = rng.uniform([-1.4, -1.4, -3], [1.3, 1.3, 3], (300, 3))
-    high = low + rng.uniform(0, 0.1, (300, 3))
+    proof = proof_of(problem, (30, 30, 40), bounds)
+    assert proof.low.shape[2:] == (30 * 30 * 40, 3)  # the axes with walls count
+    edges, places = proof.layout.edges, np.concatenate([rng.integers(0, proof.low.shape[2], 300), [0, 35_999]])
+    cells = np.stack(np.unravel_index(proof.layout.begin[places], proof.layout.counts), axis=1)
+    low, high = edges[range(3), cells], edges[range(3), cells + 1]
     for j in range(3):
-        tube, first, last = proof.reached(low.copy(), high.copy(), j, 0.0)
+        tubes, last = proof.reached(places, j, 0.0, 2)
         for _ in range(10):
-            states = np.where(rng.random((300, 3)) < 0.5, low, high)
-            sign = rng.choice([-1.0, 1.0], (300, 2)) * 0.1
-            for part in range(200):  # Euler steps of a thousandth: off by less than 1e-3 in all
+            states = np.where(rng.random(low.shape) < 0.5, low, high)
+            sign = rng.choice([-1.0, 1.0], (len(low), 2)) * 0.1
+            for step in range(200):  # Euler steps of a thousandth: off by less than 1e-3 in all
                 push = np.einsum("mid,md->mi", problem.dynamics.gain_at(states), sign)
                 states = states + 0.001 * (problem.dynamics.drift_at(states, j) + push)
-                boxes = tube[part * 5 // 200]
                 states[:, :2] = np.clip(states[:, :2], -1.5, 1.5)
-                assert (np.abs(states - boxes.centre) <= boxes.half + 5e-4).all()
-            assert (first - 5e-4 <= states).all() and (states <= last + 5e-4).all()
-    # the image of a point is small: twice what the disturbance and the walls explain
-    point = np.zeros((1, 3))
-    _, first, last = proof.reached(point.copy(), point.copy(), 1, 0.0)
-    assert ((last - first)[0] <= 2 * np.array([0.04, 0.04, 1e-6])).all()
+                tube = tubes[:, step * 5 // 200]
+                assert ((low + tube[..., 0] - 5e-4 <= states) & (states <= high + tube[..., 1] + 5e-4)).all()
+            assert ((low + last[..., 0] - 5e-4 <= states) & (states <= high + last[..., 1] + 5e-4)).all()
+
+
+def test_damped_motion_shrinks():
+    """dx = -x: the ends of a cell come nearer to each other, as exp(-t) says; a bound on |d f/dx| cannot tell."""
+    dynamics = sdhj.Dynamics([[0.0]], lambda q, u: -q, [[0.0]], [0.0])
+    problem = dataclasses.replace(interval_problem(unsafe=False, ends="unsafe"), dynamics=dynamics)
+    proof = proof_of(problem, (80,), parts=10)
+    _, last = proof.reached(np.array([60]), 0, 0.0, 8)
+    low, high = proof.layout.edges[0, 60:62]
+    exact = [low * np.exp(-0.5), high * np.exp(-0.5)]
+    found = [low + last[0, 0, 0], high + last[0, 0, 1]]
+    assert exact[0] - 0.01 < found[0] <= exact[0] and exact[1] <= found[1] < exact[1] + 0.01
+    assert found[1] - found[0] < high - low
+
+
+def test_what_is_not_read_is_carried_along():
+    """A car's velocity depends on its heading alone: so do its images, exactly where nothing moves."""
+    problem = unicycle_problem()
+    grid = sdhj.Grid([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], (17, 17, 16), [False, False, True])
+    still = sdhj.Dynamics(
+        [[0.0, 0.0]], lambda q, u: u[0] * np.stack([np.cos(q[:, 2])] * 3, axis=1), np.zeros((3, 1)), [0.0]
+    )
+    proof = proof_of(dataclasses.replace(problem, grid=grid), (30, 30, 40))
+    assert proof.low.shape == (1, 3, 40, 3) and proof.strides.tolist() == [0, 0, 1]
+    proof = proof_of(dataclasses.replace(problem, grid=grid, dynamics=still), (30, 30, 40))
+    proof.prepare(False)
+    assert not proof.low.any() and not proof.high.any()
+
+
+def test_images_and_tubes_count_in_cells(rng):
+    """Against the same in plain loops: which cells a box of states overlaps, which of them may meet a moving disk."""
+    problem = torus_problem()
+    proof = proof_of(problem, (40, 30), parts=2)
+    proof.prepare(False)
+    (disk,), counts, seen = problem.unsafe, proof.layout.counts, set()
+    for j, number in itertools.product((0, 4, 8), rng.integers(0, counts.prod(), 25)):
+        cell = np.array(np.unravel_index(number, counts))
+        low, high = proof.layout.edges[[0, 1], cell], proof.layout.edges[[0, 1], cell + 1]
+        place = int((cell * proof.strides).sum())
+        inside = [
+            {(int(cell[a]) + k) % counts[a] for k in range(proof.low[0, j, place, a], proof.high[0, j, place, a] + 1)}
+            for a in (0, 1)
+        ]
+        velocity = problem.dynamics.drift[j]
+        for step in range(problem.steps):
+            hit = False
+            for _ in range(200):
+                state, sign = rng.uniform(low, high), rng.uniform(-0.4, 0.4, 2)
+                for tau in np.linspace(0.0, 0.2, 9):
+                    at = state + tau * (velocity + sign)
+                    hit |= disk.level_set((at[None] + np.pi) % (2 * np.pi) - np.pi, problem.time(step) + tau)[0] <= 0
+                for a in (0, 1):
+                    offset = (at[a] + np.pi) % (2 * np.pi)
+                    assert int(np.searchsorted(proof.layout.edges[a], offset - np.pi, side="right")) - 1 in inside[a]
+            clear = bool(proof.clear[step, number, j // 8] >> (j % 8) & 1)
+            assert not (hit and clear)
+            seen.add((hit, clear))
+    assert seen == {(True, False), (False, True), (False, False)}
 
 
 def test_general_bounds_hold_over_boxes_and_times(rng):
-    """The lower bound of a level set is below its value at every state and time of the boxes."""
+    """The lower bound of a level set is below its value at every state and time of the boxes, as are stated bounds."""
     problem = torus_problem()
-    disk = problem.unsafe[0]
-    proof = GeneralProof(problem, (), 2, np.zeros((2, 2)), np.zeros(2), {}, np.empty(0))
     low = rng.uniform(-3, 3, (500, 2))
-    tube, _, _ = proof.reached(low, low + rng.uniform(0, 0.3, (500, 2)), 0, 0.0)
-    for boxes in tube:
-        bound = boxes.values(problem, disk, np.array([1.0, 1.0]), 0.4)[0]
-        for _ in range(30):
-            states = boxes.centre + boxes.half * rng.uniform(-1, 1, (500, 2))
-            for tau in (boxes.begin, boxes.end):
-                assert (bound <= disk.level_set(states, 0.4 + tau)).all()
+    high = low + rng.uniform(0, 0.3, (500, 2))
+    for stated in (LipschitzBounds(), LipschitzBounds(sets={"orbiting disk": [1.0, 1.0]}), None):
+        disk = problem.unsafe[0]
+        if stated is None:  # as a function of a library that intervals do not go through
+            stated, disk = (
+                LipschitzBounds(sets={disk.name: [1.0, 1.0]}),
+                dataclasses.replace(disk, level_set=closed(disk)),
+            )
+        least, most = Bounds(problem, stated).level(disk, low, high, 0.4, 0.45)
+        assert (least > -2.0).all() and np.median(most - least) < 0.6
+        for _ in range(50):
+            states = rng.uniform(low, high)
+            for t in (0.4, 0.43, 0.45):
+                value = problem.value_of(disk, states, t)
+                assert (least <= value).all() and (value <= most).all()
+
+
+def test_bounds_of_a_lattice_hold_in_its_boxes(rng):
+    """Wherever a disk is at some time of a part, the box that holds the place is counted."""
+    problem = torus_problem()
+    proof, disk = proof_of(problem, (40, 30), parts=2), problem.unsafe[0]
+    lattice = proof._lattice(disk, [(0.2, 0.3), (0.3, 0.4)])
+    seen = 0
+    for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
+        if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:
+            continue
+        states = rng.uniform(-np.pi, np.pi, (3000, 2))
+        states = states[disk.level_set(states, t) <= 0]
+        at = ((states - lattice.lower) / lattice.pitch).astype(int)
+        sums = lattice.sums[part].reshape(lattice.sizes + 1)
+        for i, k in at:
+            seen += 1
+            assert sums[i + 1, k + 1] - sums[i, k + 1] - sums[i + 1, k] + sums[i, k] == 1
+    assert seen > 100
+    assert lattice.sums[0].max() < lattice.sizes.prod() / 4
+
+
+def test_images_are_inside_as_plain_loops_say(rng):
+    """The kernel against loops over all cells of an image, with walls, a period and sets that are nearly full."""
+    counts, periodic = np.array([4, 5, 7]), np.array([False, True, False])
+    cells = Cells(np.zeros(3), np.ones(3), np.ones(3), counts, periodic, 2)
+    room, found = np.empty((3, 3), np.int64), []
+    for _ in range(300):
+        inside = rng.random(counts) < 0.93
+        pool, index = to_words(inside.reshape(-1, 7)), np.arange(20)
+        cell, low = rng.integers(0, counts), rng.integers(-4, 3, 3)
+        high = low + rng.integers(0, 3, 3)
+        each = [
+            [(c + k) % n if wraps else min(max(c + k, 0), n - 1) for k in range(a, b + 1)]
+            for c, a, b, n, wraps in zip(cell, low, high, counts, periodic, strict=True)
+        ]
+        expected = all(inside[at] for at in itertools.product(*each))
+        assert image_inside(cell, low, high, cells, index, pool, room) == expected
+        found.append(expected)
+    assert 50 < sum(found) < 250
+
+
+def closed(part):
+    return lambda points, t: part.level_set(np.array(points, dtype=float), t)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import naive_certified as naive
 import numpy as np
 import pytest
 from toys import interval_problem, unicycle_problem
@@ -18,11 +19,30 @@ def certified(problem, **options):
     return sdhj.solve(problem, sdhj.Certified(**options), progress=False)
 
 
+def opaque(part):
+    """A set whose function intervals do not go through, as an interpolator's."""
+    return dataclasses.replace(part, level_set=lambda points, t: part.level_set(np.array(points, dtype=float), t))
+
+
+def test_nothing_is_asked_for_where_intervals_go_through():
+    assert certified(interval_problem(), cells=[80]).fraction(start=0, within=5) > 0.5
+
+
 def test_bounds_are_asked_for():
-    with pytest.raises(ValueError, match="no Lipschitz bounds for the sets 'target', 'wall': give"):
-        certified(interval_problem())
-    with pytest.raises(ValueError, match="depend on the state"):
-        certified(unicycle_problem(), bounds=LipschitzBounds(sets=UNICYCLE.sets))
+    problem = interval_problem()
+    hidden = dataclasses.replace(problem, unsafe=tuple(opaque(part) for part in problem.unsafe))
+    with pytest.raises(
+        ValueError, match=r"level set of 'wall' cannot be bounded .* a conversion to a plain array.*Lip"
+    ):
+        certified(hidden, cells=[40])
+    both = [
+        certified(given, cells=[80], bounds=LipschitzBounds(sets={"wall": [1.0]})).bits(start=0, within=5)
+        for given in (problem, hidden)
+    ]
+    assert np.array_equal(*both)
+    drift = sdhj.Dynamics([[1.0]], lambda q, u: np.array(q, dtype=float) * 0.1, [[1.0]], [0.1])
+    with pytest.raises(ValueError, match="the dynamics of 'problem' cannot be bounded"):
+        certified(dataclasses.replace(problem, dynamics=drift), cells=[40])
     with pytest.raises(ValueError, match="dynamics of LipschitzBounds must be 3 x 3 finite numbers"):
         certified(unicycle_problem(), bounds=LipschitzBounds(np.eye(2), UNICYCLE.sets))
     with pytest.raises(ValueError, match="2 finite numbers"):
@@ -30,8 +50,26 @@ def test_bounds_are_asked_for():
             unicycle_problem(),
             bounds=LipschitzBounds(UNICYCLE.dynamics, {"target": [1.0], "pillar": [1, 1]}),
         )
-    with pytest.raises(ValueError, match="more parts"):
-        certified(unicycle_problem(), bounds=LipschitzBounds(np.full((3, 3), 9.0), UNICYCLE.sets), parts=1)
+
+
+def test_a_target_that_is_stated_is_asked_at_every_step():
+    """That it stands still is promised by nobody: one set for each start, all alike."""
+    problem = interval_problem(steps=3)
+    hidden = dataclasses.replace(problem, target=opaque(problem.target))
+    one, other = (
+        certified(given, cells=[80], bounds=LipschitzBounds(sets={"target": [1.0]})) for given in (problem, hidden)
+    )
+    assert len(one.index) == 4 and len(other.index) == 10
+    for start in range(4):
+        assert np.array_equal(one.bits(start=start, within=2), other.bits(start=start, within=2))
+
+
+def test_an_enclosure_of_ones_own():
+    problem = interval_problem()
+    part = opaque(problem.unsafe[0])
+    part.level_set.enclosure = lambda low, high, t0, t1: (3.0 - high[:, 0], 3.0 - low[:, 0])
+    own = certified(dataclasses.replace(problem, unsafe=(part,)), cells=[80])
+    assert np.array_equal(own.bits(start=0, within=5), certified(problem, cells=[80]).bits(start=0, within=5))
 
 
 @pytest.mark.parametrize(
@@ -68,8 +106,8 @@ def test_a_gain_that_depends_on_the_state_counts_in_full():
 
 
 @pytest.mark.parametrize("part", ["level set", "velocity"])
-def test_no_lipschitz_bound_holds_across_a_jump_at_the_seam(part):
-    """A set written for angles as plain numbers ends where the axis closes; boxes of tubes reach across."""
+def test_a_function_may_jump_at_the_seam(part, rng):
+    """A set written for angles as plain numbers ends where the axis closes; tubes reach across, and are cut there."""
     jump = part == "level set"
     problem = sdhj.ReachAvoidProblem(
         sdhj.Grid([-np.pi], [np.pi], [40], [True]),
@@ -79,24 +117,14 @@ def test_no_lipschitz_bound_holds_across_a_jump_at_the_seam(part):
         sdhj.TargetSet((0,), lambda q, t: np.abs(q[:, 0]) - 1.0),
         (sdhj.UnsafeSet((0,), lambda q, t: np.abs(q[:, 0] - (2.9 if jump else 0.0)) - 0.2 + 3.0 * (not jump)),),
         0.2,
-        2,
+        6,
     )
-    bounds = LipschitzBounds(dynamics=[[0.1]], sets={"target": [1.0], "unsafe": [1.0]})
-    with pytest.raises(ValueError, match=f"{part}.*jumps by .* periodic axis 'x1' closes"):
-        certified(problem, cells=[50], bounds=bounds)
-
-
-def test_a_set_that_jumps_at_the_seam_at_some_times_only_is_refused():
-    """Its centre is at the middle of the axis at every t_k, where the distance that nobody wrapped is periodic."""
-    part = sdhj.UnsafeSet(
-        (0,), lambda p, t: np.abs(p[:, 0] - 2.9 * np.sin(np.pi * t)) - 0.3, rate=2.9 * np.pi, name="disk"
-    )
-    target = sdhj.TargetSet((0,), lambda p, t: np.maximum(2.0 - np.abs(p[:, 0]), 0.5 - t))
-    dynamics = sdhj.Dynamics([[0.0]], [[0.0]], [[1.0]], [0.1])
-    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-np.pi], [np.pi], [64], [True]), dynamics, target, (part,), 1.0, 1)
-    bounds = LipschitzBounds(sets={"target": [1.0], "disk": [1.0]})
-    with pytest.raises(ValueError, match=r"'disk' at t = .* jumps by .* periodic axis 'x1' closes"):
-        certified(problem, cells=[400], bounds=bounds)
+    for bounds in (None, LipschitzBounds(dynamics=[[0.1]], sets={"target": [1.0], "unsafe": [1.0]})):
+        table = certified(problem, cells=[100], bounds=bounds)
+        assert table.fraction(start=0, within=6) > 1.5 * table.fraction(start=0, within=0)
+        if jump:  # from the far side of the disk both ways lead through it or are too long
+            assert not table.contains([[2.9], [2.75]], start=0, within=6).any()
+        naive.assert_runs_succeed(table, naive.states_in(table, rng, 2000), rng)
 
 
 def test_bounds_of_two_sets_of_one_name_are_not_told_apart():

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.reading import File, expect, is_whole, told_and_arrays
+from sdhj.certified.check.robots import Robot, examine
 from sdhj.certified.check.rows import Stored, check_rows
 
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
@@ -57,15 +58,23 @@ class Verdict:
 
 
 def verify(
-    path: str | os.PathLike[str], *, samples: int | None = None, seed: int = 0, progress: bool | None = None
+    path: str | os.PathLike[str],
+    problem: Any = None,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    progress: bool | None = None,
 ) -> Verdict:
     """Check the certified sets in an HDF5 file.
 
     Parameters
     ----------
     path : path
+    problem : ReachAvoidProblem, optional
+        Whose claims they are, of a robot of one's own: its functions are not in the file.
     samples : int or None
-        How many rows are drawn at random, each checked with all its claims; None checks every row.
+        How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
+        own: how many cells.
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
@@ -82,18 +91,28 @@ def verify(
     with told_and_arrays(path) as (told, arrays):
         if "cells" in told and (kind := told["cells"].get("kind")) == "arm":
             file = File(told, arrays)
+        elif "cells" in told and problem is not None:
+            robot = Robot(told, arrays, problem)
     if "cells" not in told:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
-    if kind != "arm":
+    if kind != "arm" and problem is None:
         raise ValueError(
-            f"{path} holds certified sets of a problem of your own, whose functions are not in the file; only the "
-            "arm's case study can be checked from a file alone"
+            f"{path} holds certified sets of a problem of your own, whose functions are not in the file: give it, for "
+            "example as `sdhj verify --problem module:function`; only the arm's case study can be checked from a file "
+            "alone"
         )
+    if kind != "arm":
+        found = examine(robot, samples, seed, _silent(progress))
+        return Verdict(tuple(Claim(name, n, m, tuple(bad[:SHOWN]), len(bad)) for name, n, m, bad in found))
     cover = cells_cover(file)
     if cover.failed:  # nothing else in the file means what it says
         return Verdict((cover,))
     rows = np.random.default_rng(seed).permutation(file.index.shape[1])[:samples]
     return Verdict((cover, *check(file, rows, progress)))
+
+
+def _silent(progress: bool | None) -> bool:
+    return sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
 
 
 def cells_cover(file: Any) -> Claim:
@@ -126,8 +145,7 @@ def check(file: File, rows: Array, progress: bool | None) -> list[Claim]:
         check_rows(rows[at], world, stored, failed[at], example[at])
         return len(rows[at])
 
-    silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=silent)
+    shown = tqdm(total=len(rows), desc="verify", unit="row", disable=_silent(progress))
     with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
         for done in threads.map(check_part, range(0, len(rows), ROWS_AT_ONCE)):
             bar.update(done)

@@ -1,0 +1,409 @@
+"""The claims of a file for a robot of one's own, whose functions are given: derived anew with `spans`.
+
+1.  *Moves.* From anywhere in the cells at a place each input leads into the cells that the file says: `driven` follows
+    the ends of the box in ever shorter pieces until what they reach lies inside.
+2.  *Clear.* Where the file says that an input is clear from a cell, every unsafe set's function is above zero in boxes
+    that the cell sweeps; boxes for which this is open are halved along each axis, `DEEPEST` times.
+3.  *Goals* are inside the target and outside the unsafe sets at t_k.
+4.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}.
+
+Of what has wholly left over a safe end nothing more is asked.
+
+A place is the part of a cell that its moves depend on; on the other axes the velocity is bounded wherever the state may
+be. A level set that cannot be called with spans is bounded by its own `enclosure`, or by what the file states of it or
+its `slope`, and the verdict says so; other dynamics are refused.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from itertools import pairwise, product
+from typing import Any
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, decimal, expect, fraction, is_whole
+from sdhj.certified.check.spans import Span, ends_of
+
+NEAR = 1e-10  # a state so near to a cell counts as in it
+STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
+FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
+DEEPEST = 4
+AT_ONCE = 1 << 16  # boxes
+OUTWARD = np.array([-1.0, 1.0])[:, None, None]
+BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
+
+
+class Robot:
+    """A problem's functions over boxes, and the cells of a file; ValueError where the two do not fit together."""
+
+    def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        cells, stated, dynamics, ndim = told["cells"], told["proof"], problem.dynamics, problem.grid.ndim
+        self.problem, self.steps, self.delta, self.parts = problem, told["steps"], float(problem.delta), stated["parts"]
+        expect(is_whole(self.steps, 1) and problem.steps in (None, self.steps), "steps must be the problem's", self.steps)
+        expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
+        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in cells["shape"]), "shape must be numbers", cells["shape"])
+        ends = zip(cells["lowers"], cells["widths"], cells["extents"], strict=True)
+        self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
+        flags, sets = stated["own"], stated["sets"]
+        fits = len(self.axes) == len(cells["shape"]) == len(flags) == ndim and {True, False}.issuperset(flags)
+        expect(fits, f"the problem has {ndim} axes", flags)
+        self.counts, self.known, self.stated = np.array(cells["shape"]), np.array(flags, np.bool_), sets
+        self.strides = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
+        self.rests_on: set[str] = set()
+        self.periodic, self.safe = np.array(problem.grid.periodic), [("safe" in ends) for ends in problem.grid.ends]
+        timed, pairs = "t" in sum(dynamics.takes.values(), ()), (self.steps + 1) * (self.steps + 2) // 2
+        moving, count = timed or any(part.rate > 0 for part in problem.unsafe), len(dynamics.inputs)
+        sizes = self.counts.tolist()
+        moves = self.steps if timed else 1, count, math.prod(self.counts[self.known].tolist()), ndim
+        clear = self.steps if moving else 1, math.prod(sizes), -(-count // 8)
+        self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
+        self.clear = array(arrays, "clear", np.uint8, *clear)
+        self.index = array(arrays, "index", np.uint32, None, math.prod(sizes[:-1]))
+        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-sizes[-1] // 64))
+        self.timeless = len(self.index) != pairs
+        fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
+        expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
+        self.edges = [
+            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
+            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
+        ]
+        self.always = 0.0, self.steps * self.delta
+
+    def cover(self) -> list[str]:
+        """What is wrong with the cells of the axes."""
+        wrong, grid = [], self.problem.grid
+        for axis, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
+            length = decimal(grid.upper[axis]) - decimal(grid.lower[axis])
+            fits = low == decimal(grid.lower[axis]) and least <= length <= most and (n - 1) * width < least
+            fits &= n * width >= most and most - least <= (length / 2**40 if self.periodic[axis] else 0)
+            if not self.known[axis]:  # cells that move alike are alike, and no wall holds them back on the way
+                held = "wall" in grid.ends[axis] and self.problem.dynamics.takes
+                fits &= abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
+            wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
+        return wrong
+
+    def ends(self, cells: Array, wider: float = 0.0) -> Array:
+        """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
+        beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
+        return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
+
+    def cells(self, numbers: Array) -> Array:
+        return np.stack(np.unravel_index(numbers, self.counts), axis=1)
+
+    # ---- functions over boxes (2, M, axes), and times
+
+    def value(self, part: Any, box: Array, times: tuple[float, float]) -> Span:
+        """Bounds of a level set."""
+        rate, stated, function = getattr(part, "rate", None), self.stated.get(part.name), part.level_set.function
+        drift = rate * (times[1] - times[0]) / 2 if rate else 0.0
+        when = times[0] if rate == 0 else sum(times) / 2  # where it is not proved for all times at once
+
+        def promised(a: Array, b: Array) -> Span:
+            self.rests_on.add(part.name)
+            if hasattr(function, "enclosure"):
+                return Span(*function.enclosure(a, b, *times))
+            half = (b - a) / 2
+            slope = part.slope * np.sqrt((half**2).sum(axis=1)) if stated is None else half @ np.array(stated)
+            value = part.level_set((a + b) / 2, when)
+            slope = (slope + drift) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+            return Span(value - slope, value + slope)
+
+        ways = [lambda a, b: function(Span(a, b), span_of(times)), promised]
+        if rate is not None:
+            ways.insert(1, lambda a, b: function(Span(a, b), when) + Span(-drift, drift))
+        return self.cut(part.axes, box, ways, ())
+
+    def velocity(self, j: int, box: Array, times: tuple[float, float]) -> Span:
+        """Bounds of the velocity under u_j and any adversary, (M, ndim)."""
+        dynamics = self.problem.dynamics
+
+        def called(a: Array, b: Array) -> Span:
+            given = {"points": Span(a, b), "u": dynamics.inputs[j], "t": span_of(times)}
+
+            def term(name: str) -> Span:
+                if not callable(array := getattr(dynamics, name)):
+                    return Span(*[array[j] if name == "drift" else array] * 2)
+                return as_span(array(*(given[one] for one in dynamics.takes[name])))
+
+            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high
+            return term("drift") + Span(-push, push)
+
+        return self.cut(range(len(self.counts)), box, [called], (len(self.counts),))
+
+    def cut(self, axes: Any, box: Array, ways: list[Any], tail: tuple[int, ...]) -> Span:
+        """Bounds over boxes, asked for within the ends of the axes: in two halves where a periodic one closes."""
+        box, grid = box.copy(), self.problem.grid
+        for column, axis in enumerate(axes):
+            least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
+            if not self.periodic[axis]:
+                np.clip(box[:, :, column], least, most, out=box[:, :, column])
+                continue
+            full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)
+            a[:], b[:] = np.where(full, least, np.maximum(a - turns, least)), np.where(full, most, b - turns)
+            if (over := b > most).any():
+                second = box[:, over]
+                second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
+                b[over] = most
+                out, beyond = self.cut(axes, box, ways, tail), self.cut(axes, second, ways, tail)
+                out.low[over] = np.minimum(out.low[over], beyond.low)
+                out.high[over] = np.maximum(out.high[over], beyond.high)
+                return out
+        slabs = [box[:, at : at + AT_ONCE] for at in range(0, max(box.shape[1], 1), AT_ONCE)]
+        found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
+        return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
+
+    # ---- moves
+
+    def cells_at(self, places: Array) -> Array:
+        """A cell (M, ndim) at each place, the first on the other axes."""
+        own = zip(self.strides.tolist(), self.counts.tolist(), strict=True)
+        return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
+
+    def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
+        """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
+        grid, cells = self.problem.grid, self.cells_at(places)
+        at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
+        walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
+        bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
+        moved, swept = np.zeros((2, *cells.shape)), np.empty((len(cells), self.parts, 2, cells.shape[1]))
+        cuts = (start + self.delta * np.arange(self.parts * finer + 1) / (self.parts * finer)).tolist()
+        for part in range(self.parts):
+            least, most = moved
+            for times in pairwise(cuts[part * finer : (part + 1) * finer + 1]):
+                moved = self.piece(at + self.known * moved, moved, j, times)
+                held = np.clip(at + moved, *bars)
+                moved = np.where(held == at + moved, moved, held - at + OUTWARD * 1e-15)
+                least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
+            swept[:, part, 0], swept[:, part, 1] = least, most
+        return swept, moved
+
+    def piece(self, box: Array, moved: Array, j: int, times: tuple[float, float]) -> Array:
+        """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
+        h, grown = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:])
+        for _ in range(30):
+            room = box + OUTWARD * self.known * (grown + 1e-11)
+            speed = self.velocity(j, room, times)
+            far = np.stack([h * np.minimum(speed.low, 0), h * np.maximum(speed.high, 0)])
+            if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
+                break
+            grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
+        else:
+            raise ValueError("no box was found that the state stays in for a part of the interval")
+        out = np.stack([speed.low, speed.high])
+        for axis, side in product(np.flatnonzero(self.known), (0, 1)):
+            face = room.copy()
+            face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
+            out[side, :, axis] = ends_of(self.velocity(j, face, times), side)[:, axis]
+        return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
+
+    def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
+        """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
+        fits, cells = np.ones(len(places), np.bool_), self.cells_at(places)
+        for axis, (_, width, least, most) in enumerate(self.axes):
+            low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
+            first, last = low * float(width), high * float(width)
+            # what counts as having left by a safe end must have
+            room = np.where(moved[:, :, axis] == 0, STICKS_OUT, -NEAR if self.safe[axis] else STICKS_OUT)
+            if self.periodic[axis] and self.known[axis]:  # cells need not be alike
+                own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
+                sides = enumerate((own + low, own + high + 1))
+                first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
+            fits &= (first <= moved[0, :, axis] + room[0]) & (moved[1, :, axis] <= last + room[1])
+        return fits
+
+    # ---- tubes and sets
+
+    def outside(self, part: Any, box: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
+        """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
+        out = self.value(part, box, times).low > 0
+        open_ = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
+        if open_.size:
+            good, middle = np.ones(open_.size, np.bool_), box[:, open_].mean(axis=0)
+            for upper in product((False, True), repeat=box.shape[2]):
+                left = np.flatnonzero(good)
+                (a, b), centre = box[:, open_[left]], middle[left]
+                half = np.stack([np.where(upper, centre, a), np.where(upper, b, centre)])
+                good[left] = self.outside(part, half, times, depth - 1)
+            out[open_] = good
+        return out
+
+    def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
+        """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
+        grid, ends, out = self.problem.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
+        there = self.inside(ends, swept)
+        until = np.where(there[:, :, None, None], swept, swept[:, :1])
+        whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
+        for axis in np.flatnonzero(~self.periodic):
+            room = 1e-6 * grid.spacing[axis]
+            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
+            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
+        cuts = [(step + piece / self.parts) * self.delta for piece in range(self.parts + 1)]
+        for part in self.problem.unsafe:
+            own, left = list(part.axes), np.flatnonzero(out)
+            if part.rate == 0:  # often the whole tube at once will do
+                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
+            for piece, times in enumerate(pairwise(cuts)):
+                box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
+                good = self.outside(part, box[..., own], self.always if part.rate == 0 else times)
+                good |= ~there[left, piece]
+                out[left[~good]], left = False, left[good]
+        return out
+
+    def inside(self, ends: Array, swept: Array) -> Array:
+        """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
+        left, grid = np.zeros(swept.shape[:2], np.bool_), self.problem.grid
+        for axis in np.flatnonzero(self.safe):
+            a, b = (ends[side, :, axis, None] + swept[:, :, side, axis] for side in (0, 1))
+            left |= (b < grid.lower[axis] - NEAR) & (grid.ends[axis][0] == "safe")
+            left |= (a > grid.upper[axis] + NEAR) & (grid.ends[axis][1] == "safe")
+        return ~np.logical_or.accumulate(left, axis=1)
+
+    def goals_hold(self, numbers: Array, step: int) -> Array:
+        """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
+        times = self.always if self.timeless else (step * self.delta, step * self.delta)
+        box, out, target = self.ends(self.cells(numbers), NEAR), np.ones(len(numbers), np.bool_), self.problem.target
+        for part in self.problem.unsafe:
+            out &= self.outside(part, box[..., list(part.axes)], times)
+        return out & ((self.value(target, box[..., list(target.axes)], times).high <= 0) | self.problem.stays)
+
+    def bits(self, row: int) -> Array:
+        """A set of the file, (cells,) bool."""
+        blocks = self.pool[self.index[row]].view(np.uint8)
+        return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
+
+    def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
+        """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
+        cells, inside = self.cells(numbers), following.reshape(self.counts)
+        for axis in np.flatnonzero(self.periodic):
+            inside = np.concatenate([inside] * 2, axis=axis)
+        sums = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
+        for k in range(sums.ndim):
+            np.cumsum(sums, axis=k, out=sums)
+        start, out = min(step, len(self.low) - 1), np.zeros(len(numbers), np.bool_)
+        clear, most = self.clear[min(step, len(self.clear) - 1)], self.counts - 1
+        for j in range(self.low.shape[1]):
+            left = np.flatnonzero(~out)
+            left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
+            first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
+            safe = np.array([[end == "safe" for end in ends] for ends in self.problem.grid.ends])
+            gone = (((last < 0) & safe[:, 0]) | ((first > most) & safe[:, 1])).any(axis=1)
+            turns, whole = first // self.counts * self.counts, last - first > most
+            first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
+            last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
+            total = np.zeros(len(left), np.int64)
+            for corner in product((0, 1), repeat=cells.shape[1]):
+                at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
+                total += sums[at] * (-1) ** corner.count(0)
+            out[left] = gone | (total == np.prod(last - first + 1, axis=1))
+        return out
+
+
+def as_span(value: Any) -> Span:
+    return Span(ends_of(value, 0), ends_of(value, 1))
+
+
+def span_of(times: tuple[float, float]) -> Any:
+    return Span(*times) if times[0] < times[1] else times[0]
+
+
+def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -> Span:
+    """The answer of the first way that goes through."""
+    failed: list[Exception] = []
+    for way in ways:
+        try:
+            answer = as_span(way(low, high))
+            return Span(np.broadcast_to(answer.low, shape), np.broadcast_to(answer.high, shape))
+        except BAD as error:
+            failed.append(error)
+    raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")
+
+
+def examine(
+    robot: Robot, samples: int | None, seed: int, silent: bool
+) -> Iterator[tuple[str, int, int, list[str]]]:
+    """Of each kind of claim its name, how many were made and checked, and what failed."""
+    wrong = robot.cover()
+    yield "cells cover the axes", len(robot.axes), len(robot.axes), wrong
+    if wrong:
+        return
+    size, rng = int(np.prod(robot.counts)), np.random.default_rng(seed)
+    chosen = np.ones(size, np.bool_)
+    if samples is not None:
+        chosen[:] = False
+        chosen[rng.permutation(size)[:samples]] = True
+    yield from examine_moves(robot, chosen, silent)
+    yield from examine_sets(robot, chosen, silent)
+    if robot.rests_on:
+        yield f"rests on what is stated of {', '.join(sorted(robot.rests_on))}", 0, 0, []
+
+
+def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
+    """Moves of the cells chosen, and every input that is clear from them."""
+    numbers = np.flatnonzero(chosen)
+    at = robot.cells(numbers) @ robot.strides
+    places = np.unique(at)
+    wrong: tuple[list[str], list[str]] = ([], [])
+    made = checked = 0
+    for start, j in tqdm([*product(range(len(robot.low)), range(robot.low.shape[1]))], desc="moves", disable=silent):
+        steps = range(len(robot.clear)) if len(robot.low) == 1 else [start]
+        flags = {step: (robot.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
+        told = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
+        made, checked = made + sum(int(f.sum()) for f in flags.values()), checked + sum(t.size for t in told.values())
+        moving = places
+        for finer in FINER:
+            asked = np.union1d(moving, np.concatenate([at[some] for some in told.values()])).astype(np.int64)
+            if not asked.size:
+                break
+            swept, last = robot.driven(asked, j, start * float(robot.problem.delta), finer)
+            moving = np.intersect1d(moving, asked[~robot.moves_hold(asked, start, j, last)])
+            for step, some in told.items():
+                rows = np.searchsorted(asked, at[some])
+                slabs = [slice(begin, begin + AT_ONCE) for begin in range(0, some.size, AT_ONCE)]
+                good = [robot.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
+                told[step] = some[~np.concatenate(good)] if good else some
+        wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
+        wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in told.items() for n in numbers[some])
+    starts, inputs, all_places, _ = robot.low.shape
+    yield "moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0]
+    yield "clear of the unsafe sets", made, checked, wrong[1]
+
+
+def examine_sets(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
+    """Goals, whether sets grow (without a target: shrink), and every step."""
+    stays, kinds = robot.problem.stays, {"in the target, and safe": [0, 0], "one step nearer": [0, 0]}
+    failed: dict[str, list[str]] = {"sets grow with the steps to go": [], **{name: [] for name in kinds}}
+    rows = [(0, n) for n in range(robot.steps + 1)]
+    if not robot.timeless:
+        rows = [(k, n) for k in range(robot.steps + 1) for n in range(robot.steps - k + 1)]
+    if len(robot.index) == 1:  # what is safe for ever: it leads into itself
+        rows = [(0, 0), (0, 1)]
+
+    def row_of(step: int, within: int) -> int:
+        if robot.timeless:
+            return min(within, len(robot.index) - 1)
+        return step * (robot.steps + 1) - step * (step - 1) // 2 + within
+
+    for step, within in tqdm(rows, desc="sets", disable=silent):
+        here = robot.bits(row_of(step, within))
+        name = "one step nearer" if within else "in the target, and safe"
+        new = here
+        if within:
+            less = robot.bits(row_of(step, within - 1))
+            if ((here & ~less) if stays else (less & ~here)).any():
+                failed["sets grow with the steps to go"].append(f"start {step}, within {within}")
+            new = here if stays else here & ~less
+        numbers = np.flatnonzero(new & chosen)
+        kinds[name][0] += int(new.sum())
+        kinds[name][1] += numbers.size
+        if not within:
+            good = robot.goals_hold(numbers, step)
+        else:
+            good = robot.steps_hold(numbers, step, robot.bits(row_of(step + 1, within - 1)))
+        failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
+    yield "sets grow with the steps to go", len(rows), len(rows), failed["sets grow with the steps to go"]
+    for name, (made, checked) in kinds.items():
+        yield name, made, checked, failed[name]

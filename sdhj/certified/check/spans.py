@@ -1,0 +1,227 @@
+"""Intervals of the checker's own, by NumPy's arithmetic and steps to the next numbers outward.
+
+A function of NumPy that rises with all its arguments has its bounds at their ends; the others are told one by one.
+NumPy's functions are off by a few units in the last place at most; `LAST` is more.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from sdhj.certified.check.bits import Array
+
+LAST = 2.0**-49  # of a value, by which an answer is widened: sixteen units in the last place
+
+EXACT: dict[Any, Any] = dict.fromkeys((np.maximum, np.fmax, np.logical_or, np.bitwise_or), np.maximum)
+EXACT |= dict.fromkeys((np.minimum, np.fmin, np.logical_and, np.bitwise_and), np.minimum)
+RISING: set[Any] = {np.exp, np.expm1, np.log, np.log1p, np.log2, np.cbrt, np.arctan, np.arcsin, np.sinh, np.tanh}
+RISING |= {np.floor, np.ceil, np.sign, np.add, np.deg2rad, np.radians, np.trunc, np.arcsinh, np.positive}
+ALIKE = "stack concatenate vstack hstack column_stack broadcast_to broadcast_arrays reshape ravel transpose moveaxis "
+ALIKE += "squeeze expand_dims atleast_1d atleast_2d take roll zeros_like ones_like full_like empty_like max min amax "
+ALIKE += "amin clip any all copy flip tile repeat"
+BY_ENDS = {getattr(np, name) for name in ALIKE.split()}
+
+
+def ends_of(value: Any, side: int) -> Any:
+    """One end of all spans in arguments."""
+    if isinstance(value, list | tuple):
+        return type(value)(ends_of(one, side) for one in value)
+    return (value.low, value.high)[side] if isinstance(value, Span) else value
+
+
+def widened(low: Any, high: Any, least: Any = 0.0) -> "Span":
+    """Wider by rounding; `least` absolutely."""
+    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        low, high = low - LAST * np.abs(low) - least, high + LAST * np.abs(high) + least
+    return Span(np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high))
+
+
+def _hull(*values: Array) -> "Span":
+    return widened(np.minimum.reduce(values), np.maximum.reduce(values))
+
+
+class Span(NDArrayOperatorsMixin):
+    """Everything between two arrays."""
+
+    def __init__(self, low: Any, high: Any) -> None:
+        self.low, self.high = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+
+    shape = property(lambda self: self.low.shape)
+    ndim = property(lambda self: self.low.ndim)
+    size = property(lambda self: self.low.size)
+    T = property(lambda self: Span(self.low.T, self.high.T))
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    def __getitem__(self, at: Any) -> "Span":
+        return Span(self.low[at], self.high[at])
+
+    def __setitem__(self, at: Any, value: Any) -> None:
+        self.low[at], self.high[at] = ends_of(value, 0), ends_of(value, 1)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in (
+            "sum",
+            "max",
+            "min",
+            "mean",
+            "reshape",
+            "ravel",
+            "clip",
+            "any",
+            "all",
+            "take",
+            "transpose",
+            "squeeze",
+        ):
+            return lambda *args, **options: getattr(np, name)(self, *args, **options)
+        raise AttributeError(name)
+
+    def astype(self, kind: Any) -> "Span":
+        assert np.dtype(kind) == np.float64
+        return self
+
+    def __bool__(self) -> bool:
+        raise TypeError("a decision, which needs one value")
+
+    __float__ = __array__ = __bool__
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        if method == "reduce":
+            return getattr(np, {"add": "sum", "maximum": "max", "minimum": "min"}[ufunc.__name__])(*inputs, **options)
+        if method != "__call__" or options:
+            return NotImplemented
+        with np.errstate(all="ignore"):
+            if ufunc in EXACT:
+                return Span(*(EXACT[ufunc](*ends_of(inputs, side)) for side in (0, 1)))
+            if ufunc in RISING:
+                return widened(ufunc(*ends_of(inputs, 0)), ufunc(*ends_of(inputs, 1)))
+            return OTHER[ufunc](*inputs) if ufunc in OTHER else NotImplemented
+
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        if function in BY_ENDS:
+            low, high = (function(*ends_of(args, side), **ends_of_all(options, side)) for side in (0, 1))
+            return [*map(Span, low, high)] if isinstance(low, list | tuple) else Span(low, high)
+        if function in (np.sum, np.mean):
+            most = np.sum(np.maximum(np.abs(args[0].low), np.abs(args[0].high)), *args[1:], **options)
+            low, high = (function(end, *args[1:], **options) for end in (args[0].low, args[0].high))
+            return widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most)
+        if function is np.where:
+            return _chosen(*args)
+        return _length(*args, **options) if function is np.linalg.norm else NotImplemented
+
+
+def ends_of_all(options: dict[str, Any], side: int) -> dict[str, Any]:
+    return {name: ends_of(value, side) for name, value in options.items()}
+
+
+def _all_ends(*values: Any) -> tuple[Array, ...]:
+    return tuple(np.asarray(ends_of(value, side), dtype=np.float64) for value in values for side in (0, 1))
+
+
+def _times(one: Any, other: Any) -> Span:
+    a, b, c, d = _all_ends(one, other)
+    corners = [np.where((p == 0) | (q == 0), 0.0, p * q) for p in (a, b) for q in (c, d)]
+    return _hull(*corners)
+
+
+def _inverse(one: Any) -> Span:
+    a, b = _all_ends(one)
+    whole = (a <= 0) & (b >= 0)
+    return widened(np.where(whole, -np.inf, 1 / b), np.where(whole, np.inf, 1 / a))
+
+
+def _size(one: Any) -> Span:
+    a, b = _all_ends(one)
+    return Span(np.maximum(np.maximum(a, -b), 0.0), np.maximum(-a, b))
+
+
+def _power(one: Any, to: Any) -> Any:
+    if isinstance(to, Span) or not float(to).is_integer():
+        return np.exp(to * np.log(one))
+    if to < 0:
+        return _inverse(_power(one, -to))
+    base = _size(one) if to % 2 == 0 else one
+    low, high = (end**to for end in _all_ends(base))
+    out: Any = widened(low, high, 1e-300)
+    return np.maximum(out, 0.0) if to % 2 == 0 else out
+
+
+def _sine(one: Any, turn: float = 0.0) -> Span:
+    """sin(x + turn * pi / 2): its ends and the hills and valleys between them."""
+    a, b = _all_ends(one)
+    quarter = (np.array([a, b]) / (np.pi / 2) + turn - 1.0) / 4.0  # whole at a hill, and a half at a valley
+    doubt = 1e-14 * (1.0 + np.abs(quarter).max(axis=0))
+    hill = np.floor(quarter[1] + doubt) >= np.ceil(quarter[0] - doubt)
+    valley = np.floor(quarter[1] + 0.5 + doubt) >= np.ceil(quarter[0] + 0.5 - doubt)
+    ends = [(np.cos if turn else np.sin)(end) for end in (a, b)]
+    known = np.isfinite(a) & np.isfinite(b)
+    out = widened(np.minimum(*ends), np.maximum(*ends), 1e-15)
+    return Span(np.where(valley | ~known, -1.0, out.low), np.where(hill | ~known, 1.0, out.high))
+
+
+def _tangent(one: Any) -> Span:
+    a, b = _all_ends(one)
+    pole = np.floor(a / np.pi + 0.5 - 1e-14) != np.floor(b / np.pi + 0.5 + 1e-14)
+    return widened(np.where(pole, -np.inf, np.tan(a)), np.where(pole, np.inf, np.tan(b)), 1e-15)
+
+
+def _angle(y: Any, x: Any) -> Span:
+    (a, b), (c, d) = _all_ends(y), _all_ends(x)
+    corners = _hull(*(np.arctan2(p, q) for p in (a, b) for q in (c, d)))
+    cut = (a <= 0) & (b >= 0) & (c <= 0)
+    return widened(np.where(cut, -np.pi, corners.low), np.where(cut, np.pi, corners.high))
+
+
+def _rest(one: Any, by: Any) -> Span:
+    lap = np.floor(one / by)
+    rest, known = one - lap * by, lap.low == lap.high
+    low, high = min(by, 0.0), max(by, 0.0)
+    return Span(np.where(known, np.maximum(rest.low, low), low), np.where(known, np.minimum(rest.high, high), high))
+
+
+def _truth(sure: Callable[..., Any], possible: Callable[..., Any]) -> Callable[..., Span]:
+    return lambda one, other: Span(sure(*_all_ends(one, other)), possible(*_all_ends(one, other)))
+
+
+def _chosen(condition: Any, one: Any, other: Any) -> Span:
+    sure, possible = (end != 0 for end in _all_ends(condition))
+    a, b, c, d = _all_ends(one, other)
+    low = np.where(sure, a, np.where(possible, np.minimum(a, c), c))
+    return Span(low, np.where(sure, b, np.where(possible, np.maximum(b, d), d)))
+
+
+def _length(one: Any, axis: Any = None) -> Span:
+    return np.sqrt(np.sum(np.square(one), axis=axis))
+
+
+_before = _truth(lambda a, b, c, d: b < c, lambda a, b, c, d: a < d)
+_not_after = _truth(lambda a, b, c, d: b <= c, lambda a, b, c, d: a <= d)
+_same = _truth(lambda a, b, c, d: (a == d) & (b == c), lambda a, b, c, d: (a <= d) & (c <= b))
+OTHER: dict[Any, Callable[..., Any]] = {
+    np.negative: lambda one: Span(-one.high, -one.low),
+    np.subtract: lambda one, other: np.add(one, Span(*(-end for end in _all_ends(other)[::-1]))),
+    np.multiply: _times,
+    np.divide: lambda one, other: _times(one, _inverse(other)),
+    np.reciprocal: _inverse,
+    **dict.fromkeys((np.absolute, np.fabs), _size),
+    np.square: lambda one: _power(one, 2),
+    np.sqrt: lambda one: widened(*(np.sqrt(np.maximum(end, 0.0)) for end in _all_ends(one))),
+    np.power: _power,
+    np.hypot: lambda one, other: widened(*(np.hypot(*ends_of((_size(one), _size(other)), side)) for side in (0, 1))),
+    np.sin: _sine,
+    np.cos: lambda one: _sine(one, 1.0),
+    np.tan: _tangent,
+    np.arctan2: _angle,
+    np.arccos: lambda one: widened(np.arccos(one.high), np.arccos(one.low)),
+    np.cosh: lambda one: widened(*(np.cosh(end) for end in _all_ends(_size(one)))),
+    np.remainder: _rest,
+    np.matmul: lambda one, other: np.sum(_times(one[:, :, None], np.asarray(other)[None]), axis=1),
+    **{np.less: _before, np.less_equal: _not_after, np.equal: _same},
+    **{np.greater: lambda one, other: _before(other, one), np.greater_equal: lambda one, other: _not_after(other, one)},
+    **dict.fromkeys((np.logical_not, np.invert), lambda one: Span(1.0 - one.high, 1.0 - one.low)),
+}

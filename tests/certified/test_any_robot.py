@@ -1,0 +1,209 @@
+"""Robots of one's own: played by the judge, checked by other code, and faults planted in their files."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+import robots
+from naive_certified import states_in
+
+import sdhj
+from sdhj.certified.check import verify
+
+CELLS = {2: (50, 50), 3: (24, 24, 24)}
+FAST, THOROUGH = (1, 10), range(50)
+
+
+def car():
+    """The README's, with fewer cells' work: what its velocity reads is its heading."""
+
+    def drift(q, u):
+        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 32], periodic=[False, False, True]),
+        dynamics=sdhj.Dynamics(
+            [[speed, turn] for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0)],
+            drift,
+            [[1, 0], [0, 1], [0, 0]],
+            [0.1, 0.1],
+        ),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.4),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.4, name="post")],
+        delta=0.25,
+        steps=4,
+    )
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    table = sdhj.solve(car(), sdhj.Certified(cells=(40, 40, 38), parts=4), progress=False)
+    path = tmp_path_factory.mktemp("car") / "car.h5"
+    table.save(path)
+    return table, path
+
+
+def test_a_car_grows_and_is_proved(saved, rng):
+    table, path = saved
+    assert table.proof.low.shape[2] == 38  # its images by heading alone
+    assert table.fraction(start=0, within=4) > 1.8 * table.fraction(start=0, within=0) > 0.01
+    assert (verdict := verify(path, car(), progress=False)).ok, str(verdict)
+    assert verify(path, car(), samples=500, progress=False).ok
+    report = sdhj.monte_carlo(sdhj.Controller(table), 2000, "worst", seed=1, progress=False)
+    assert report.counts["reached"] == 2000
+    again = sdhj.load(path, problem=car())
+    states = states_in(table, rng, 500)
+    np.testing.assert_array_equal(again.certified_inputs(states, 0, 4), table.certified_inputs(states, 0, 4))
+
+
+def play_and_check(seed, tmp_path, runs):
+    robot = robots.random_robot(seed)
+    problem = robot.problem()
+    table = sdhj.solve(problem, sdhj.Certified(cells=CELLS[robot.grid.ndim], parts=4), progress=False)
+    if table.fraction(start=0, within=robot.steps) == 0.0:
+        return False
+    for adversary in robots.ADVERSARIES:
+        outcomes = robot.outcomes(table, adversary, np.random.default_rng(seed), runs)
+        assert set(outcomes) == {"reached"}, (seed, adversary)
+    table.save(tmp_path / "robot.h5")
+    assert (verdict := verify(tmp_path / "robot.h5", problem, samples=300, progress=False)).ok, f"{seed}: {verdict}"
+    return table.fraction(start=0, within=robot.steps) > 1.1 * table.fraction(start=0, within=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", FAST)
+def test_random_robots_lose_no_run(seed, tmp_path):
+    assert play_and_check(seed, tmp_path, 400)
+
+
+@pytest.mark.slow
+def test_fifty_random_robots_lose_no_run(tmp_path):
+    assert sum(play_and_check(seed, tmp_path, 4000) for seed in THOROUGH) > 25
+
+
+def test_staying_clear_for_ever(tmp_path, rng):
+    """A cart that brakes: x + v^2 / 6 < 1 wherever it is certified; and none is lost in ten times the steps."""
+
+    def cart():
+        brakes = np.array([[-3.0], [0.0], [3.0]])
+        return sdhj.ReachAvoidProblem(
+            grid=sdhj.Grid([-1, -2], [1, 2], [41, 41]),
+            dynamics=sdhj.Dynamics(
+                brakes, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1), [[0], [1]], [0.2]
+            ),
+            target=None,
+            unsafe=[],
+            delta=0.1,
+            steps=None,
+        )
+
+    table = sdhj.solve(cart(), sdhj.Certified(cells=(100, 100)), progress=False)
+    states = rng.uniform([-1, -2], [1, 2], (20_000, 2))
+    inside = table.contains(states, start=0, within=table.steps)
+    fast = np.maximum(states[:, 1], 0) ** 2 / (2 * 3.2)
+    assert not (inside & (states[:, 0] + fast > 1)).any() and inside.mean() > 0.4
+    table.save(tmp_path / "cart.h5")
+    assert (verdict := verify(tmp_path / "cart.h5", cart(), progress=False)).ok, str(verdict)
+    states = states[inside][:2000]
+    for _ in range(10 * table.steps):
+        safe = table.certified_inputs(states, 0, 1)
+        assert safe.any(axis=1).all()
+        pushes = np.array([-3.0, 0.0, 3.0])[(safe * rng.random(safe.shape)).argmax(axis=1)]
+        pushes += rng.choice([-0.2, 0.2], len(states))
+        states = np.stack([states[:, 0] + 0.1 * states[:, 1] + 0.005 * pushes, states[:, 1] + 0.1 * pushes], axis=1)
+        assert (np.abs(states) <= [1.0, 2.0]).all()
+
+
+FAULTS = {
+    "a cell more": ("one step nearer", lambda group: add_cells(group, 1)),
+    "a goal more": ("in the target", lambda group: add_cells(group, 0)),
+    "a cell less where sets grow": ("sets grow", lambda group: drop_cells(group)),
+    "a shorter move": ("moves", lambda group: shift(group, "low", 1)),
+    "a move that ends too early": ("moves", lambda group: shift(group, "high", -1)),
+    "an input that is not clear": ("clear of", lambda group: group["clear"].write_direct(all_clear(group))),
+    "wider cells": ("cells cover", lambda group: group.attrs.modify("widths", ["1/9", *group.attrs["widths"][1:]])),
+}
+
+
+def add_cells(group, within):
+    """A row that is empty gets the cells of one that is not, from `within` on."""
+    index = group["index"][()]
+    rows = np.flatnonzero(index[0])[0], np.flatnonzero(index[4] == 0)[0]
+    index[within:5, rows[1]] = index[within, rows[0]]
+    group["index"][...] = index
+
+
+def drop_cells(group):
+    index = group["index"][()]
+    index[3, np.flatnonzero(index[2])[:5]] = 0
+    group["index"][...] = index
+
+
+def shift(group, name, by):
+    moves = group[name][()]
+    moves[0, 4, 10, 0] += by
+    group[name][...] = moves
+
+
+def all_clear(group):
+    clear = group["clear"][()]
+    clear[0, np.flatnonzero(clear[0, :, 0] & 1 == 0)[:50]] |= 1
+    return clear
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_planted_faults_are_found(name, saved, tmp_path):
+    claim, plant = FAULTS[name]
+    path = shutil.copy(saved[1], tmp_path / "faulty.h5")
+    with h5py.File(path, "r+") as file:
+        plant(file["certified"])
+    verdict = verify(path, car(), progress=False)
+    assert any(claim in one.name and one.failed for one in verdict.claims), str(verdict)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"bounds": [0.2, 0.2]},
+        {
+            "drift": lambda q, u: np.stack(
+                [1.2 * u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), 0 * q[:, 2] + u[1]], axis=1
+            )
+        },
+        {"unsafe": lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5},
+        {"target": lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.35},
+    ],
+)
+def test_claims_of_another_problem_are_not_proved(change, saved):
+    """The file's arrays fit; what it says does not hold for this robot."""
+    problem, told = car(), dict(change)
+    if "unsafe" in told:
+        told["unsafe"] = [sdhj.UnsafeSet((0, 1), told["unsafe"], name="post")]
+    if "target" in told:
+        told["target"] = sdhj.TargetSet((0, 1), told["target"])
+    moving = {name: told.pop(name) for name in ("bounds", "drift") if name in told}
+    given = {name: getattr(problem.dynamics, name) for name in ("inputs", "drift", "gain", "bounds")} | moving
+    other = {name: getattr(problem, name) for name in ("grid", "target", "unsafe", "delta", "steps")} | told
+    problem = sdhj.ReachAvoidProblem(dynamics=sdhj.Dynamics(**given), **other)
+    assert not verify(saved[1], problem, samples=300, progress=False).ok
+
+
+def test_what_it_rests_on_is_said(tmp_path):
+    """A function that nobody can look into: the file holds what its author states, and the verdict says so."""
+    from toys import interval_problem
+
+    problem = interval_problem(steps=2)
+    wall = problem.unsafe[0]
+    hidden = sdhj.UnsafeSet((0,), lambda p, t: wall.level_set(np.array(p, dtype=float), t), name="wall")
+    given = {name: getattr(problem, name) for name in ("grid", "dynamics", "target", "delta", "steps")}
+    problem = sdhj.ReachAvoidProblem(unsafe=[hidden], **given)
+    bounds = sdhj.certified.LipschitzBounds(sets={"wall": [1.0]})
+    table = sdhj.solve(problem, sdhj.Certified(cells=[80], bounds=bounds), progress=False)
+    table.save(tmp_path / "line.h5")
+    verdict = verify(tmp_path / "line.h5", problem, progress=False)
+    assert verdict.ok and "rests on what is stated of wall" in str(verdict)
+    with pytest.raises(ValueError, match="--problem module:function"):
+        verify(tmp_path / "line.h5")
+    assert json.loads(h5py.File(tmp_path / "line.h5")["certified"].attrs["bounds"])[3] == {"wall": [1.0]}
