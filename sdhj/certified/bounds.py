@@ -66,8 +66,7 @@ class LipschitzBounds:
             raise ValueError(f"two of the sets have one name, by which bounds are told; rename one of {list(axes)}")
         if unknown := sorted(map(repr, set(self.sets) - set(axes))):
             raise ValueError(
-                f"Lipschitz bounds for {', '.join(unknown)}, but the problem's sets are "
-                f"{', '.join(map(repr, axes))}"
+                f"Lipschitz bounds for {', '.join(unknown)}, but the problem's sets are {', '.join(map(repr, axes))}"
             )
         sets = {name: _bounds(f"the bounds of the set {name!r}", self.sets[name], axes[name]) for name in self.sets}
         matrix = _bounds("dynamics of LipschitzBounds", self.dynamics, (ndim, ndim))

@@ -22,14 +22,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.certified.packed import Cells
-from sdhj.grid import Grid
+from sdhj.certified.packed import STATE_SLACK, Cells
+from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
 
 IndexArray = NDArray[np.int64]
 
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
+DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 
 
@@ -187,3 +188,24 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 def common_measure(a: Fraction, b: Fraction) -> Fraction:
     """The greatest length of which both a and b are whole multiples."""
     return Fraction(math.gcd(a.numerator * b.denominator, b.numerator * a.denominator), a.denominator * b.denominator)
+
+
+def moved_cells(
+    axis: CellAxis, cell: IndexArray, low: FloatArray, high: FloatArray, known: bool, safe: bool
+) -> tuple[IndexArray, IndexArray]:
+    """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
+
+    known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width.
+    safe : whether to be past an end of the axis is to be out of danger; a cell that is has left by more than slack.
+    """
+    width = float(axis.width)
+    if not known or not axis.periodic:
+        inward = [np.where(end != 0.0, -2 * STATE_SLACK, DRIFT) if safe else DRIFT for end in (low, high)]
+        first, last = np.floor((low + inward[0]) / width), np.ceil((high - inward[1]) / width)
+        return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
+    length, edges = float(sum(axis.extent) / 2), axis.edges() - float(axis.lower)
+    begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
+    laps = np.floor(begin / length), np.floor(end / length)
+    first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
+    last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
+    return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)

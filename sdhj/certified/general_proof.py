@@ -8,8 +8,8 @@ velocity in a larger box B. If X + [0, h] V lies inside B, the state stays in B 
 where it already has. Its lower end on axis i, say at a, is then at least a + h F, where F bounds the velocity along i
 from below in the part of B where x_i is in [a + h min(0, V_i), a + h max(0, V_i)]: as long as the bound is the least
 coordinate the state moves no slower than F there, and else it is ahead of the bound (Mueller's theorem on differential
-inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left over
-a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
+inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left
+over a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
 
 Displacements, not places, are added up, outward rounded, so a state off its cell by STATE_SLACK stays so near to the
 image; and an image may stick out of the cells that it is said to lie in by `DRIFT`, which a thousand steps are allowed.
@@ -28,8 +28,8 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.batches import threads
-from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
-from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
+from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
+from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, cells_of, moved_cells
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
 from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
 from sdhj.checks import whole
@@ -43,13 +43,13 @@ from sdhj.problem import ReachAvoidProblem, UnsafeSet
 if TYPE_CHECKING:
     from sdhj.certified.table import CertifiedTable
 
-DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
 TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
 PLACES = 1 << 15  # whose tubes are in memory at once
 PIECES_OF_A_CELL = 16  # on each axis, at most
 
@@ -92,7 +92,9 @@ class GeneralProof:
         stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
         own = _places(problem, axes, Bounds(problem, stated))
         strides, moves, clear = shapes(problem, axes, own)
+        boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
         needed = 4 * math.prod(moves) + math.prod(clear) + 8 * size + 16 * PLACES * len(axes) * parts
+        needed += BYTES_OF_A_BOX * max(boxes, default=0)
         require(needed, f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
@@ -185,7 +187,7 @@ class GeneralProof:
                 return np.zeros(1, np.int64)
             return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
 
-        free, safe = numbers(~own), self.problem.grid.faces("safe")
+        free, safe = numbers(~own), np.stack(self.problem.grid.faces("safe"))
         return Placed(counts, numbers(own), free, free.size, edges, safe)
 
     def prepare(self, progress: bool | None) -> None:
@@ -410,10 +412,14 @@ def shapes(
     strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
     timed = problem.steps if problem.dynamics.timed else 1
     times = problem.steps if any(part.moving for part in problem.unsafe) else timed
-    return strides, (timed, count, math.prod(counts[own].tolist()), len(axes)), (
-        times,
-        math.prod(counts.tolist()),
-        -(-count // 8),
+    return (
+        strides,
+        (timed, count, math.prod(counts[own].tolist()), len(axes)),
+        (
+            times,
+            math.prod(counts.tolist()),
+            -(-count // 8),
+        ),
     )
 
 
@@ -436,22 +442,3 @@ def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatA
     step = h * velocity
     step = step + (1e-15 if up else -1e-15) * np.abs(step)  # h is off the length of the piece by less
     return np.where(step == 0.0, moved, np.nextafter(moved + step, way))
-
-
-def moved_cells(axis: CellAxis, cell: FloatArray, low: FloatArray, high: FloatArray, known: bool, safe: bool) -> Ends:
-    """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
-
-    known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width.
-    safe : whether to be past an end of the axis is to be out of danger; a cell that is has left by more than slack.
-    """
-    width = float(axis.width)
-    if not known or not axis.periodic:
-        inward = [np.where(end != 0.0, -2 * STATE_SLACK, DRIFT) if safe else DRIFT for end in (low, high)]
-        first, last = np.floor((low + inward[0]) / width), np.ceil((high - inward[1]) / width)
-        return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
-    length, edges = float(sum(axis.extent) / 2), axis.edges() - float(axis.lower)
-    begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
-    laps = np.floor(begin / length), np.floor(end / length)
-    first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
-    last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
-    return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)

@@ -1,12 +1,11 @@
 """Robots of one's own: played by the judge, checked by other code, and faults planted in their files."""
 
-import json
 import shutil
 
-import h5py
 import numpy as np
 import pytest
 import robots
+from forging import forged
 from naive_certified import states_in
 
 import sdhj
@@ -117,38 +116,41 @@ def test_staying_clear_for_ever(tmp_path, rng):
 
 
 FAULTS = {
-    "a cell more": ("one step nearer", lambda group: add_cells(group, 1)),
-    "a goal more": ("in the target", lambda group: add_cells(group, 0)),
-    "a cell less where sets grow": ("sets grow", lambda group: drop_cells(group)),
-    "a shorter move": ("moves", lambda group: shift(group, "low", 1)),
-    "a move that ends too early": ("moves", lambda group: shift(group, "high", -1)),
-    "an input that is not clear": ("clear of", lambda group: group["clear"].write_direct(all_clear(group))),
-    "wider cells": ("cells cover", lambda group: group.attrs.modify("widths", ["1/9", *group.attrs["widths"][1:]])),
+    "a cell more": ("one step nearer", lambda told, arrays: add_cells(arrays, 1)),
+    "a goal more": ("in the target", lambda told, arrays: add_cells(arrays, 0)),
+    "a cell less where sets grow": ("sets grow", lambda told, arrays: drop_cells(arrays)),
+    "a shorter move": ("moves", lambda told, arrays: shift(arrays, "low", 1)),
+    "a move that ends too early": ("moves", lambda told, arrays: shift(arrays, "high", -1)),
+    "an input that is not clear": ("clear of", lambda told, arrays: arrays["clear"].write_direct(all_clear(arrays))),
+    "wider cells": (
+        "cells cover",
+        lambda told, arrays: told["cells"].update(widths=["1/9", *told["cells"]["widths"][1:]]),
+    ),
 }
 
 
-def add_cells(group, within):
+def add_cells(arrays, within):
     """A row that is empty gets the cells of one that is not, from `within` on."""
-    index = group["index"][()]
+    index = arrays["index"][()]
     rows = np.flatnonzero(index[0])[0], np.flatnonzero(index[4] == 0)[0]
     index[within:5, rows[1]] = index[within, rows[0]]
-    group["index"][...] = index
+    arrays["index"][...] = index
 
 
-def drop_cells(group):
-    index = group["index"][()]
+def drop_cells(arrays):
+    index = arrays["index"][()]
     index[3, np.flatnonzero(index[2])[:5]] = 0
-    group["index"][...] = index
+    arrays["index"][...] = index
 
 
-def shift(group, name, by):
-    moves = group[name][()]
+def shift(arrays, name, by):
+    moves = arrays[name][()]
     moves[0, 4, 10, 0] += by
-    group[name][...] = moves
+    arrays[name][...] = moves
 
 
-def all_clear(group):
-    clear = group["clear"][()]
+def all_clear(arrays):
+    clear = arrays["clear"][()]
     clear[0, np.flatnonzero(clear[0, :, 0] & 1 == 0)[:50]] |= 1
     return clear
 
@@ -157,8 +159,8 @@ def all_clear(group):
 def test_planted_faults_are_found(name, saved, tmp_path):
     claim, plant = FAULTS[name]
     path = shutil.copy(saved[1], tmp_path / "faulty.h5")
-    with h5py.File(path, "r+") as file:
-        plant(file["certified"])
+    with forged(path) as (told, arrays):
+        plant(told, arrays)
     verdict = verify(path, car(), progress=False)
     assert any(claim in one.name and one.failed for one in verdict.claims), str(verdict)
 
@@ -206,4 +208,5 @@ def test_what_it_rests_on_is_said(tmp_path):
     assert verdict.ok and "rests on what is stated of wall" in str(verdict)
     with pytest.raises(ValueError, match="--problem module:function"):
         verify(tmp_path / "line.h5")
-    assert json.loads(h5py.File(tmp_path / "line.h5")["certified"].attrs["bounds"])[3] == {"wall": [1.0]}
+    with forged(tmp_path / "line.h5") as (told, _):
+        assert told["proof"]["sets"] == {"wall": [1.0]}

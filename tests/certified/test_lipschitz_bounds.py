@@ -67,7 +67,7 @@ def test_a_target_that_is_stated_is_asked_at_every_step():
 def test_an_enclosure_of_ones_own():
     problem = interval_problem()
     part = opaque(problem.unsafe[0])
-    part.level_set.enclosure = lambda low, high, t0, t1: (3.0 - high[:, 0], 3.0 - low[:, 0])
+    part.level_set.function.enclosure = lambda low, high, t0, t1: (3.0 - high[:, 0], 3.0 - low[:, 0])
     own = certified(dataclasses.replace(problem, unsafe=(part,)), cells=[80])
     assert np.array_equal(own.bits(start=0, within=5), certified(problem, cells=[80]).bits(start=0, within=5))
 

@@ -5,7 +5,7 @@ from typing import Any
 import judge
 import numpy as np
 import pytest
-from maze import SIDE, TARGET, WALLS, maze, solved, to_box, to_walls, velocity
+from maze import SCOTS_SHARE, SIDE, TARGET, WALLS, maze, solved, to_box, to_walls, velocity
 
 import sdhj
 from sdhj.table import Table
@@ -26,18 +26,18 @@ def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
 
 def test_where_walls_hide_between_the_nodes_it_refuses() -> None:
     with pytest.raises(ValueError, match=r"the unsafe set .walls. hides between the nodes at x = .* Use"):
-        solved(maze(21, 12))
+        solved(maze(21, 12), "hji")
 
 
 def test_where_walls_are_seen_and_worn_down_it_refuses_too() -> None:
     with pytest.raises(ValueError, match=r"the unsafe set .walls. is too thin for the grid at x = .*steep"):
-        solved(maze(61, sampling="nodes"))
+        solved(maze(61, sampling="nodes"), "hji")
 
 
 @pytest.mark.slow
 def test_promises_that_hundreds_of_steps_outlive_are_refused() -> None:
     with pytest.raises(ValueError, match="no input is sure to lead on"):
-        solved(maze(41, 24, steps=60))
+        solved(maze(41, 24, steps=60), "hji")
 
 
 def judged(table: Table, starts: Any) -> Any:
@@ -72,3 +72,11 @@ def test_the_last_steps_of_the_maze(rng: np.random.Generator) -> None:
         assert len(starts) == 2000
         lost[sampling] = np.mean(judged(table, starts) != "reached")
     assert lost["steep"] < 0.005 and lost["nodes"] > 0.2, lost
+
+
+@pytest.mark.slow
+def test_the_whole_maze_is_certified(rng: np.random.Generator) -> None:
+    table = solved(maze())
+    starts = won(table, rng, 200)
+    assert table.fraction(start=0, within=table.steps) > SCOTS_SHARE
+    assert len(starts) == 200 and (judged(table, starts) == "reached").all()

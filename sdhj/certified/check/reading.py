@@ -178,7 +178,9 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             with h5py.File(stream, "r") as arrays:
                 yield told, arrays
         except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
-            raise ValueError(f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's") from error
+            raise ValueError(
+                f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's"
+            ) from error
 
 
 def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:

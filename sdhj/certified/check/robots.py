@@ -16,7 +16,6 @@ its `slope`, and the verdict says so; other dynamics are refused.
 
 import math
 from collections.abc import Iterator, Mapping
-from fractions import Fraction
 from itertools import pairwise, product
 from typing import Any
 
@@ -32,7 +31,7 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 4
-AT_ONCE = 1 << 16  # boxes
+BOXES_AT_ONCE = 1 << 16  # boxes
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
 
@@ -43,7 +42,8 @@ class Robot:
     def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         cells, stated, dynamics, ndim = told["cells"], told["proof"], problem.dynamics, problem.grid.ndim
         self.problem, self.steps, self.delta, self.parts = problem, told["steps"], float(problem.delta), stated["parts"]
-        expect(is_whole(self.steps, 1) and problem.steps in (None, self.steps), "steps must be the problem's", self.steps)
+        fits = is_whole(self.steps, 1) and problem.steps in (None, self.steps)
+        expect(fits, f"steps must be {problem.steps}, as the problem's", self.steps)
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in cells["shape"]), "shape must be numbers", cells["shape"])
         ends = zip(cells["lowers"], cells["widths"], cells["extents"], strict=True)
@@ -152,7 +152,7 @@ class Robot:
                 out.low[over] = np.minimum(out.low[over], beyond.low)
                 out.high[over] = np.maximum(out.high[over], beyond.high)
                 return out
-        slabs = [box[:, at : at + AT_ONCE] for at in range(0, max(box.shape[1], 1), AT_ONCE)]
+        slabs = [box[:, at : at + BOXES_AT_ONCE] for at in range(0, max(box.shape[1], 1), BOXES_AT_ONCE)]
         found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
         return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
 
@@ -322,9 +322,7 @@ def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -
     raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")
 
 
-def examine(
-    robot: Robot, samples: int | None, seed: int, silent: bool
-) -> Iterator[tuple[str, int, int, list[str]]]:
+def examine(robot: Robot, samples: int | None, seed: int, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
     """Of each kind of claim its name, how many were made and checked, and what failed."""
     wrong = robot.cover()
     yield "cells cover the axes", len(robot.axes), len(robot.axes), wrong
@@ -362,7 +360,7 @@ def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[s
             moving = np.intersect1d(moving, asked[~robot.moves_hold(asked, start, j, last)])
             for step, some in told.items():
                 rows = np.searchsorted(asked, at[some])
-                slabs = [slice(begin, begin + AT_ONCE) for begin in range(0, some.size, AT_ONCE)]
+                slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
                 good = [robot.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
                 told[step] = some[~np.concatenate(good)] if good else some
         wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)

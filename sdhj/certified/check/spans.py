@@ -112,7 +112,7 @@ class Span(NDArrayOperatorsMixin):
             return widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most)
         if function is np.where:
             return _chosen(*args)
-        return _length(*args, **options) if function is np.linalg.norm else NotImplemented
+        return _magnitude(*args, **options) if function is np.linalg.norm else NotImplemented
 
 
 def ends_of_all(options: dict[str, Any], side: int) -> dict[str, Any]:
@@ -195,7 +195,7 @@ def _chosen(condition: Any, one: Any, other: Any) -> Span:
     return Span(low, np.where(sure, b, np.where(possible, np.maximum(b, d), d)))
 
 
-def _length(one: Any, axis: Any = None) -> Span:
+def _magnitude(one: Any, axis: Any = None) -> Span:
     return np.sqrt(np.sum(np.square(one), axis=axis))
 
 
