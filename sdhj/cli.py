@@ -174,6 +174,8 @@ def simulate_command(
     table: Path, start: tuple[float, ...] | None, runs: int | None, adversary: str, rule: str, seed: int
 ) -> None:
     """Run the controller of a table against an adversary, in the true geometry."""
+    if start is not None and not np.isfinite(start).all():
+        raise ValueError(f"--start must be four finite numbers, got {' '.join(map(str, start))}")
     if start is not None and runs is not None:
         raise ValueError("--start plays one run from a state, --runs many from states that are drawn; give one of them")
     controller = sdhj.Controller(loaded(table), rule=rule)

@@ -84,7 +84,8 @@ class Scheme:
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
-        if isinstance(cfl, bool) or not isinstance(cfl, int | float | np.integer | np.floating) or not 0.0 < cfl <= 1.0:
+        real = isinstance(cfl, int | float | np.integer | np.floating) and not isinstance(cfl, bool | np.timedelta64)
+        if not real or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
 
 

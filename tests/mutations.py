@@ -33,20 +33,25 @@ def started(request, mutations, tests, folders, *, compiled=()):
 def _run(file, old, new, test, tests, folder, *, compiled):
     """Run the tests of a name on a copy of the library in `folder` in which `old` became `new`."""
     shutil.copytree(LIBRARY, folder / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
-    trials = folder / "sdhj" / "trials.py"  # in plain Python so many questions to the arm would take minutes
-    trials.write_text(trials.read_text().replace("QUESTIONS = 500_000", "QUESTIONS = 5_000"))
-    source = (folder / "sdhj" / file).read_text()
-    assert old in source, f"{old!r} is not in {file} any more: say anew what to take out"
-    (folder / "sdhj" / file).write_text(source.replace(old, new))
+    _replace(folder / "sdhj" / "trials.py", "QUESTIONS = 500_000", "QUESTIONS = 500")  # minutes in plain Python
+    _replace(folder / "sdhj" / file, old, new)
     environment = os.environ | {
         "NUMBA_DISABLE_JIT": "0" if compiled else "1",
         "NUMBA_CACHE_DIR": str(folder / "cache"),
         "PYTHONPATH": str(folder),
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # starting those takes as long as most of these tests
     }
-    command = [sys.executable, "-m", "pytest", "-n0", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
-    command += [f"-c{TESTS.parent / 'pyproject.toml'}", str(TESTS / tests), "-k", test]
+    command = [sys.executable, "-m", "pytest", "-o", "addopts=--import-mode=importlib", "-q", "-x"]
+    command += ["-p", "no:cacheprovider", "-m", "not bench", f"-c{TESTS.parent / 'pyproject.toml'}"]
+    command += [str(TESTS / tests), "-k", test]
     return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
+
+
+def _replace(path, old, new):
+    source = path.read_text()
+    assert old in source, f"{old!r} is not in {path.name} any more: say anew what to take out"
+    path.write_text(source.replace(old, new))
 
 
 def assert_needed(run):

@@ -7,6 +7,7 @@ level-set function is in metres.
 
 import inspect
 import math
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -166,7 +167,7 @@ def arm_case_study(
     scene = _scene(recipe)
     pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
     goal = TargetSet(JOINTS, scene.target_value)
-    return _problem(recipe, scene, v_p_max, goal, (*scene.known_unsafe(), pursuer))
+    return _problem(recipe, goal, (*scene.known_unsafe(), pursuer))
 
 
 def evader_case_study(
@@ -211,7 +212,7 @@ def evader_case_study(
     recipe = _recipe("evader_case_study", locals())  # nothing but the arguments exists yet
     scene = _scene(recipe)
     goal = TargetSet(ALL_AXES, scene.evader_value, name="evader")
-    return _problem(recipe, scene, v_e_max, goal, scene.known_unsafe())
+    return _problem(recipe, goal, scene.known_unsafe())
 
 
 BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
@@ -266,11 +267,11 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
-            counts = [value] * len(AXES) if np.ndim(value) == 0 else list(value)
+            several = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
+            counts = list(value) if several else [value] * len(AXES)
             if len(counts) != len(AXES):
-                raise ValueError(
-                    f"nodes must be one number or one for each of the axes {', '.join(AXES)}, got {value!r}"
-                )
+                told = f"{', '.join(AXES)}, got {reprlib.repr(value)}"
+                raise ValueError(f"nodes must be one number or one for each of the axes {told}")
             plain[name] = [whole("nodes", n, least=1, most=MOST) for n in counts]
         elif name == "steps":
             plain[name] = whole(name, value, least=1, most=MOST)
@@ -293,10 +294,13 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     return {"builder": builder, "arguments": plain}
 
 
+def _agent(recipe: Mapping[str, Any]) -> str:
+    return "pursuer" if "pursuer_radius" in recipe["arguments"] else "evader"
+
+
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:
     """The workspace that a recipe describes."""
-    given = recipe["arguments"]
-    agent = "pursuer" if "pursuer_radius" in given else "evader"
+    given, agent = recipe["arguments"], _agent(recipe)
     return ArmScene(
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
         obstacles=tuple(Disk.of(disk) for disk in given["obstacles"]),
@@ -307,12 +311,11 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
     )
 
 
-def _problem(
-    recipe: Mapping[str, Any], scene: ArmScene, agent_speed: float, target: TargetSet, unsafe: tuple[UnsafeSet, ...]
-) -> ReachAvoidProblem:
+def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
     """Grid and integrator dynamics (Eq. 9 and 10) around the sets of a case study."""
-    given = recipe["arguments"]
-    box, levels = scene.agent_box, np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
+    given, agent = recipe["arguments"], _agent(recipe)
+    box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]
+    levels = np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
     grid = Grid(
         lower=(-math.pi, -math.pi, -box, -box),
@@ -329,7 +332,7 @@ def _problem(
             inputs=inputs,
             drift=np.hstack([inputs, np.zeros_like(inputs)]),
             gain=np.eye(4),
-            bounds=np.array([given["v_d_max"], given["v_d_max"], agent_speed, agent_speed]),
+            bounds=np.array([given["v_d_max"], given["v_d_max"], speed, speed]),
         ),
         target=target,
         unsafe=unsafe,
