@@ -225,7 +225,9 @@ def info(table: Path) -> None:
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the draw.")
 @click.option(
-    "--certified", type=click.Path(path_type=Path), help="Certified table to hold an interpolated one against."
+    "--certified",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Certified table to hold an interpolated one against.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
 @click.option("--problem", help="module:function that returns the problem of a table of your own robot.")

@@ -135,6 +135,8 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
 
 def _regular(path: str | os.PathLike[str]) -> Path:
     """The file that a name stands for, links followed; OSError where something else than a file has that name."""
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
         path = Path(os.path.realpath(path))
         mode = os.stat(path).st_mode
@@ -257,7 +259,11 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     TableFileError
         Where the file is damaged, cut short, of another kind or of another version, or the problem is not the one it
         was solved for.
+    ValueError
+        Where `path` or `problem` is something else.
     """
+    if not isinstance(problem, ReachAvoidProblem | None):
+        raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
     with _opened(path) as (told, file):
         if problem is None:
             recipe = told["recipe"]
