@@ -16,8 +16,9 @@ LAST = 2.0**-49  # of a value, by which an answer is widened: sixteen units in t
 
 EXACT: dict[Any, Any] = dict.fromkeys((np.maximum, np.fmax, np.logical_or, np.bitwise_or), np.maximum)
 EXACT |= dict.fromkeys((np.minimum, np.fmin, np.logical_and, np.bitwise_and), np.minimum)
+EXACT |= {step: step for step in (np.floor, np.ceil, np.trunc, np.sign, np.positive)}
 RISING: set[Any] = {np.exp, np.expm1, np.log, np.log1p, np.log2, np.cbrt, np.arctan, np.arcsin, np.sinh, np.tanh}
-RISING |= {np.floor, np.ceil, np.sign, np.add, np.deg2rad, np.radians, np.trunc, np.arcsinh, np.positive}
+RISING |= {np.add, np.deg2rad, np.radians, np.arcsinh}
 ALIKE = "stack concatenate vstack hstack column_stack broadcast_to broadcast_arrays reshape ravel transpose moveaxis "
 ALIKE += "squeeze expand_dims atleast_1d atleast_2d take roll zeros_like ones_like full_like empty_like max min amax "
 ALIKE += "amin clip any all copy flip tile repeat"
