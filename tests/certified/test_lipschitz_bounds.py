@@ -5,10 +5,11 @@ import dataclasses
 import naive_certified as naive
 import numpy as np
 import pytest
-from toys import interval_problem, unicycle_problem
+from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified import LipschitzBounds
+from sdhj.certified.bounds import Bounds
 
 UNICYCLE = LipschitzBounds(
     dynamics=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]), sets={"target": [1.0, 1.0], "pillar": [1.0, 1.0]}
@@ -125,6 +126,14 @@ def test_a_function_may_jump_at_the_seam(part, rng):
         if jump:  # from the far side of the disk both ways lead through it or are too long
             assert not table.contains([[2.9], [2.75]], start=0, within=6).any()
         naive.assert_runs_succeed(table, naive.states_in(table, rng, 2000), rng)
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0])
+def test_a_box_across_the_seam_has_values_of_both_sides(slope):
+    problem = torus_problem()
+    part = sdhj.UnsafeSet((1,), lambda q, t: slope * q[:, 0])
+    least, most = Bounds(problem, LipschitzBounds()).level(part, np.array([[3.0]]), np.array([[3.5]]), 0.0, 0.0)
+    np.testing.assert_allclose([least[0], most[0]], [-np.pi, np.pi], rtol=1e-15)
 
 
 def test_bounds_of_two_sets_of_one_name_are_not_told_apart():
