@@ -2,8 +2,10 @@
 
 A set that moves faster than it says, or a `swept` that leaves a part of it out, is met where nobody expects it; a
 function that answers differently when it is asked twice makes a table of one problem and a run of another. They are
-asked at some nodes, in every step and at uneven times within it: evenly spaced ones would miss what vibrates. Only
-problems of more than `STEPS` steps are tried at times drawn from all of them instead.
+asked at some nodes, in every step and at uneven times within it: evenly spaced ones would miss what vibrates. In
+problems of hundreds of steps each gets fewer times, down to one; only those of more than `MOMENTS` steps are not met in
+every one. What comes and goes between those times is not seen here: certificates see it, because there level sets are
+called with whole intervals of time (`sdhj.certified.bounds`), and where that goes through no rate is believed.
 """
 
 from collections.abc import Sequence
@@ -19,8 +21,9 @@ from sdhj.grid import FloatArray
 if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
-STEPS = 200
-PARTS = 4  # of a step, where there are few: a run is judged at 20 times of a step, which are then no closer
+MOMENTS = 20_000  # times at most
+FEW = 50  # steps, each tried in parts
+PARTS = 4  # of a step: a run is judged at 20 times of a step, which are then no closer
 QUESTIONS = 500_000  # values at most of one function
 CHECKED = 5000  # nodes at most
 VISITED = 200  # nodes at which velocities are asked for
@@ -45,10 +48,12 @@ def tried(problem: "ReachAvoidProblem") -> None:
 def _moments(problem: "ReachAvoidProblem") -> FloatArray:
     """Times at which sets are tried, ascending: (T,)."""
     steps = problem.steps or UNDECIDED_STEPS
-    parts = PARTS if steps * PARTS <= STEPS else 1
-    if steps <= STEPS:
+    parts = PARTS if steps <= FEW else 1
+    if steps * len(INSTANTS) <= MOMENTS:
         return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
-    return np.sort([0.0, 1.0, *np.random.default_rng(0).random(STEPS * len(INSTANTS))]) * steps * problem.delta
+    spans = min(steps, MOMENTS)  # one time, drawn, in each
+    drawn = (np.arange(spans) + np.random.default_rng(0).random(spans)) / spans
+    return np.array([0.0, *drawn, 1.0]) * steps * problem.delta
 
 
 def _some_nodes(problem: "ReachAvoidProblem", axes: Sequence[int], most: int) -> FloatArray:
@@ -85,7 +90,8 @@ def _try_rate(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
 
 def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     assert part.swept is not None
-    steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, STEPS)).astype(np.int64))
+    most = MOMENTS // len(INSTANTS)
+    steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, most)).astype(np.int64))
     points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
     for step in steps.tolist():
         t0, t1 = problem.time(step), problem.time(step + 1)

@@ -84,6 +84,26 @@ def test_what_moves_for_a_while_is_found_among_many_steps(steps):
         on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps)
 
 
+def test_every_one_of_thousands_of_steps_is_looked_at():
+    def visit(p, t):  # for two steps: in one of them, whatever the time that is drawn
+        return np.where(321.0 < t < 321.2, 1.0, 2.0) + 0.0 * p[:, 0]
+
+    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
+        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=9000)
+
+
+def test_a_proof_sees_what_comes_and_goes_between_the_times_that_are_tried():
+    def wink(p, t):
+        return np.where((t > 0.1234) & (t < 0.1235), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
+
+    problem = on_line(unsafe=(UnsafeSet((0,), wink, name="wink"),))
+    with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'wink'"):
+        believed = sdhj.solve(problem, progress=False).hazards([[2.0], [0.5]], 1)
+    proved = sdhj.solve(problem, Certified(cells=[60]), progress=False).hazards([[2.0], [0.5]], 1)
+    assert (believed < 0).any(axis=1).tolist() == [True, True]
+    assert (proved < 0).any(axis=1).tolist() == [False, True]
+
+
 def test_a_swept_function_is_tried_in_every_step():
     def near(p, t):
         return np.abs(p[:, 0] - 3.0 + t) - 0.1
