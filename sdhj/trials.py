@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 MOMENTS = 20_000  # times at most
-FEW = 50  # steps, each tried in parts
+FEW_STEPS = 50  # steps, each tried in parts
 PARTS = 4  # of a step: a run is judged at 20 times of a step, which are then no closer
 QUESTIONS = 500_000  # values at most of one function
 CHECKED = 5000  # nodes at most
@@ -48,7 +48,7 @@ def tried(problem: "ReachAvoidProblem") -> None:
 def _moments(problem: "ReachAvoidProblem") -> FloatArray:
     """Times at which sets are tried, ascending: (T,)."""
     steps = problem.steps or UNDECIDED_STEPS
-    parts = PARTS if steps <= FEW else 1
+    parts = PARTS if steps <= FEW_STEPS else 1
     if steps * len(INSTANTS) <= MOMENTS:
         return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
     spans = min(steps, MOMENTS)  # one time, drawn, in each
