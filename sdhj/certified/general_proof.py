@@ -292,8 +292,8 @@ class GeneralProof:
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         cells = np.unravel_index(self.layout.begin[slice(*places)], self.layout.counts)
         for axis, (own, cell) in enumerate(zip(self.axes, cells, strict=True)):
-            known, safe = self.strides[axis] > 0, "safe" in self.problem.grid.ends[axis]
-            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], known, safe)
+            known = bool(self.strides[axis] > 0)
+            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], known)
         if max(-low.min(), high.max()) > np.iinfo(np.int16).max:
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high
