@@ -213,9 +213,7 @@ def _decide(states, rows, when, shelf, reach, lattice, room, out):
     for r in range(rows.size):
         m = rows[r]
         state = states[m]
-        to_go[m] = -1
-        safe[m] = False
-        margins[m] = np.inf
+        to_go[m], safe[m], margins[m] = -1, False, np.inf
         if not on_grid(state, lattice):
             continue
         count = corners(state, room.axes, lattice, TINY, index, weight)

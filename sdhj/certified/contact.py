@@ -80,10 +80,10 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
     for i1 in prange(n1):
-        room, block, first_link = links.make_room(), np.empty(words, np.uint64), np.zeros(words, np.uint64)
+        room, first_link = links.make_room(), np.zeros(words, np.uint64)
         touch_swept(0, moves1[i1], moves2[0], arm, agent, room, first_link)
         for i2 in range(n2):
-            block[:] = first_link
+            block = first_link.copy()
             touch_swept(1, moves1[i1], moves2[i2], arm, agent, room, block)
             for word in range(words):
                 out[i1, i2, word] = ~block[word]
@@ -169,11 +169,12 @@ def cells_clear(edges1, edges2, velocities, disks, arm, out):
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
         room, cell, wanted = links.make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
-        cell[0, :2] = edges1[i1 : i1 + 2]
+        cell[0, 0], cell[0, 1] = edges1[i1], edges1[i1 + 1]
         for i2 in range(n2):
-            cell[1, :2] = edges2[i2 : i2 + 2]
+            cell[1, 0], cell[1, 1] = edges2[i2], edges2[i2 + 1]
             for j in range(inputs):
-                cell[:, 2:] = velocities[:, j]
+                for joint in range(2):
+                    cell[joint, 2], cell[joint, 3] = velocities[joint, j, 0], velocities[joint, j, 1]
                 blocked = steps_blocked(cell, disks, arm, room, wanted)
                 for step in range(steps):
                     out[step, j, i1, i2] = (blocked >> np.uint64(step)) & BIT == 0

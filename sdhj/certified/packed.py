@@ -103,7 +103,8 @@ def erode_packed(cells, shifts, passes):
     for row in prange(rows):
         block = np.empty(words, np.uint64)
         for axis in range(shifts.shape[0]):
-            block[:] = cells[row]
+            for word in range(words):
+                block[word] = cells[row, word]
             for k in range(shifts.shape[1]):
                 for word in range(words if shifts[axis, k] != 0 else 0):
                     cells[row, word] &= _shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
@@ -114,9 +115,9 @@ def erode_rows(cells, first, number, out):
     """out[i] = AND of cells[(first[i] + c) % n] for c < number[i], of rows of (n, W) arrays."""
     n, words = cells.shape
     for row in prange(n):
-        i = np.int64(row)
-        k = first[i]
-        out[i] = cells[k]
+        i, k = np.int64(row), first[row]
+        for word in range(words):
+            out[i, word] = cells[k, word]
         for _ in range(1, number[i]):
             k = k + 1 if k + 1 < n else 0
             for word in range(words):
