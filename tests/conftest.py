@@ -1,14 +1,22 @@
 """What holds for every test: floating-point errors raise, figures are closed, random numbers are seeded."""
 
+import os
 import sys
 from collections.abc import Iterator
 
 import hypothesis
 import matplotlib
+import numba
 import numpy as np
 import pytest
 
 matplotlib.use("Agg")  # draws without a screen
+
+# Two workers with two threads each, on two cores, would spend most of their time waiting for one another, and OpenMP waits
+# at full speed. Tests of threads ask for two themselves, and the programs that tests start have all.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    numba.set_num_threads(1)
 
 # The same examples in every run; no time limit for one example, because the first one compiles the kernels.
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)

@@ -8,10 +8,11 @@ import numpy as np
 
 def ghost(values, index, shape, periodic):
     """Value at a multi-index that may leave the grid: wrapped on a periodic axis, held at a wall."""
-    inside = []
-    for i, n, wraps in zip(index, shape, periodic, strict=True):
-        inside.append(i % n if wraps else min(max(i, 0), n - 1))
-    return float(values[tuple(inside)])
+    inside = tuple(
+        i if 0 <= i < n else i % n if wraps else min(max(i, 0), n - 1)
+        for i, n, wraps in zip(index, shape, periodic, strict=True)
+    )
+    return float(values[inside])
 
 
 def eno_derivatives(line, order, dx):
