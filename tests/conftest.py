@@ -12,8 +12,8 @@ import pytest
 
 matplotlib.use("Agg")  # draws without a screen
 
-# Two workers with two threads each, on two cores, would spend most of their time waiting for one another, and OpenMP waits
-# at full speed. Tests of threads ask for two themselves, and the programs that tests start have all.
+# Two workers with two threads each, on two cores, would mostly wait for one another, and OpenMP waits at full speed.
+# Tests of threads ask for two themselves, and the programs that tests start have all.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     numba.set_num_threads(1)
