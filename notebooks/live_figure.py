@@ -1,17 +1,19 @@
 """A figure to draw on again and again, because to make and to draw axes takes longer than to draw what is in them."""
 
+import struct
+import zlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
+from PIL.PngImagePlugin import PngInfo, putchunk
 
 FAST = 1  # of 9: without transparency half the time of the usual 6 with it, for a file at most a third larger
+ABOVE = 2  # the filter of rows that are stored as what changes from the row above: most of a picture does not
 
 
 class LiveFigure(Figure):
@@ -65,7 +67,7 @@ class LiveFigure(Figure):
             self._laid_out = False
         self._waiting = []
 
-    def savefig(self, fname: Any, *, metadata: Mapping[str, str], **_: Any) -> None:  # type: ignore[override]
+    def savefig(self, fname: BinaryIO, *, metadata: Mapping[str, str], **_: Any) -> None:  # type: ignore[override]
         """Write what is drawn as a PNG file, in the figure's own resolution."""
         self._forget_waiting()
         if not self._laid_out:
@@ -84,11 +86,7 @@ class LiveFigure(Figure):
         finally:
             for part in hidden:
                 part.set_visible(True)
-        words = PngInfo()
-        for name, text in metadata.items():
-            words.add_text(name, text)
-        picture = Image.fromarray(np.asarray(self._agg.buffer_rgba())).convert("RGB")
-        picture.save(fname, "png", pnginfo=words, dpi=(self.dpi, self.dpi), compress_level=FAST)
+        write_png(fname, np.asarray(self._agg.buffer_rgba())[..., :3], self.dpi, metadata)
 
     def _draw_frames(self, frames: list[Any]) -> None:
         """Put the background on the canvas, drawn anew where something else is to be seen on it."""
@@ -103,6 +101,26 @@ class LiveFigure(Figure):
             self._framed, self._background = framed, self._agg.copy_from_bbox(self.bbox)
         else:
             self._agg.restore_region(self._background)
+
+
+def write_png(file: BinaryIO, pixels: Any, dpi: float, metadata: Mapping[str, str]) -> None:
+    """Write colours (height, width, 3), uint8, in two thirds of the time of a library that tries all filters."""
+    height, width = pixels.shape[:2]
+    rows = np.full((height, 1 + 3 * width), ABOVE, np.uint8)
+    values = rows[:, 1:]
+    values[:] = pixels.reshape(height, -1)
+    values[1:] -= values[:-1].copy()
+    words = PngInfo()
+    for name, text in metadata.items():
+        words.add_text(name, text)
+    per_metre = round(dpi / 0.0254)
+    file.write(b"\x89PNG\r\n\x1a\n")
+    putchunk(file, b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0))
+    putchunk(file, b"pHYs", struct.pack(">2IB", per_metre, per_metre, 1))
+    for name, text, *_ in words.chunks:
+        putchunk(file, name, text)
+    putchunk(file, b"IDAT", zlib.compress(rows, FAST))
+    putchunk(file, b"IEND")
 
 
 def _place(spec: Any = None, *_: Any) -> Any:

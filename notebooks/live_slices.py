@@ -1,7 +1,7 @@
 """Slices that follow a slider: pictures made of pixels, because filled contours cost ten times as much."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,15 +36,17 @@ def slice_values(
     slab = np.asarray(values)
     for axis in reversed(range(grid.ndim)):
         if axis not in axes:
-            weights = _weights(grid, axis, np.array([through[axis]]))[0]
-            slab = sum(weights[node] * slab.take(node, axis) for node in np.flatnonzero(weights))
-    return _weights(grid, axes[1], y) @ slab.T @ _weights(grid, axes[0], x).T
+            weights = _weights(grid, axis, (float(through[axis]),))[0]
+            ahead = (slice(None),) * axis
+            slab = sum(weights[node] * slab[(*ahead, node)] for node in np.flatnonzero(weights))
+    return _weights(grid, axes[1], tuple(y)) @ slab.T @ _weights(grid, axes[0], tuple(x)).T
 
 
-def _weights(grid: Grid, axis: int, coordinates: FloatArray) -> FloatArray:
+@lru_cache(maxsize=64)
+def _weights(grid: Grid, axis: int, coordinates: tuple[float, ...]) -> FloatArray:
     """The share of each node in the linear interpolation at each coordinate, (len(coordinates), nodes)."""
     nodes = grid.shape[axis]
-    position = (coordinates - grid.lower[axis]) / grid.spacing[axis]
+    position = (np.array(coordinates) - grid.lower[axis]) / grid.spacing[axis]
     left = np.floor(position).astype(int)
     if not grid.periodic[axis]:
         left = np.clip(left, 0, nodes - 2)
@@ -113,7 +115,8 @@ def draw_steps(ax: Axes, table: Table, fewest: FloatArray, *, within: int, axes:
 
 def draw_pixels(ax: Axes, image: FloatArray, extent: Extent, gid: str, zorder: float = 1.0) -> None:
     """Colours (Y, X, 4) as they are, without smoothing."""
-    ax.imshow(image, extent=extent, origin="lower", interpolation="nearest", aspect="auto", zorder=zorder, gid=gid)
+    whole = (np.asarray(image) * 255).astype(np.uint8)  # as Matplotlib does, but before it makes the image larger
+    ax.imshow(whole, extent=extent, origin="lower", interpolation="nearest", aspect="auto", zorder=zorder, gid=gid)
 
 
 def draw_sets_quickly(
