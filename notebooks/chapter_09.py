@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
@@ -23,6 +23,8 @@ from sdhj.table import Table
 TURNED = {"hji": "#6aa6d6", "projected": "#46ab9f"}  # the colours of Fig. 13
 VIEW = 1.85  # half a side of the picture of a turned box, whose half-diagonal is 1.73
 SIDE = 390  # pixels of it
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+EDGES = np.array([(one, other) for one, other in combinations(CORNERS, 2) if (one != other).sum() == 1])  # of the box
 FINE = 2  # parts of a pixel's side, for smooth edges
 
 
@@ -150,16 +152,13 @@ def draw_turned(ax: Axes, body: Body, *, azimuth: float, elevation: float, colou
     paint(seen, np.round(255 * light[:, None] * to_rgb(colour)).astype(np.uint8), image, heights)
     smooth = np.asarray(Image.fromarray(image).reduce(FINE))
     ax.imshow(smooth, extent=(-VIEW, VIEW, -VIEW, VIEW), interpolation="nearest", zorder=2.0, gid="surface")
-    corners = [np.array(corner, dtype=np.float64) for corner in product((-1, 1), repeat=3)]
-    for corner, axis in product(corners, range(3)):
-        if corner[axis] < 0:
-            other = corner + 2.0 * np.eye(3)[axis]
-            ends = turned(np.stack([corner, other]), azimuth, elevation)
-            layer = 1.0 if ends[:, 2].mean() < 0 else 3.0  # edges behind the body and in front of it
-            ax.plot(*ends[:, :2].T, color="#8c8c8c", linewidth=0.7, linestyle="-", zorder=layer)
-            if corner is corners[0]:
-                label = turned(other * 1.14, azimuth, elevation)[:2]
-                ax.text(*label, ("q1", "q2", "px")[axis], ha="center", va="center", zorder=4.0)
+    ends = turned(EDGES, azimuth, elevation)
+    behind = ends[..., 2].mean(axis=1) < 0
+    for edges, layer in ((ends[behind], 1.0), (ends[~behind], 3.0)):  # behind the body and in front of it
+        parted = np.pad(edges[..., :2], ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 2)
+        ax.plot(*parted.T, color="#8c8c8c", linewidth=0.7, linestyle="-", zorder=layer)
+    for name, label in zip(("q1", "q2", "px"), turned((2 * np.eye(3) - 1) * 1.14, azimuth, elevation), strict=True):
+        ax.text(*label[:2], name, ha="center", va="center", zorder=4.0)
     ax.set(xlim=(-VIEW, VIEW), ylim=(-VIEW, VIEW), aspect="equal")
     ax.axis("off")
 
