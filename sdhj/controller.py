@@ -14,6 +14,7 @@ import numpy as np
 from sdhj.batches import NOT_ADMISSIBLE, Batch, take_best
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
+from sdhj.realtime import RealTime
 from sdhj.table import Table
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ RULES: dict[str, Rule] = {  # of the scores (P,) the least wins
 }
 
 
-class Controller:
+class Controller(RealTime):
     """Set-valued feedback from a table, for any state, on or off the grid (Algorithm 2).
 
     Queries of one state may come from several threads at once, also while a solve runs. Where neither target nor unsafe

@@ -17,6 +17,7 @@ from sdhj.checks import ascending, check_function, finite_array, number, option,
 from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
+from sdhj.sensing import Sensing, half_widths
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # times as deep inside, by sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
@@ -145,6 +146,8 @@ class ReachAvoidProblem:
         (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
     recipe : mapping, optional
         {"builder": name, "arguments": {...}} with which a saved table rebuilds its problem; set by the case studies.
+    sensing : Sensing
+        Measurement error, delay and jitter, by default none; `sdhj.prediction` says what the sets then mean.
 
     Raises
     ------
@@ -161,6 +164,7 @@ class ReachAvoidProblem:
     view_time: str = "swept"
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
+    sensing: Sensing = field(default_factory=Sensing)
 
     def __post_init__(self) -> None:
         self._check_parts()
@@ -189,6 +193,8 @@ class ReachAvoidProblem:
             if part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
         self._check_goals()
+        if self.sensing:
+            importlib.import_module("sdhj.prediction").check_sensing(self)
 
     def _check_goals(self) -> None:
         steps = range((self.steps or 0) + 1)
@@ -211,6 +217,8 @@ class ReachAvoidProblem:
             object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.target, TargetSet):
             raise ValueError(f"target must be a TargetSet, or None to stay safe, got {self.target!r}")
+        if not isinstance(self.sensing, Sensing):
+            raise ValueError(f"sensing must be a sdhj.Sensing, for example Sensing(error=0.01), got {self.sensing!r}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {self.unsafe!r}")
@@ -254,7 +262,7 @@ class ReachAvoidProblem:
         """At some nodes, in some intervals: a `swept` that leaves out a part of the set leads the robot into it."""
         assert part.swept is not None
         for step in np.unique(np.linspace(0, self.steps - 1, min(self.steps, INTERVALS)).astype(int)).tolist():
-            t0, t1 = self.time(step), self.time(step + 1)
+            t0, t1 = self.span(step)
             swept = finite_array(f"swept of {part.name!r}", part.swept(points, t0, t1), (len(points),))
             for t in np.linspace(t0, t1, 5).tolist():
                 excess = swept - part.level_set(points, t)
@@ -272,14 +280,24 @@ class ReachAvoidProblem:
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """t_k of a step, s."""
-        return step * self.delta
+        """t_k of a step, s; where there is a delay s_k, when its input starts."""
+        return step * self.delta + self.sensing.delay
+
+    def span(self, step: int) -> tuple[float, float]:
+        """When the input of a step may start at the earliest and end at the latest, s."""
+        return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
+
+    @cached_property
+    def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """As `sdhj.sensing.half_widths`."""
+        return half_widths(self)
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
-            self._intervals[step] = Interval(self.grid, self.dynamics, self.time(step), self.delta)
+            j, (begin, _), wider = self.sensing.jitter, self.span(step), self.half_widths[1]
+            self._intervals[step] = Interval(self.grid, self.dynamics, begin, self.delta + 2 * j, 4 * j, wider)
         return self._intervals[step]
 
     @cached_property
@@ -360,10 +378,12 @@ class ReachAvoidProblem:
         Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends, with what lies beyond
         safe ones.
         """
-        t, grid = self.time(step), self.grid
-        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self._target_at(t), self.target.axes)
+        t, j, grid, values = self.time(step), self.sensing.jitter, self.grid, np.full((1,) * self.grid.ndim, -np.inf)
+        for at in () if self.stays else (t - j, t, t + j) if j else (t,):
+            values = np.maximum(values, grid.lift(self._target_at(at), self.target.axes))
         for part in self.unsafe:
-            values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
+            g = self.unsafe_over(part, t - j, t + j) if j and part.moving else self.unsafe_at(part, t)
+            values = np.maximum(values, -grid.lift(g, part.axes))
         if self.stays:
             values = np.minimum(np.maximum(values, -self.to_ends("unsafe")), self.to_ends("safe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
@@ -411,12 +431,12 @@ class ReachAvoidProblem:
 
         grid, dynamics, inputs = self.grid, self.dynamics, range(len(self.inputs))
         add(grid.lower, grid.upper, grid.shape, grid.periodic, self.inputs, self.delta, self.steps)
-        h.update(f"{self.view_time} {grid.ends}".encode())
+        h.update(f"{self.view_time} {grid.ends}{self.sensing or ''}".encode())
         if dynamics.constant:
             add(dynamics.bounds, dynamics.drift, dynamics.gain)
         else:
             points, halves = grid.points(), range(2 * self.steps + 1) if dynamics.timed else range(1)
-            for t in (half * self.delta / 2 for half in halves):
+            for t in (half * self.delta / 2 + self.sensing.delay for half in halves):
                 add(*(dynamics.drift_at(points, j, t) for j in inputs))
                 for j in inputs[:1] if dynamics.alike else inputs:
                     add(dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))

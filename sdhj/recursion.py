@@ -22,6 +22,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 from sdhj.resolution import check_resolution
+from sdhj.sensing import shrunk
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -193,7 +194,7 @@ class GridSets:
         self.shared = 0
 
     def goal(self, step: int) -> None:
-        self.table.value_array(step, 0)[:] = self.problem.goal(step)
+        self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
 
     def extend(self, step: int, within: int) -> None:
         """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
@@ -203,7 +204,9 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         tube[:] = np.inf if stays else before
-        for j, reach in self.games.reach(table.value_array(step + 1, within - 1), step):
+        later = shrunk(self.problem, table.value_array(step + 1, within - 1))
+        for j, phi in self.games.reach(later, step):
+            reach = shrunk(self.problem, phi)
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error

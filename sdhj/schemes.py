@@ -228,6 +228,7 @@ def evolve(
     *,
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
+    early: float = 0.0,
 ) -> FloatArray:
     """Solve d Phi / d tau = H(tau, x, D Phi), Phi(tau = 0) = values, with Phi >= obstacle if one is given.
 
@@ -244,6 +245,9 @@ def evolve(
     steps : int, optional
         Number of time steps; by default what the CFL condition asks for, which velocities that depend on tau do not
         say: they need it.
+    early : float
+        How much sooner than after `duration` the adversary may stop the game, s; for velocities and obstacles that do
+        not depend on tau.
 
     Returns
     -------
@@ -254,6 +258,10 @@ def evolve(
     ValueError
         Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
     """
+    if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
+        stop = values if obstacle is None else np.maximum(values, obstacle)
+        values = evolve(grid, values, velocities, early, scheme, obstacle=stop)
+        duration, steps = duration - early, None
     if steps is None:
         if callable(velocities):
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
