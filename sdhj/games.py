@@ -80,50 +80,6 @@ class _OnAxes:
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
-
-
-@dataclass(frozen=True)
-class Wall:
-    """-g of an unsafe set on the subgrid of some axes.
-
-    Attributes
-    ----------
-    axes : tuple of int
-    over : callable (t0, t1) -> array
-        What the state must not touch at any time of [t0, t1].
-    instant : bool
-        Whether it is to be asked for each short time (view_time="instantaneous"); else once, for the whole interval.
-    """
-
-    axes: Axes
-    over: Callable[[float, float], FloatArray]
-    instant: bool
-
-    @classmethod
-    def of(cls, problem: ReachAvoidProblem, part: UnsafeSet, axes: Axes) -> "Wall":
-        """The wall of an unsafe set of the problem.
-
-        An instantaneous set is taken at all times of a time step, or what is fast slips past between two of them.
-        """
-        instant = part.moving and problem.view_time == "instantaneous"
-        view_time = "swept" if instant else problem.view_time
-        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
-
-
-class _OnAxes:
-    """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
-
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
-        self.problem = problem
-        self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
-        self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
-        self.count, self.duration, self.early = (
-            len(problem.inputs),
-            problem.interval(0).delta,
-            problem.interval(0).early,
-        )
-
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
         return self.tubes(Wall.of(self.problem, part, self.problem.avoid_axes(part)), step)
