@@ -78,9 +78,9 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
                 "between the nodes (use more, or enlarge it), or is out of reach",
                 stacklevel=5,
             )
-    for own, tubes in zip(axes, (static[None], moving), strict=True):
-        for tube in tubes.reshape(-1, *tubes.shape[2:]) if own and problem.sensing else ():
-            tube[:] = shrunk(problem, tube, own)
+    for kept, tubes in zip(axes, (static[None], moving), strict=True):
+        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
+            tube[:] = shrunk(problem, tube, kept)
     return AvoidTubes(axes[0], static, axes[1], moving)
 
 

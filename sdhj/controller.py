@@ -86,6 +86,7 @@ class Controller(RealTime):
 
     Queries of one state may come from several threads at once, also while a solve runs. Where neither target nor unsafe
     sets depend on the time, `select(q, 0)` is right at any time, so a robot may run for as long as it likes.
+    With `Sensing` the states asked for are predictions, made by `predict`; `step` does all that a loop needs.
 
     Parameters
     ----------

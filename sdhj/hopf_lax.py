@@ -166,8 +166,10 @@ def maximum_over_paths(
 
     Between two of them the corners move on straight lines: those boxes are in the one that holds both.
     """
+    if len(boxes) == 1:
+        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation)
     found: dict[int, FloatArray] = {}
     for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
         for j, most in maximum_over_boxes(grid, values, low, high, interpolation):
             found[j] = np.maximum(found.get(j, most), most)
-    yield from found.items() if len(boxes) > 1 else maximum_over_boxes(grid, values, *boxes[0], interpolation)
+    yield from found.items()

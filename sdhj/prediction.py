@@ -44,6 +44,7 @@ as long as the last term is positive: each step gains what the slowest robot mov
 Nothing beyond the target is left from e = (1 - b) (delta - 2 j) / 2 - d b on. A wall at q >= c cuts W^n off at c - 2 E.
 """
 
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,6 @@ from sdhj.checks import finite_array, number, whole
 from sdhj.dynamics import INSTANTS
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.realtime import Action
 from sdhj.sensing import shrunk
 
 if TYPE_CHECKING:
@@ -154,6 +154,34 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
         t = problem.time(step) - delay * (1 - part / parts)
         states = interval.advance(states, previous, still, t, delay / parts)
     return states
+
+
+@dataclass(frozen=True)
+class Action:
+    """What to do from the next start of an input on, one delay after the measurement.
+
+    Attributes
+    ----------
+    input : int
+        Index into problem.inputs.
+    step : int
+        The instant that the measurement was taken for.
+    steps_to_go : int or None
+        As `Controller.steps_to_go`, of the prediction; 0 is success, None where it is not admissible.
+    promised : bool
+        Whether the table promises it, `Batch.promised`. Never where the instant was missed.
+    late : float
+        By how much the measurement came after its instant, s; negative where it came before.
+    missed : bool
+        Whether that is more than the jitter the table was solved for, or no measurement came at the instant before.
+    """
+
+    input: int
+    step: int
+    steps_to_go: int | None
+    promised: bool
+    late: float
+    missed: bool
 
 
 def acted(controller: "Controller", measurement: FloatArray, time: float, fallback: bool) -> Action:

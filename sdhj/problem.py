@@ -193,8 +193,7 @@ class ReachAvoidProblem:
             if part.moving and part.swept is not None and self.view_time == "swept":
                 self._check_swept(part, points)
         self._check_goals()
-        if self.sensing:
-            importlib.import_module("sdhj.prediction").check_sensing(self)
+        self.sensing.check(self)
 
     def _check_goals(self) -> None:
         steps = range((self.steps or 0) + 1)
@@ -284,20 +283,17 @@ class ReachAvoidProblem:
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
-        """When the input of a step may start at the earliest and end at the latest, s."""
+        """When the input of a step may start and end, s, with all jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
-    @cached_property
-    def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """As `sdhj.sensing.half_widths`."""
-        return half_widths(self)
+    half_widths = cached_property(half_widths)
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
-            j, (begin, _), wider = self.sensing.jitter, self.span(step), self.half_widths[1]
-            self._intervals[step] = Interval(self.grid, self.dynamics, begin, self.delta + 2 * j, 4 * j, wider)
+            held = self.sensing.held(self.delta)
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *held, self.half_widths[1])
         return self._intervals[step]
 
     @cached_property

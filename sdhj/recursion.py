@@ -204,8 +204,7 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         tube[:] = np.inf if stays else before
-        later = shrunk(self.problem, table.value_array(step + 1, within - 1))
-        for j, phi in self.games.reach(later, step):
+        for j, phi in self.games.reach(shrunk(self.problem, table.value_array(step + 1, within - 1)), step):
             reach = shrunk(self.problem, phi)
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))

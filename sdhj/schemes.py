@@ -259,7 +259,7 @@ def evolve(
         Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
     """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
-        stop = values if obstacle is None else np.maximum(values, obstacle)
+        stop = values if obstacle is None else np.maximum(values, np.asarray(obstacle))
         values = evolve(grid, values, velocities, early, scheme, obstacle=stop)
         duration, steps = duration - early, None
     if steps is None:

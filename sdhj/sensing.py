@@ -55,6 +55,15 @@ class Sensing:
         """Whether anything is not exact or not at once."""
         return bool(np.any(self.error) or self.delay or self.jitter)
 
+    def held(self, delta: float) -> tuple[float, float]:
+        """The longest time for which an input may be held, s, and how much sooner that may end."""
+        return delta + 2 * self.jitter, 4 * self.jitter
+
+    def check(self, problem: "ReachAvoidProblem") -> None:
+        """Raise ValueError where a problem does not fit it."""
+        if self:
+            importlib.import_module("sdhj.prediction").check_sensing(problem)
+
 
 def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
     """As `sdhj.prediction.half_widths`, of a problem that is checked; zeros where nothing is uncertain."""

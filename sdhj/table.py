@@ -246,10 +246,7 @@ class LookupTable:
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) lies in the tube, by multilinear interpolation: bool (M,).
-
-        With `Sensing`: whether all that the controller may take that state for does.
-        """
+        """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,)."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
