@@ -13,6 +13,7 @@ import reprlib
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ import numpy as np
 import sdhj
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
+from sdhj.sensing import Sensing
 
 if TYPE_CHECKING:
     from sdhj.table import Table
@@ -142,6 +144,7 @@ def _write_header(file: h5py.File, table: "Table") -> None:
         delta=problem.delta,
         steps=problem.steps,
         view_time=problem.view_time,
+        sensing=json.dumps(vars(problem.sensing)),
     )
     file.create_group("grid").attrs.update({name: getattr(problem.grid, name) for name in LAYOUT})
     file["inputs"] = problem.inputs
@@ -212,6 +215,8 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
                     f"{path} was solved for your own problem {attrs['problem']!r}: give it as load(path, problem=...)"
                 )
             problem = imported(rebuild)(recipe)
+            sensing = Sensing(**json.loads(attrs.get("sensing", "{}")))
+            problem = replace(problem, sensing=sensing) if sensing else problem
         if problem.digest != (digest := str(attrs["digest"])):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {digest[:12]}..., that of "
@@ -254,6 +259,7 @@ def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
     told |= {name: (np.asarray(layout[name]).tolist(), np.asarray(getattr(grid, name)).tolist()) for name in LAYOUT}
+    told["sensing"] = file.attrs.get("sensing", "none"), json.dumps(vars(problem.sensing))
     told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
     found = [
         f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"

@@ -99,6 +99,10 @@ class Certified:
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
         if problem.steps is None:
             raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
+        if problem.sensing:
+            raise ValueError(
+                f"method {self.name!r} proves nothing of measurement error, delay or jitter yet: use 'hji'"
+            )
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             return CellSets(ArmProof.of(problem, axes, self.parts), progress)
