@@ -31,7 +31,8 @@ part of it. The sets are not the largest: a prediction is judged by itself, with
 the error of its prediction count as independent, though with d > 0 one disturbance makes both.
 
 On a grid, shrinking a set by a box is the maximum of its level-set function over the box (`sdhj.hopf_lax`, "linear": of
-what the controller reads between the nodes). Near an unsafe end the box has to be on the grid.
+what the controller reads between the nodes). Near an unsafe end the box has to be on the grid. Whether W holds a state
+between the nodes is asked of M itself, all around it.
 
 *In closed form.* dq = u + v, u in {-1, 0, 1}, |v| <= b < 1, target |q| <= r; T = delta + 2 j, S = delta - 2 j. Here
 E = e + d b, and the sets are intervals around 0. M^0 has the half-width r - E; W^n has E less than M^n. u = 1 leads
@@ -44,6 +45,7 @@ as long as the last term is positive: each step gains what the slowest robot mov
 Nothing beyond the target is left from e = (1 - b) (delta - 2 j) / 2 - d b on. A wall at q >= c cuts W^n off at c - 2 E.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -54,6 +56,7 @@ from sdhj.batches import NOT_ADMISSIBLE
 from sdhj.checks import finite_array, number, whole
 from sdhj.dynamics import INSTANTS
 from sdhj.grid import FloatArray
+from sdhj.hopf_lax import maximum_over_boxes
 from sdhj.problem import ReachAvoidProblem
 from sdhj.sensing import shrunk
 
@@ -62,7 +65,7 @@ if TYPE_CHECKING:
 
 TERMS = 60  # of an exponential series
 PARTS = 8  # steps of order 4 in which a measurement is moved on
-ROUNDING = 1e-9  # of times, s
+CLOCK = 1e-9  # of times, s
 
 
 def check_sensing(problem: ReachAvoidProblem) -> None:
@@ -132,12 +135,39 @@ def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, durati
     return total[:ndim]
 
 
-def half_widths(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
+def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
     """E, and by how much it widens what can be reached to where the next prediction may be; both (ndim,)."""
     sensing, nothing = problem.sensing, np.zeros(problem.grid.ndim)
     slope, push = rates(problem)
     box = carried(slope, push, nothing + np.array(sensing.error), sensing.delay)
     return box, box + carried(slope, 0.0, box, problem.delta + 2 * sensing.jitter)
+
+
+def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int]) -> FloatArray:
+    """Level-set function of the places around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
+    ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
+    for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
+        nodes = grid.nodes(axis)
+        beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
+        out = np.maximum(out, beyond.astype(out.dtype))
+    return out
+
+
+def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArray:
+    """Places (M, V, ndim) in the box E around points (M, ndim), among them where what is multilinear is largest there.
+
+    On each axis the ends and the nodes in between, held at the walls; and the points themselves.
+    """
+    grid, columns = problem.grid, []
+    for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
+        x = points[:, axis, None]
+        nodes = lower + h * (np.ceil((x - width - lower) / h) + np.arange(int(2 * width / h) + 1))
+        between = [x - width, np.minimum(nodes, x + width), x + width]
+        columns.append(np.concatenate(between, axis=1) if width else x)
+    places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
+    found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+    return np.concatenate([points[:, None], grid.held(found)], axis=1)
 
 
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
@@ -192,7 +222,7 @@ def acted(controller: "Controller", measurement: FloatArray, time: float, fallba
     if last is not None and k <= last.step:
         raise ValueError(f"time must go on: instant {last.step} has been answered, and {time:g} s is for instant {k}")
     late = time - k * problem.delta
-    missed = abs(late) > problem.sensing.jitter + ROUNDING * max(1.0, time) or k != (last.step if last else -1) + 1
+    missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
     step, held = 0 if problem.timeless else k, last.input if last else None
     state = controller.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), held, step)
     batch = controller.batch(state[None], step)

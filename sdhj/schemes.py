@@ -238,16 +238,13 @@ def evolve(
         Level-set function at the end of the sampling interval.
     velocities : Velocities, or callable tau -> Velocities
         tau counts back from the interval's end.
-    duration : float
-        Length of the interval, s.
+    duration, early : float
+        Length of the interval, and how much sooner the adversary may stop it, s; then nothing may depend on tau.
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
         Number of time steps; by default what the CFL condition asks for, which velocities that depend on tau do not
         say: they need it.
-    early : float
-        How much sooner than after `duration` the adversary may stop the game, s; for velocities and obstacles that do
-        not depend on tau.
 
     Returns
     -------
@@ -271,10 +268,9 @@ def evolve(
     wall = _over_time(obstacle, lambda g: none if g is None else _padded(grid, layout, np.asarray(g), scheme.dtype))
     terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    kind = np.dtype(scheme.dtype).type
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        stage(source, out, wall(then), terms(now), order, flux, layout, tuple(np.array([dt, keep], scheme.dtype)))
 
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)

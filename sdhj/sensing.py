@@ -9,7 +9,6 @@ import numpy as np
 
 from sdhj.checks import number, whole
 from sdhj.grid import FloatArray
-from sdhj.hopf_lax import maximum_over_boxes
 
 if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem
@@ -66,25 +65,24 @@ class Sensing:
 
 
 def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
-    """As `sdhj.prediction.half_widths`, of a problem that is checked; zeros where nothing is uncertain."""
+    """As `sdhj.prediction.boxes`; zeros where nothing is uncertain."""
     if not problem.sensing:
         return np.zeros(problem.grid.ndim), np.zeros(problem.grid.ndim)
-    return importlib.import_module("sdhj.prediction").half_widths(problem)
+    return importlib.import_module("sdhj.prediction").boxes(problem)
 
 
 def shrunk(problem: "ReachAvoidProblem", values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """Level-set function of the places around which the whole box E is in {values <= 0}, on the grid, or of `axes`.
-
-    The same array where nothing is uncertain.
-    """
+    """As `sdhj.prediction.less_the_box`, on the grid or that of some axes; `values` where nothing is uncertain."""
     axes = range(problem.grid.ndim) if axes is None else axes
-    box = problem.half_widths[0][list(axes)]
-    if not box.any():
+    if not problem.half_widths[0][list(axes)].any():
         return values
-    grid = problem.grid.subgrid(axes)
-    ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
-    for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
-        nodes = grid.nodes(axis)
-        beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
-        out = np.maximum(out, beyond.astype(out.dtype))
-    return out
+    return importlib.import_module("sdhj.prediction").less_the_box(problem, values, axes)
+
+
+def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: FloatArray) -> FloatArray:
+    """The largest of interpolated values (*grid.shape) over the box E around points (M, ndim): (M,)."""
+    if not problem.half_widths[0].any():
+        return problem.grid.interpolate(values, points)
+    around = importlib.import_module("sdhj.prediction").spots_of_the_box(problem, points)
+    found = problem.grid.interpolate(values, around.reshape(-1, problem.grid.ndim))
+    return found.reshape(around.shape[:2]).max(axis=1)

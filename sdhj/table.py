@@ -30,7 +30,7 @@ from sdhj.checks import whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
-from sdhj.sensing import shrunk
+from sdhj.sensing import shrunk, worst_around
 
 if TYPE_CHECKING:
     import h5py
@@ -250,7 +250,7 @@ class LookupTable:
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
-        return self.grid.interpolate(shrunk(self.problem, self.value_array(start, within)), points) <= 0
+        return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def fraction(self, *, start: int, within: int) -> float:
         """Share of the grid's volume inside the tube, of what `contains` says so."""

@@ -101,7 +101,7 @@ class Certified:
             raise ValueError(f"method {self.name!r} needs a number of steps: give the problem one")
         if problem.sensing:
             raise ValueError(
-                f"method {self.name!r} proves nothing of measurement error, delay or jitter yet: use 'hji'"
+                f"method {self.name!r} proves nothing of error, delay or jitter yet: leave sensing out, or use 'hji'"
             )
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):

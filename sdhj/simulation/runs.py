@@ -195,13 +195,11 @@ def monte_carlo(
 
     Parameters
     ----------
-    controller : Controller
-    runs : int
+    controller, runs : Controller, int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
     walls : bool
         As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
-    sensing : Sensing, optional
-        How the robot truly measures and acts; by default as the table was solved for. See `sdhj.simulation.sensed`.
+    sensing : Sensing, played against: by default what the table was solved for; see `sdhj.simulation.sensed`
     seed : int
         The same seed gives the same report, whatever the number of threads.
     progress : bool, optional
@@ -213,9 +211,8 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play = _adversary(adversary)
+    play, began = _adversary(adversary), time.perf_counter()
     runs, seed = whole("runs", runs, least=1), whole("seed", seed, least=0)
-    began = time.perf_counter()
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))

@@ -7,8 +7,8 @@ controller knows to be reached, its prediction has no steps to go and the state 
 
 An adversary that is a function of a `Moment` chooses the disturbance alone. One that has methods `mislead(sight)`,
 which returns the errors (M, ndim), and `shift(moment)`, which returns -1, 0 or 1 (M,) for the next input to start
-early, on time or late by all the jitter, chooses these too; for the named ones `MISLEAD` and `SHIFT` do, and for other
-functions those of "worst".
+early, on time or late by all the jitter, chooses these too; for the named ones `MISLEAD` and `SHIFTING` do, and for
+other functions those of "worst".
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ MISLEAD: dict[str, Callable[[Sight], FloatArray]] = {
     "random": lambda sight: sight.rng.uniform(-sight.box, sight.box, sight.states.shape),
     "worst": mislead_worst,
 }
-SHIFT: dict[str, Callable[[Moment], FloatArray]] = {
+SHIFTING: dict[str, Callable[[Moment], FloatArray]] = {
     "none": lambda moment: np.zeros(len(moment.states), np.int64),
     "random": lambda moment: moment.rng.integers(-1, 2, len(moment.states)),
     "worst": shift_worst,
@@ -120,7 +120,7 @@ class _Runs:
     ) -> None:
         name = next((name for name, known in ADVERSARIES.items() if known is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
-        self.shift = getattr(play, "shift", SHIFT[name])
+        self.shift = getattr(play, "shift", SHIFTING[name])
         self.controller, self.play, self.rng = controller, play, rng
         self.problem = replace(controller.problem, sensing=sensing)
         self.states, count = starts.copy(), len(starts)
@@ -219,14 +219,10 @@ class _Runs:
         states, ended = _interval(begun, play, watch, walls, range(SUBSTEPS - after))
         seen = states
         if after:
-            later: dict[str, Any] = {
-                "time": end - delay,
-                "remaining": delay,
-                "duration": delay / after,
-                "previous": last["v"],
-            }
+            rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
             parts = range(SUBSTEPS - after, SUBSTEPS)
-            states, then = _interval(replace(begun, states=states, **later), play, watch, walls, parts)
+            later = replace(begun, states=states, previous=last["v"], **rest)
+            states, then = _interval(later, play, watch, walls, parts)
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
         self.taken[rows] += 1
