@@ -259,7 +259,7 @@ def _what_differs(file: h5py.File, problem: ReachAvoidProblem) -> str:
     grid, layout = problem.grid, file["grid"].attrs
     told = {name: (file.attrs[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
     told |= {name: (np.asarray(layout[name]).tolist(), np.asarray(getattr(grid, name)).tolist()) for name in LAYOUT}
-    told["sensing"] = file.attrs.get("sensing", "none"), json.dumps(vars(problem.sensing))
+    told["sensing"] = file.attrs.get("sensing", json.dumps(vars(Sensing()))), json.dumps(vars(problem.sensing))
     told["inputs"] = file["inputs"][()].tolist(), problem.inputs.tolist()
     found = [
         f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here"

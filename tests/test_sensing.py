@@ -1,5 +1,7 @@
 """Measurement error, delay and jitter: the closed form, the slow twin, inclusions, what is refused, attacks."""
 
+import multiprocessing
+import time
 from dataclasses import replace
 from functools import cache
 
@@ -255,6 +257,42 @@ def test_a_loop_against_a_clock():
     with pytest.raises(ValueError, match="time must go on"):
         controller.step(state, 510.1)
     assert controller.step(state, 0.0).step == 0  # a new loop
+
+
+def ticking(pipe, delta, jitter, count):
+    """A process that measures: it sleeps, wakes up when the system lets it, and says when that was."""
+    rng, begin, k = np.random.default_rng(0), time.perf_counter(), 0
+    for _ in range(count):
+        now = time.perf_counter() - begin
+        time.sleep(max(0.0, k * delta + rng.uniform(-jitter, jitter) * (k > 0) - now))
+        woken = time.perf_counter() - begin
+        pipe.send(woken)
+        k = max(k, round(woken / delta)) + 1
+    pipe.close()
+
+
+@pytest.mark.slow
+def test_a_loop_against_a_real_clock():
+    """10,000 instants, 2 ms apart, in a process of their own: those that were missed are counted, no more and no fewer."""
+    delta, jitter, count = 0.002, 0.0004, 10_000
+    problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter))
+    controller = Controller(sdhj.solve(problem, EXACT, progress=False))
+    controller.step([0.0], 0.0)  # compiled
+    here, there = multiprocessing.get_context("spawn").Pipe()
+    clock = multiprocessing.get_context("spawn").Process(target=ticking, args=(there, delta, jitter / 2, count))
+    clock.start()
+    there.close()
+    times, actions = [], []
+    for _ in range(count):
+        times.append(here.recv())
+        actions.append(controller.step([0.0], times[-1]))
+    clock.join()
+    places = np.round(np.array(times) / delta)
+    late = np.abs(np.array(times) - places * delta) > jitter
+    missed = np.array([action.missed for action in actions])
+    assert (missed == (late | (np.diff(places, prepend=-1) != 1))).all()
+    assert 0 < missed.sum() < count
+    print(f"missed {missed.sum()} of {count}, of these late {late.sum()}")
 
 
 def test_a_loop_falls_back_or_says_so():
