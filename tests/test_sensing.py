@@ -273,7 +273,7 @@ def ticking(pipe, delta, jitter, count):
 
 @pytest.mark.slow
 def test_a_loop_against_a_real_clock():
-    """10,000 instants, 2 ms apart, in a process of their own: those that were missed are counted, no more and no fewer."""
+    """10,000 instants, 2 ms apart, in a process of their own: the missed ones are counted, no more and no fewer."""
     delta, jitter, count = 0.002, 0.0004, 10_000
     problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter))
     controller = Controller(sdhj.solve(problem, EXACT, progress=False))
