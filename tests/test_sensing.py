@@ -102,6 +102,10 @@ def test_the_slow_twin(ndim, error, delay, ticks):
     twin = naive_sensing.predictions(goal, wall, moves, 1, ticks, half, 3)
     for n, values in enumerate(twin):
         np.testing.assert_allclose(table.values(start=0, within=n), values, atol=1e-12)
+    hazards = table.hazards(problem.grid.points(), 0)
+    for j, move in enumerate(moves):  # of all that the state may be, over the longest interval
+        clear = naive_sensing.kept(np.full(wall.shape, -np.inf), wall, move, 1, ticks)
+        np.testing.assert_allclose(hazards[:, j], naive_sensing.shrunk(clear, half).ravel(), atol=1e-12)
     states = naive_sensing.shrunk(twin[3], half)
     assert (table.contains(problem.grid.points(), start=0, within=3) == (states <= 0).ravel()).all()
 
