@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sdhj.problem import ReachAvoidProblem, UnsafeSet
 
 MOMENTS = 20_000  # times at most
-FEW = 50  # steps, each tried in parts
+FEW_STEPS = 50  # steps, each tried in parts
 PARTS = 4  # of a step: a run is judged at 20 times of a step, which are then no closer
 QUESTIONS = 500_000  # values at most of one function
 CHECKED = 5000  # nodes at most
@@ -46,9 +46,9 @@ def tried(problem: "ReachAvoidProblem") -> None:
 
 
 def _moments(problem: "ReachAvoidProblem") -> FloatArray:
-    """Times at which sets are tried, ascending: (T,)."""
-    steps = problem.steps or UNDECIDED_STEPS
-    parts = PARTS if steps <= FEW else 1
+    """Times at which sets are tried, ascending: (T,); a delay and jitter go on into one more interval."""
+    steps = (problem.steps or UNDECIDED_STEPS) + bool(problem.sensing)
+    parts = PARTS if steps <= FEW_STEPS else 1
     if steps * len(INSTANTS) <= MOMENTS:
         return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
     spans = min(steps, MOMENTS)  # one time, drawn, in each
@@ -94,10 +94,10 @@ def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, most)).astype(np.int64))
     points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
     for step in steps.tolist():
-        t0, t1 = problem.time(step), problem.time(step + 1)
+        (t0, t1), held = problem.span(step), problem.sensing.held(problem.delta)[0]
         swept = part.swept(points, t0, t1)
         repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
-        for t in (t0 + INSTANTS * problem.delta).tolist():
+        for t in (t0 + INSTANTS * held).tolist():
             excess = swept - part.level_set(points, t)
             if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
                 worst = points[int(excess.argmax())].tolist()

@@ -104,6 +104,10 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
+        if problem.sensing:
+            raise ValueError(
+                f"method {self.name!r} proves nothing of error, delay or jitter yet: leave sensing out, or use 'hji'"
+            )
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             if rebuild(problem.recipe).digest != problem.digest:  # its geometry is the recipe's, its target too
