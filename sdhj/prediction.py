@@ -20,8 +20,8 @@ that do not depend on the state E = e + d b: a delay is an error that is known. 
   whenever that is, in W_{k+1}^{n-1}. The stopping time is the adversary's: the value is a running maximum over the
   durations.
 * M_k^n: the predictions y for which one u is right for every state of y + E: M_k^{n-1} united over u with K_k^n(u)
-  shrunk by E. M_k^0 is L minus G, at every time that jitter allows, shrunk by E: success is success that the controller
-  knows of.
+  shrunk by E. M_k^0 is L minus G, G at every time that jitter allows, shrunk by E: success is success that the
+  controller knows of. (With jitter neither L nor the dynamics may depend on time.)
 * W_k^n: M_k^n shrunk by E, the states of which every prediction is good.
 
 From a state of W_k^n every prediction is in M_k^n, has n' <= n steps to go and an input right for the whole box, the

@@ -214,6 +214,17 @@ def test_no_run_is_lost_and_without_sensing_some_are(adversary, rule):
     assert control.counts["reached"] < 4000
 
 
+def test_staying_clear_of_unsafe_ends():
+    """Without a target too: no run is lost, and without sensing some are."""
+    problem = replace(toys.interval_problem(unsafe=False), target=None, grid=Grid([-1.2], [1.2], [97]))
+    sure, plain = (sdhj.solve(replace(problem, sensing=told), EXACT, progress=False) for told in (PLAYED, Sensing()))
+    assert 0.5 < sure.fraction(start=0, within=5) < plain.fraction(start=0, within=5)
+    for adversary in ("random", "worst"):
+        assert sdhj.monte_carlo(Controller(sure), 2000, adversary, progress=False).counts["reached"] == 2000
+    control = sdhj.monte_carlo(Controller(plain), 2000, sensing=PLAYED, progress=False)
+    assert control.counts["reached"] < 2000
+
+
 def test_an_adversary_of_ones_own_and_what_it_may_not():
     class Own:
         def __init__(self, size):

@@ -164,9 +164,8 @@ class _Runs:
         problem, states = self.problem, self.states
         batch = self.controller.batch(self.predictions[alive], step)
         reached = np.full(alive.size, problem.stays and step == problem.steps)
-        for offset in (-1, 0, 1) if not problem.stays else ():
-            rows = (self.offsets[alive] == offset) & (batch.steps_to_go == 0)
-            reached[rows] = problem.target_value(states[alive[rows]], self.begins(step, offset)) <= 0
+        if not problem.stays:  # with jitter the target stands still
+            reached = (batch.steps_to_go == 0) & (problem.target_value(states[alive], problem.time(step)) <= 0)
         self.outcomes[alive[reached]] = REACHED
         if step == problem.steps:
             return None
