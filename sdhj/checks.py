@@ -81,6 +81,7 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
+    """Whether an array has no NaN and no infinity."""
     return bool(np.isfinite(array).all())
 
 

@@ -4,6 +4,7 @@ import functools
 import importlib
 import json
 import re
+import reprlib
 import sys
 import time
 import uuid
@@ -90,7 +91,8 @@ def loaded(path: Path) -> Any:
             f"{path} was solved for your own problem {told['problem']!r}, whose functions are not in the file; the "
             "command line knows the built-in case studies only. In Python, where `problem` is yours:\n"
             f"    table = sdhj.load({str(path)!r}, problem=problem)\n"
-            "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))"
+            "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))\n"
+            "A certified one is checked by `sdhj verify --problem module:function`"
         )
     return sdhj.load(path)
 
@@ -221,7 +223,7 @@ def info(table: Path) -> None:
     "--samples",
     default=0,
     type=click.IntRange(0),
-    help="Pairs of joint cells to check; 0, the default, is every claim.",
+    help="Pairs of joint cells, of your own robot cells, to check; 0, the default, is every claim.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the draw.")
 @click.option(
@@ -280,9 +282,12 @@ def own_problem(name: str | None) -> Any:
         raise ValueError(f"--problem must be module:function, got {name!r}")
     sys.path.insert(0, "")
     try:
-        return imported(name)()
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"--problem {name} cannot be called: {error}") from error
+        problem = imported(name)()
+    except Exception as error:  # whatever is wrong with code that is not ours
+        raise ValueError(f"--problem {name} cannot be called: {type(error).__name__}: {error}") from error
+    if not isinstance(problem, sdhj.ReachAvoidProblem):
+        raise ValueError(f"--problem {name} must return a ReachAvoidProblem, got {reprlib.repr(problem)}")
+    return problem
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:

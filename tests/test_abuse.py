@@ -294,7 +294,7 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
         (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
         (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
-        (lambda: LipschitzBounds("a").checked(unicycle_problem()), "no Lipschitz bounds for the sets"),
+        (lambda: LipschitzBounds("a").checked(unicycle_problem()), "dynamics of LipschitzBounds must be real numbers"),
         (lambda: LipschitzBounds(sets=[1.0]).checked(LINE), "sets of LipschitzBounds must be a mapping"),
         (lambda: LipschitzBounds(sets={"target": "a", "wall": 1}).checked(LINE), "the bounds of the set 'target' must"),
         (

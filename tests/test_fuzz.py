@@ -33,7 +33,7 @@ import sdhj
 from sdhj.certified import Certified, LipschitzBounds
 from sdhj.cli import main
 
-SECONDS = float(os.environ.get("SDHJ_FUZZ_SECONDS", "60"))  # for all kinds together
+SECONDS = float(os.environ.get("SDHJ_FUZZ_SECONDS", "45"))  # for all kinds together
 PATIENCE = 60.0  # s that one call may take: the first ones compile kernels that are not in the cache
 PACKAGE = str(Path(sdhj.__file__).parent)
 SENTENCE = 700  # characters at most

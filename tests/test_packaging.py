@@ -263,6 +263,6 @@ def test_machine_paths_are_recognised(folder: str, before: str) -> None:
     assert MACHINE_PATH.search(f"{before}/{folder}/somebody/file.txt")
 
 
-@pytest.mark.parametrize("text", ["/usr/bin/env", "https://example.org/home/page", "a/work/b", "and/or", "iVBOR/opt/x"])
+@pytest.mark.parametrize("text", ["/usr/bin/env", "https://example.org/home/page", "a/home/b", "and/or", "iVBOR/opt/x"])
 def test_harmless_slashes_pass(text: str) -> None:
     assert not MACHINE_PATH.search(text)

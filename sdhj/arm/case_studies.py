@@ -267,7 +267,7 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
-            several = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
+            several = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
             counts = list(value) if several else [value] * len(AXES)
             if len(counts) != len(AXES):
                 told = f"{', '.join(AXES)}, got {reprlib.repr(value)}"

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.certified.packed import STATE_SLACK, Cells
+from sdhj.certified.packed import Cells
 from sdhj.grid import FloatArray, Grid
 from sdhj.problem import ReachAvoidProblem
 
@@ -191,17 +191,15 @@ def common_measure(a: Fraction, b: Fraction) -> Fraction:
 
 
 def moved_cells(
-    axis: CellAxis, cell: IndexArray, low: FloatArray, high: FloatArray, known: bool, safe: bool
+    axis: CellAxis, cell: IndexArray, low: FloatArray, high: FloatArray, known: bool
 ) -> tuple[IndexArray, IndexArray]:
     """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
 
     known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width.
-    safe : whether to be past an end of the axis is to be out of danger; a cell that is has left by more than slack.
     """
     width = float(axis.width)
     if not known or not axis.periodic:
-        inward = [np.where(end != 0.0, -2 * STATE_SLACK, DRIFT) if safe else DRIFT for end in (low, high)]
-        first, last = np.floor((low + inward[0]) / width), np.ceil((high - inward[1]) / width)
+        first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
         return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
     length, edges = float(sum(axis.extent) / 2), axis.edges() - float(axis.lower)
     begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT

@@ -112,9 +112,8 @@ class GeneralProof:
     def _at(self, step: int) -> tuple[Moves, FloatArray]:
         """Moves, and which inputs are clear, of the interval from a step."""
         start = min(step, len(self.low) - 1)
-        return Moves(self.low[start], self.high[start], self.strides, self.layout.safe), self.clear[
-            min(step, len(self.clear) - 1)
-        ]
+        moves = Moves(self.low[start], self.high[start], self.strides, self.layout.safe)
+        return moves, self.clear[min(step, len(self.clear) - 1)]
 
     def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
@@ -292,8 +291,8 @@ class GeneralProof:
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         cells = np.unravel_index(self.layout.begin[slice(*places)], self.layout.counts)
         for axis, (own, cell) in enumerate(zip(self.axes, cells, strict=True)):
-            known, safe = self.strides[axis] > 0, "safe" in self.problem.grid.ends[axis]
-            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], known, safe)
+            known = bool(self.strides[axis] > 0)
+            low[:, axis], high[:, axis] = moved_cells(own, cell, moved[:, axis, 0], moved[:, axis, 1], known)
         if max(-low.min(), high.max()) > np.iinfo(np.int16).max:
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high
@@ -415,11 +414,7 @@ def shapes(
     return (
         strides,
         (timed, count, math.prod(counts[own].tolist()), len(axes)),
-        (
-            times,
-            math.prod(counts.tolist()),
-            -(-count // 8),
-        ),
+        (times, math.prod(counts.tolist()), -(-count // 8)),
     )
 
 

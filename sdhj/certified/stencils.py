@@ -20,7 +20,7 @@ class Moves(NamedTuple):
     """The cells that everything a cell can lead to lies in: low, high (L, places, ndim) int16, from its own on.
 
     strides (ndim,) int64: a cell is at the place sum(cell * strides). safe (2, ndim): the safe ends, infinite where
-    there are none: of what is past one no cell is asked for.
+    there are none: of what is past one by a cell or more, and so by more than rounding, no cell is asked for.
     """
 
     low: FloatArray
@@ -65,7 +65,7 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
     for axis in range(cell.size):
         count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
         if not cells.periodic[axis]:
-            if (begin >= count and safe[1, axis] < np.inf) or (end < 0 and safe[0, axis] > -np.inf):
+            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
                 return True
             begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
         elif end - begin >= count:

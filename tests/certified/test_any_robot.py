@@ -5,15 +5,20 @@
 
 import os
 import shutil
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import robots
+from click.testing import CliRunner
 from forging import forged
 from naive_certified import states_in
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.cli import main
 
 CELLS = {2: (50, 50), 3: (24, 24, 24)}
 GROWING = (1, 10)  # seeds of robots whose certified sets grow
@@ -163,6 +168,52 @@ def test_planted_faults_are_found(name, saved, tmp_path):
         plant(told, arrays)
     verdict = verify(path, car(), progress=False)
     assert any(claim in one.name and one.failed for one in verdict.claims), str(verdict)
+
+
+def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
+    """A stream to the right, three cells a step: the cells at its safe end are proved because they leave."""
+
+    def stream():
+        return sdhj.ReachAvoidProblem(
+            sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["safe", "wall"]),
+            sdhj.Dynamics([[0.0]], [[3.0, 0.0]], np.eye(2), [0.0, 0.0]),
+            None,
+            [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5, p[:, 1] - 0.5) - 0.2, name="rock")],
+            0.1,
+            4,
+        )
+
+    table = sdhj.solve(stream(), sdhj.Certified(cells=(10, 10)), progress=False)
+    gone = table.contains([[0.95, 0.5], [0.05, 0.5], [0.05, 0.9]], start=0, within=4)
+    assert gone.tolist() == [True, False, True]
+    table.save(tmp_path / "stream.h5")
+    assert (verdict := verify(tmp_path / "stream.h5", stream(), progress=False)).ok, str(verdict)
+    walled = replace(stream(), grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["unsafe", "wall"]))
+    verdict = verify(tmp_path / "stream.h5", walled, progress=False)
+    assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in verdict.claims)
+
+
+def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    monkeypatch.setitem(sys.modules, "cars", SimpleNamespace(problem=car, number=lambda: 3, broken=lambda: 1 / 0))
+
+    def asked(*options):
+        return CliRunner().invoke(main, ["verify", str(saved[1]), "--samples", "300", *options])
+
+    done = asked("--problem", "cars:problem")
+    assert done.exit_code == 0 and "moves: " in done.output and "NOT proved" not in done.output, done.output
+    for wrong, told in {
+        "cars": "must be module:function",
+        "nowhere:problem": "cannot be called: ModuleNotFoundError",
+        "cars:none": "cannot be called: AttributeError",
+        "cars:broken": "cannot be called: ZeroDivisionError",
+        "cars:number": "must return a ReachAvoidProblem, got 3",
+    }.items():
+        done = asked("--problem", wrong)
+        assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
+    done = asked()
+    assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ MUTATIONS = {
         "[0.0 + self.problem.delta * at",
         "test_timed_growth_holds",
     ),
-    "last cell of an image": (CELLS, "np.ceil((high - inward", "np.floor((high - inward", IMAGES),
+    "last cell of an image": (CELLS, "np.ceil((high - DRIFT", "np.floor((high - DRIFT", IMAGES),
     "boxes of a set": (
         GENERAL,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",

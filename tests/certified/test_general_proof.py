@@ -187,7 +187,7 @@ def test_images_are_inside_as_plain_loops_say(rng):
     for _ in range(300):
         inside = rng.random(counts) < 0.93
         pool, index = to_words(inside.reshape(-1, 7)), np.arange(20)
-        cell, low = rng.integers(0, counts), rng.integers(-4, 3, 3)
+        cell, low = rng.integers(0, counts), rng.integers(-5, 4, 3)
         high, safe = low + rng.integers(0, 3, 3), np.array([[-np.inf] * 3, [np.inf] * 3])
         if safely := bool(rng.random() < 0.5):  # the lower end of the first axis, the upper one of the last
             safe[0, 0], safe[1, 2] = 0.0, 7.0
@@ -195,7 +195,7 @@ def test_images_are_inside_as_plain_loops_say(rng):
             [(c + k) % n if wraps else min(max(c + k, 0), n - 1) for k in range(a, b + 1)]
             for c, a, b, n, wraps in zip(cell, low, high, counts, periodic, strict=True)
         ]
-        left = safely and (cell[0] + high[0] < 0 or cell[2] + low[2] >= 7)
+        left = safely and (cell[0] + high[0] < -1 or cell[2] + low[2] > 7)
         expected = left or all(inside[at] for at in itertools.product(*each))
         assert image_inside(cell, low, high, safe, cells, index, pool, room) == expected
         found.append(expected)

@@ -206,13 +206,11 @@ class Robot:
         for axis, (_, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
-            # what counts as having left by a safe end must have
-            room = np.where(moved[:, :, axis] == 0, STICKS_OUT, -NEAR if self.safe[axis] else STICKS_OUT)
             if self.periodic[axis] and self.known[axis]:  # cells need not be alike
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))
                 first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
-            fits &= (first <= moved[0, :, axis] + room[0]) & (moved[1, :, axis] <= last + room[1])
+            fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
     # ---- tubes and sets
@@ -290,7 +288,7 @@ class Robot:
             left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
             first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
             safe = np.array([[end == "safe" for end in ends] for ends in self.problem.grid.ends])
-            gone = (((last < 0) & safe[:, 0]) | ((first > most) & safe[:, 1])).any(axis=1)
+            gone = (((last < -1) & safe[:, 0]) | ((first > most + 1) & safe[:, 1])).any(axis=1)  # by a cell or more
             turns, whole = first // self.counts * self.counts, last - first > most
             first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
             last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
