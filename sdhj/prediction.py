@@ -46,7 +46,7 @@ Nothing beyond the target is left from e = (1 - b) (delta - 2 j) / 2 - d b on. A
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -179,12 +179,13 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
     """Measurements (M, ndim) of t_k moved on by the delay with the inputs held meanwhile (M,): (M, ndim).
 
-    Held at the walls, and without an adversary.
+    Held at all ends of the grid, where the state is, and without an adversary.
     """
-    states, delay = problem.grid.held(states_array("a measurement", measured, problem.grid.ndim)), problem.sensing.delay
+    grid, delay = replace(problem.grid, ends="wall"), problem.sensing.delay
+    states = grid.held(states_array("a measurement", measured, grid.ndim))
     if not delay:
         return states
-    interval, parts = problem.interval(step), 1 if problem.dynamics.constant else STRIDES
+    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
     still = np.zeros((len(states), problem.dynamics.adversaries))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)

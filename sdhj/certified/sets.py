@@ -55,7 +55,7 @@ import numpy as np
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.bounds import LipschitzBounds
-from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, measured, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
@@ -104,13 +104,10 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
-        if problem.sensing:
-            raise ValueError(
-                f"method {self.name!r} proves nothing of error, delay or jitter yet: leave sensing out, or use 'hji'"
-            )
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
-            if rebuild(problem.recipe).digest != problem.digest:  # its geometry is the recipe's, its target too
+            built = replace(rebuild(problem.recipe), sensing=problem.sensing)
+            if built.digest != problem.digest:  # its geometry is the recipe's, its target too
                 raise ValueError(
                     f"the proof for the arm is of what {problem.recipe['builder']} builds, and this problem, with "
                     f"{'no target' if problem.stays else 'other parts'}, is another: build it with other arguments, or "
@@ -123,7 +120,7 @@ class Certified:
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
-        grid, delta, cells = problem.grid, measured(problem.delta), self.cells
+        grid, cells = problem.grid, self.cells
         if cells is None:
             cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
         if len(cells) != grid.ndim:
@@ -133,8 +130,8 @@ class Certified:
             extent = axis_of(grid, axis, Fraction(1)).extent[1]
             moves: list[Fraction] = []
             for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
-                slow, fast = velocity_bounds(problem, axis, j)
-                moves += [delta * (slow + fast) / 2, delta * (fast - slow) / 2]
+                back, ahead = moved_bounds(problem, axis, j)
+                moves += [(back + ahead) / 2, (ahead - back) / 2]
             axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
         return tuple(axes)
 

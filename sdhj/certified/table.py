@@ -12,9 +12,9 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import CellAxis, cells_of, told_axis
+from sdhj.certified.cells import CellAxis, cells_of, measured, told_axis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import Cells, fewest_steps, to_bits
+from sdhj.certified.packed import Cells, fewest_steps, to_bits, to_words
 from sdhj.checks import real_array, states_array, whole
 from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
@@ -22,6 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
+KEPT = 1 << 10  # likewise, while they are shrunk
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
@@ -111,9 +112,14 @@ class CertifiedTable:
         return self._fewest(states, self._place(step, 0), last)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
+        """Whether each row of `points` (M, ndim) is certified, with all it may be taken for (`Sensing`): bool (M,)."""
         place = self._place(start, within)
-        return self._fewest(points, place, place) == 0
+        if not self.problem.sensing:
+            return self._fewest(points, place, place) == 0
+        states = states_array("states", np.atleast_2d(real_array("states", points)), len(self.axes))
+        blocks, out = self._kept(place), np.empty(len(states), np.int64)
+        fewest_steps(states, self.cells, np.arange(len(blocks), dtype=np.uint32)[None], blocks, out)
+        return out == 0
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
@@ -178,19 +184,35 @@ class CertifiedTable:
         return to_bits(self.pool[self.index[self._place(start, within)]], packed).reshape(self.shape)
 
     def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified (of cells, not of nodes)."""
-        shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))
+        """Share of the volume of the state space that is certified (of cells, not of nodes), as `contains` says."""
+        shares, place = _product([axis.shares() for axis in self.axes[: self.proof.rows]]), self._place(start, within)
+        kept = self._measured(self._kept(place)) if self.problem.sensing else self._measures[self.index[place]]
+        return float(np.sum(kept * shares))
+
+    def _kept(self, place: int) -> FloatArray:
+        """Blocks (rows, words) of the cells from which all that is measured is in a set."""
+        if place not in self._last_kept:
+            self._last_kept.clear()
+            blocks = self.pool[self.index[place]]
+            self._last_kept[place] = cells_kept(self.axes, self.proof.rows, self.proof.unsure, blocks)
+        return self._last_kept[place]
+
+    @cached_property
+    def _last_kept(self) -> dict[int, FloatArray]:
+        return {}
 
     @cached_property
     def _measures(self) -> FloatArray:
-        """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
+        return self._measured(self.pool)
+
+    def _measured(self, blocks: FloatArray) -> FloatArray:
+        """The share of the packed axes that each block holds, shape (blocks,)."""
         axes = self.axes[self.proof.rows :]
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
-            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(self.pool)]
+            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(blocks)]
             return np.concatenate(counted) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
         shares = _product([axis.shares() for axis in axes])
-        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
+        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(blocks)])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
@@ -224,6 +246,27 @@ class CertifiedTable:
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, told["details"])
+
+
+def cells_kept(axes: Sequence[CellAxis], rows: int, off: FloatArray, blocks: FloatArray) -> FloatArray:
+    """Of packed cells (rows, words) those all around which, as far as `off` (ndim,), cells are in the set too."""
+
+    def shrunk(cells: FloatArray, axis: CellAxis, by: float, place: int) -> FloatArray:
+        first, number = axis.image(-measured(by), measured(by))
+        windows = ((first + np.minimum(k, number - 1)) % axis.count for k in range(number.max()))
+        return reduce(np.bitwise_and, (cells.take(window, axis=place) for window in windows))
+
+    counts = [axis.count for axis in axes]
+    out = blocks.reshape(*counts[:rows], -1)
+    for place in range(rows):
+        out = shrunk(out, axes[place], off[place], place)
+    out, packed = out.reshape(len(blocks), -1).copy(), math.prod(counts[rows:])
+    for begin in range(0, len(out), KEPT):
+        cells = to_bits(out[begin : begin + KEPT], packed).reshape(-1, *counts[rows:])
+        for place in range(rows, len(axes)):
+            cells = shrunk(cells, axes[place], off[place], place - rows + 1)
+        out[begin : begin + KEPT] = to_words(cells.reshape(len(cells), -1))
+    return out
 
 
 def _slabs(array: FloatArray) -> Iterator[FloatArray]:
