@@ -143,7 +143,8 @@ class GeneralProof:
         sets = {name: bounds.tolist() for name, bounds in self.stated.sets.items()}
         matrix, time = (None if own is None else own.tolist() for own in (self.stated.dynamics, self.stated.time))
         own = (self.strides > 0).tolist()
-        return {"parts": self.parts, "own": own, "dynamics": matrix, "time": time, "sets": sets}
+        stated = {"dynamics": matrix, "time": time, "sets": sets}
+        return {"parts": self.parts, "own": own, "unsure": self.unsure.tolist()} | stated
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""

@@ -22,6 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.sensing import Sensing
 
 BOXES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
+FINEST = 1024  # on each axis; the checker cuts finer
 TRIES = 40
 OUTWARD = 1 + 1e-12
 
@@ -55,7 +56,7 @@ class _Spread:
         calm = replace(problem, dynamics=replace(problem.dynamics, bounds=still), sensing=Sensing())
         self.problem, self.any, self.calm = problem, Bounds(problem, stated), Bounds(calm, stated)
         grid, known = problem.grid, self.any.reads.any(axis=0)
-        pieces = np.where(known, int(BOXES ** (1 / max(known.sum(), 1))), 1)
+        pieces = np.where(known, min(int(BOXES ** (1 / max(known.sum(), 1))), FINEST), 1)
         corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
         size = np.subtract(grid.upper, grid.lower) / pieces
         self.low, self.high = grid.lower + corners * size, grid.lower + (corners + 1) * size

@@ -31,6 +31,8 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 4
+NEAREST = 8  # times that boxes are halved to tell how near predictions stay
+STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
@@ -71,7 +73,12 @@ class Robot:
             np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
             for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
         ]
-        self.always = 0.0, self.steps * self.delta
+        sensing = problem.sensing
+        self.delay, self.jitter = float(sensing.delay), float(sensing.jitter)
+        self.error, self.off = np.zeros(ndim) + np.array(sensing.error), np.zeros(ndim) + np.array(stated["unsure"])
+        expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
+        self.length = self.delta + 2 * self.jitter  # of an interval, at most
+        self.always = 0.0, self.time(self.steps) + self.jitter
 
     def cover(self) -> list[str]:
         """What is wrong with the cells of the axes."""
@@ -86,7 +93,11 @@ class Robot:
             wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
         return wrong
 
-    def ends(self, cells: Array, wider: float = 0.0) -> Array:
+    def time(self, step: int) -> float:
+        """When the input of a step begins, but for jitter."""
+        return step * self.delta + self.delay
+
+    def ends(self, cells: Array, wider: Any = 0.0) -> Array:
         """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
         beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
         return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
@@ -117,8 +128,8 @@ class Robot:
             ways.insert(1, lambda a, b: function(Span(a, b), when) + Span(-drift, drift))
         return self.cut(part.axes, box, ways, ())
 
-    def velocity(self, j: int, box: Array, times: tuple[float, float]) -> Span:
-        """Bounds of the velocity under u_j and any adversary, (M, ndim)."""
+    def velocity(self, j: int, box: Array, times: tuple[float, float], pushed: bool = True) -> Span:
+        """Bounds of the velocity under u_j and any adversary, or none, (M, ndim)."""
         dynamics = self.problem.dynamics
 
         def called(a: Array, b: Array) -> Span:
@@ -129,7 +140,7 @@ class Robot:
                     return Span(*[array[j] if name == "drift" else array] * 2)
                 return as_span(array(*(given[one] for one in dynamics.takes[name])))
 
-            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high
+            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high * pushed
             return term("drift") + Span(-push, push)
 
         return self.cut(range(len(self.counts)), box, [called], (len(self.counts),))
@@ -156,6 +167,32 @@ class Robot:
         found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
         return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
 
+    # ---- predictions
+
+    def known_within(self) -> list[str]:
+        """Inputs with which a prediction may be off by more than the file says.
+
+        What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
+        from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
+        """
+        room, wrong, stride = self.off - self.error, [], self.delay / STRIDES
+        places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
+        boxes = np.where(
+            self.known, self.ends(places), np.array([self.problem.grid.lower, self.problem.grid.upper])[:, None]
+        )
+        timed = "t" in sum(self.problem.dynamics.takes.values(), ())
+        cuts = [
+            (self.time(step) - self.delay + stride * part, self.time(step) - self.delay + stride * (part + 1))
+            for step, part in product(range(self.steps), range(STRIDES))
+        ]
+        inputs = range(len(self.problem.inputs))
+        for j, times in product(inputs if self.delay else (), cuts if timed else cuts[:1]):
+            fast = self.velocity(j, boxes, times)
+            speed = np.maximum(np.abs(fast.low), np.abs(fast.high)).max(axis=0)
+            if not self.stays_near(j, boxes, times, room, speed * stride).all():
+                wrong.append(f"input {j}, from {times[0]:.3g} s on")
+        return wrong
+
     # ---- moves
 
     def cells_at(self, places: Array) -> Array:
@@ -169,17 +206,26 @@ class Robot:
         at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        moved, swept = np.zeros((2, *cells.shape)), np.empty((len(cells), self.parts, 2, cells.shape[1]))
-        cuts = (start + self.delta * np.arange(self.parts * finer + 1) / (self.parts * finer)).tolist()
+        swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
+        cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter
+
+        def held(moved: Array) -> Array:
+            stopped = np.clip(at + moved, *bars)
+            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * 1e-15)
+
+        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)
+        least, most = moved  # of all that may be its end
         for part in range(self.parts):
-            least, most = moved
-            for times in pairwise(cuts[part * finer : (part + 1) * finer + 1]):
-                moved = self.piece(at + self.known * moved, moved, j, times)
-                held = np.clip(at + moved, *bars)
-                moved = np.where(held == at + moved, moved, held - at + OUTWARD * 1e-15)
+            a, b = moved
+            own = cuts[part * finer : (part + 1) * finer + 1]
+            for begin, end in pairwise(np.unique([*own, np.clip(soonest, own[0], own[-1])]).tolist()):
+                if begin <= soonest:
+                    least, most = moved
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))
+                a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
-            swept[:, part, 0], swept[:, part, 1] = least, most
-        return swept, moved
+            swept[:, part, 0], swept[:, part, 1] = a, b
+        return swept, held((np.stack([least, most]) if self.jitter else moved) + OUTWARD * self.off)
 
     def piece(self, box: Array, moved: Array, j: int, times: tuple[float, float]) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
@@ -213,6 +259,23 @@ class Robot:
             fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
+    def stays_near(self, j: int, boxes: Array, times: Any, room: Array, travel: Array, depth: int = NEAREST) -> Array:
+        """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
+        calm = self.velocity(j, boxes + OUTWARD * travel, times, False)
+        wild = self.velocity(j, boxes + OUTWARD * (travel + self.off), times)
+        apart = np.maximum(wild.high - calm.low, calm.high - wild.low)
+        out = (apart * self.delay <= room * (1 + 1e-13) + 1e-15).all(axis=1)
+        left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
+        out[left] = bool(depth)
+        for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():
+            left = left[out[left]]
+            if not left.size:
+                break
+            (least, most), centre = boxes[:, left], np.where(self.known, middle[left], boxes[1, left])
+            half = np.stack([np.where(upper, centre, least), np.where(upper, most, centre)])
+            out[left] = self.stays_near(j, half, times, room, travel, depth - 1)
+        return out
+
     # ---- tubes and sets
 
     def outside(self, part: Any, box: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
@@ -239,14 +302,15 @@ class Robot:
             room = 1e-6 * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
-        cuts = [(step + piece / self.parts) * self.delta for piece in range(self.parts + 1)]
+        cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]
         for part in self.problem.unsafe:
             own, left = list(part.axes), np.flatnonzero(out)
             if part.rate == 0:  # often the whole tube at once will do
                 left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
                 box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
-                good = self.outside(part, box[..., own], self.always if part.rate == 0 else times)
+                when = times[0] - self.jitter, times[1] + self.jitter
+                good = self.outside(part, box[..., own], self.always if part.rate == 0 else when)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]
         return out
@@ -262,8 +326,12 @@ class Robot:
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
-        times = self.always if self.timeless else (step * self.delta, step * self.delta)
-        box, out, target = self.ends(self.cells(numbers), NEAR), np.ones(len(numbers), np.bool_), self.problem.target
+        times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
+        box, out, target = (
+            self.ends(self.cells(numbers), NEAR + self.off),
+            np.ones(len(numbers), np.bool_),
+            self.problem.target,
+        )
         for part in self.problem.unsafe:
             out &= self.outside(part, box[..., list(part.axes)], times)
         return out & ((self.value(target, box[..., list(target.axes)], times).high <= 0) | self.problem.stays)
@@ -331,6 +399,9 @@ def examine(robot: Robot, samples: int | None, seed: int, silent: bool) -> Itera
     if samples is not None:
         chosen[:] = False
         chosen[rng.permutation(size)[:samples]] = True
+    if robot.problem.sensing:
+        wrong = robot.known_within()
+        yield "predictions are as near as told", robot.low.shape[1], robot.low.shape[1], wrong
     yield from examine_moves(robot, chosen, silent)
     yield from examine_sets(robot, chosen, silent)
     if robot.rests_on:
@@ -354,7 +425,7 @@ def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[s
             asked = np.union1d(moving, np.concatenate([at[some] for some in told.values()])).astype(np.int64)
             if not asked.size:
                 break
-            swept, last = robot.driven(asked, j, start * float(robot.problem.delta), finer)
+            swept, last = robot.driven(asked, j, robot.time(start), finer)
             moving = np.intersect1d(moving, asked[~robot.moves_hold(asked, start, j, last)])
             for step, some in told.items():
                 rows = np.searchsorted(asked, at[some])
