@@ -181,7 +181,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
 
     Held at all ends of the grid, where the state is, and without an adversary.
     """
-    grid, delay = replace(problem.grid, ends="wall"), problem.sensing.delay
+    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
     states = grid.held(states_array("a measurement", measured, grid.ndim))
     if not delay:
         return states

@@ -10,6 +10,7 @@ then bounds the error, stride by stride. Walls hold both back, and bring them no
 not depend on the state D is the adversary's push, and E exactly e + d b.
 """
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -65,19 +66,24 @@ class _Spread:
             cuts = problem.time(step) - problem.sensing.delay * np.arange(STRIDES, -1, -1) / STRIDES
             self.strides += list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
         self.strides = self.strides if problem.dynamics.timed else self.strides[:1]
-        speeds = [abs(end) for end in self._ends(self.any, np.zeros(grid.ndim))]
-        self.travel = np.max(speeds, axis=(0, 1)) * (problem.sensing.delay / STRIDES) * OUTWARD
-
-    def _ends(self, bounds: Bounds, more: FloatArray) -> FloatArray:
-        """Least and greatest velocity near each box, (2, inputs * strides * boxes, ndim)."""
-        found = [
-            bounds.velocity(j, self.low - more, self.high + more, *times)
-            for j in range(len(self.problem.inputs))
-            for times in self.strides
+        nowhere = np.zeros(self.low[:1].shape)
+        self.travel = [(nowhere, nowhere)] * (len(self.strides) * len(problem.inputs))
+        fastest = zip(*self._ends(self.any, 0.0), strict=True)
+        stride = problem.sensing.delay / STRIDES * OUTWARD
+        self.travel = [
+            (np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest
         ]
-        return np.concatenate([np.stack(ends) for ends in found], axis=1)
+
+    def _ends(self, bounds: Bounds, more: FloatArray | float) -> FloatArray:
+        """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
+        asked = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
+        found = [
+            np.stack(bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times))
+            for (j, times), (back, ahead) in asked
+        ]
+        return np.stack(found, axis=1)
 
     def __call__(self, box: FloatArray) -> FloatArray:
-        least, most = self._ends(self.any, box + self.travel)
-        slow, fast = self._ends(self.calm, self.travel)
-        return np.maximum(most - slow, fast - least).max(axis=0)
+        least, most = self._ends(self.any, box)
+        slow, fast = self._ends(self.calm, 0.0)
+        return np.maximum(most - slow, fast - least).max(axis=(0, 1))
