@@ -34,6 +34,9 @@ On a grid, shrinking a set by a box is the maximum of its level-set function ove
 what the controller reads between the nodes). Near an unsafe end the box has to be on the grid. Whether W holds a state
 between the nodes is asked of M itself, all around it.
 
+Certified sets are of cells, and M_k^n holds a cell y where the image of y + E, widened by E, is in M_{k+1}^{n-1}: for a
+cell that is a point the same. Their E is bounded by intervals (`sdhj.certified.guesses`), not by differences.
+
 *In closed form.* dq = u + v, u in {-1, 0, 1}, |v| <= b < 1, target |q| <= r; T = delta + 2 j, S = delta - 2 j. Here
 E = e + d b, and the sets are intervals around 0. M^0 has the half-width r - E; W^n has E less than M^n. u = 1 leads
 [-w - (1 - b) S, w - (1 + b) T] into [-w, w]: its low end may be stopped early, its high end late. With w the half-width

@@ -31,7 +31,11 @@ The obligations of the proof, where each is met, and the test in tests/certified
     both are below 1e-12 in a step. [test_state_on_an_edge]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target]
-10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
+10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.prediction`. An image is of
+    the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of the
+    cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
+    [test_no_prediction_is_farther_off_than_proved]
+11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as

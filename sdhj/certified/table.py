@@ -12,9 +12,9 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import CellAxis, cells_of, measured, told_axis
+from sdhj.certified.cells import CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import Cells, fewest_steps, to_bits, to_words
+from sdhj.certified.packed import Cells, fewest_steps, to_bits
 from sdhj.checks import real_array, states_array, whole
 from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
@@ -22,7 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
-KEPT = 1 << 10  # likewise, while they are shrunk
+DRAWN = 1 << 18  # states, to estimate a share
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
@@ -114,12 +114,27 @@ class CertifiedTable:
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of `points` (M, ndim) is certified, with all it may be taken for (`Sensing`): bool (M,)."""
         place = self._place(start, within)
-        if not self.problem.sensing:
-            return self._fewest(points, place, place) == 0
-        states = states_array("states", np.atleast_2d(real_array("states", points)), len(self.axes))
-        blocks, out = self._kept(place), np.empty(len(states), np.int64)
-        fewest_steps(states, self.cells, np.arange(len(blocks), dtype=np.uint32)[None], blocks, out)
-        return out == 0
+        out = self._fewest(points, place, place) == 0
+        if self.problem.sensing:
+            around = self._around(np.atleast_2d(points)[out])
+            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place) == 0
+            out[out] = kept.reshape(around.shape[:2]).all(axis=1)
+        return out
+
+    def _around(self, states: FloatArray) -> FloatArray:
+        """Places (M, V, ndim) in all cells that may be measured in states (M, ndim)."""
+        columns = []
+        for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
+            width, x = float(own.width), states[:, axis, None]
+            column = x + np.linspace(-off, off, math.ceil(2 * off / width) + 1 if off else 1)
+            if own.periodic and off:  # the last cell may be narrower than what lies between two of these
+                length, last = float(sum(own.extent) / 2), own.edges()[-2:].mean()
+                to_last = (last - x + length / 2) % length - length / 2
+                column = np.concatenate([column, x + np.clip(to_last, -off, off)], axis=1)
+            columns.append(column)
+        places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
+        found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+        return self.grid.held(found, "wall", "unsafe")
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
@@ -184,35 +199,25 @@ class CertifiedTable:
         return to_bits(self.pool[self.index[self._place(start, within)]], packed).reshape(self.shape)
 
     def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified (of cells, not of nodes), as `contains` says."""
-        shares, place = _product([axis.shares() for axis in self.axes[: self.proof.rows]]), self._place(start, within)
-        kept = self._measured(self._kept(place)) if self.problem.sensing else self._measures[self.index[place]]
-        return float(np.sum(kept * shares))
+        """Share of the volume of the state space that is certified (of cells, not of nodes).
 
-    def _kept(self, place: int) -> FloatArray:
-        """Blocks (rows, words) of the cells from which all that is measured is in a set."""
-        if place not in self._last_kept:
-            self._last_kept.clear()
-            blocks = self.pool[self.index[place]]
-            self._last_kept[place] = cells_kept(self.axes, self.proof.rows, self.proof.unsure, blocks)
-        return self._last_kept[place]
-
-    @cached_property
-    def _last_kept(self) -> dict[int, FloatArray]:
-        return {}
+        With `Sensing` that of 2^18 states drawn evenly for which `contains` says so.
+        """
+        if self.problem.sensing:
+            drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (DRAWN, self.grid.ndim))
+            return float(self.contains(drawn, start=start, within=within).mean())
+        shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
+        return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))
 
     @cached_property
     def _measures(self) -> FloatArray:
-        return self._measured(self.pool)
-
-    def _measured(self, blocks: FloatArray) -> FloatArray:
-        """The share of the packed axes that each block holds, shape (blocks,)."""
+        """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
         axes = self.axes[self.proof.rows :]
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
-            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(blocks)]
+            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(self.pool)]
             return np.concatenate(counted) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
         shares = _product([axis.shares() for axis in axes])
-        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(blocks)])
+        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
@@ -246,27 +251,6 @@ class CertifiedTable:
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, told["details"])
-
-
-def cells_kept(axes: Sequence[CellAxis], rows: int, off: FloatArray, blocks: FloatArray) -> FloatArray:
-    """Of packed cells (rows, words) those all around which, as far as `off` (ndim,), cells are in the set too."""
-
-    def shrunk(cells: FloatArray, axis: CellAxis, by: float, place: int) -> FloatArray:
-        first, number = axis.image(-measured(by), measured(by))
-        windows = ((first + np.minimum(k, number - 1)) % axis.count for k in range(number.max()))
-        return reduce(np.bitwise_and, (cells.take(window, axis=place) for window in windows))
-
-    counts = [axis.count for axis in axes]
-    out = blocks.reshape(*counts[:rows], -1)
-    for place in range(rows):
-        out = shrunk(out, axes[place], off[place], place)
-    out, packed = out.reshape(len(blocks), -1).copy(), math.prod(counts[rows:])
-    for begin in range(0, len(out), KEPT):
-        cells = to_bits(out[begin : begin + KEPT], packed).reshape(-1, *counts[rows:])
-        for place in range(rows, len(axes)):
-            cells = shrunk(cells, axes[place], off[place], place - rows + 1)
-        out[begin : begin + KEPT] = to_words(cells.reshape(len(cells), -1))
-    return out
 
 
 def _slabs(array: FloatArray) -> Iterator[FloatArray]:
