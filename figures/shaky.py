@@ -100,7 +100,8 @@ class Row:
 
     def __str__(self) -> str:
         rate = f"{self.lost / self.runs:.4%}" if self.runs else "-"
-        return f"| {self.robot} | {self.method} | {self.share:.4f} | {self.runs:,} | {self.lost:,} | {rate} | {self.ways} |"
+        told = self.robot, self.method, f"{self.share:.4f}", f"{self.runs:,}", f"{self.lost:,}", rate, self.ways
+        return f"| {' | '.join(told)} |"
 
 
 def played(table: Table, sensing: sdhj.Sensing, runs: int) -> tuple[int, int, str]:
