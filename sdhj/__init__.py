@@ -54,6 +54,7 @@ from sdhj.grid import Grid
 from sdhj.methods import HJI, HopfLax, solve
 from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.schemes import Scheme
+from sdhj.sensing import Sensing
 from sdhj.table import LookupTable
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ __all__ = [
     "Projected",
     "ReachAvoidProblem",
     "Scheme",
+    "Sensing",
     "TableFileError",
     "TargetSet",
     "UnsafeSet",

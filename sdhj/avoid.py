@@ -16,6 +16,7 @@ from sdhj.games import Games
 from sdhj.grid import FloatArray, Grid
 from sdhj.interpolation import SLACK
 from sdhj.problem import ANYWHERE, ReachAvoidProblem, UnsafeSet
+from sdhj.sensing import Sensing, shrunk
 from sdhj.table import AvoidTubes
 
 MARGIN = 6  # nodes beyond what an interval reaches: what differences make of the wide grid's end falls tenfold a node
@@ -77,6 +78,9 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
                 "between the nodes (use more, or enlarge it), or is out of reach",
                 stacklevel=5,
             )
+    for kept, tubes in zip(axes, (static[None], moving), strict=True):
+        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
+            tube[:] = shrunk(problem, tube, kept)
     inner = [tuple(problem.grid.inner[axis] for axis in own) for own in axes]
     static, moving = static[(slice(None), *inner[0])], moving[(slice(None), slice(None), *inner[1])]
     return AvoidTubes(axes[0], np.ascontiguousarray(static), axes[1], np.ascontiguousarray(moving))
@@ -88,7 +92,8 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
     name = f"the ends of axis {problem.grid.names[axis]}"
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
-    own, grid, delta, timed = axes.index(axis), problem.grid.subgrid(axes), problem.delta, problem.dynamics.timed
+    own, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
+    delta = problem.interval(0).delta
     speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
     more = int(np.ceil(speed * delta / grid.spacing[own])) + MARGIN
     widened = np.array([more * (i == own) for i in range(len(axes))])
@@ -113,6 +118,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
         steps=problem.most_steps,
+        sensing=Sensing(delay=problem.sensing.delay),  # intervals are longer and begin as late
     )
     inside = tuple(slice(extra, extra + n) for extra, n in zip(widened.tolist(), grid.shape, strict=True))
     return Danger(axes, timed, wide, wide.unsafe[0], inside)

@@ -16,6 +16,7 @@ from sdhj.batches import NOT_ADMISSIBLE, Batch, take_best
 from sdhj.checks import real_array, sealed
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
+from sdhj.realtime import RealTime
 from sdhj.table import Table
 
 if TYPE_CHECKING:
@@ -82,11 +83,12 @@ RULES: dict[str, Rule] = {  # of the scores (P,) the least wins
 }
 
 
-class Controller:
+class Controller(RealTime):
     """Set-valued feedback from a table, for any state, on or off the grid (Algorithm 2).
 
     Queries of one state may come from several threads at once, also while a solve runs. Where nothing depends on time
     the step may be left out: what is right at step 0 is at any time, so a robot may run for as long as it likes.
+    With `Sensing` the states asked for are predictions, made by `predict`; `step` does all that a loop needs.
 
     Parameters
     ----------
@@ -157,11 +159,6 @@ class Controller:
         from sdhj.shield import fallback
 
         return fallback(self.table, q, self._at(step))
-
-    def _at(self, step: int | None) -> int:
-        if step is None and not self.problem.timeless:
-            raise ValueError("the answer depends on time: say at which step, for example select(q, step=0)")
-        return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None) -> Batch:
         state, shape = real_array("a state", q), (self.problem.grid.ndim,)

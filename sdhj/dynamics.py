@@ -8,7 +8,7 @@ the boxes that the controller looks ahead with, the plant that the simulation in
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -182,12 +182,16 @@ class Interval:
     dynamics : Dynamics
     begin, delta : float
         When it begins and how long it lasts, s.
+    early, wider : float, (ndim,)
+        How much sooner the adversary may end it, s; by how much boxes of what is reachable are widened.
     """
 
     grid: Grid
     dynamics: Dynamics
     begin: float
     delta: float
+    early: float = 0.0
+    wider: FloatArray | float = 0.0
 
     @property
     def end(self) -> float:
@@ -272,16 +276,20 @@ class Interval:
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
         dynamics = self.dynamics
+        if self.early:
+            sooner = [replace(self, delta=self.delta - by * self.early, early=0.0) for by in (0.0, 0.5, 1.0)]
+            lows, highs = zip(*(interval.reachable(states) for interval in sooner), strict=True)
+            return np.min(lows, axis=0), np.max(highs, axis=0)
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
-            return low[None], high[None]
+            return low[None] - self.wider, high[None] + self.wider
         centre, points = self.displacements(states), self.grid.wrapped(states)
         times = [self.begin] if not dynamics.timed else [self.begin, self.begin + self.delta / 2, self.end]
         spreads = []
         for j in range(1 if dynamics.alike else len(dynamics.inputs)):
             most = [self.delta * np.abs(dynamics.gain_at(points, j, t)) @ dynamics.bounds_at(j, t) for t in times]
             spreads.append(np.max(most, axis=0))
-        spread = np.stack(spreads, axis=1)
+        spread = np.stack(spreads, axis=1) + self.wider
         return centre - spread, centre + spread
 
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula

@@ -31,6 +31,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.identity import alike
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
+from sdhj.sensing import Sensing
 from sdhj.stopping import TEMPORARIES
 
 if TYPE_CHECKING:
@@ -216,7 +217,7 @@ def _told(table: "Table") -> dict[str, Any]:
         "view_time": problem.view_time,
         "grid": {name: getattr(problem.grid, name) for name in LAYOUT},
         "inputs": problem.inputs.tolist(),
-    }
+    } | ({"sensing": vars(problem.sensing)} if problem.sensing else {})
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -225,8 +226,9 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        "grid" (a Grid), "inputs" (L, m), "recipe" and "details" (mappings; an own problem has an empty recipe), and as
-        they are in the file: "problem", "digest", "method", "delta", "steps", "view_time", "sdhj_version".
+        "grid" (a Grid), "sensing" (a Sensing), "inputs" (L, m), "recipe" and "details" (mappings; an own problem has an
+        empty recipe), and as they are in the file: "problem", "digest", "method", "delta", "steps", "view_time",
+        "sdhj_version".
 
     Raises
     ------
@@ -272,6 +274,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
                     f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
                 )
             problem = imported(rebuild)(recipe)
+            problem = replace(problem, sensing=told["sensing"]) if told["sensing"] else problem
         if problem.steps is None and told["details"].get("endless"):
             problem = replace(problem, steps=told["steps"])  # as many as it took
         if problem.digest != told["digest"] and (other := _what_differs(told, file, problem)):
@@ -373,12 +376,13 @@ def _believed(told: Any) -> dict[str, Any]:
         "details": dict(told["details"]),
         "delta": number("delta", told["delta"], above=0.0),
         "steps": whole("steps", told["steps"], least=1),
+        "sensing": Sensing(**told.get("sensing", {})),
     }
 
 
 def _what_differs(told: dict[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> str:
     """What of a problem is not as the file says, beyond rounding; its functions are known by their values alone."""
-    pairs = {name: (told[name], getattr(problem, name)) for name in ("delta", "steps", "view_time")}
+    pairs = {name: (told[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
     layout = (name for name in LAYOUT if name != "names")  # which are labels
     pairs |= {name: (getattr(told["grid"], name), getattr(problem.grid, name)) for name in layout}
     if told["recipe"] and problem.recipe:

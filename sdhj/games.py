@@ -13,15 +13,15 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from sdhj.dynamics import INSTANTS
 from sdhj.grid import FloatArray
-from sdhj.hopf_lax import maximum_over_boxes
+from sdhj.hopf_lax import maximum_over_boxes, maximum_over_paths
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.schemes import Scheme, Velocities, checked_travel, evolve, too_restless
+from sdhj.schemes import Scheme, Velocities, checked_travel, evolve, evolve_stopped, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
@@ -77,7 +77,8 @@ class _OnAxes:
         self.problem = problem
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
-        self.count = len(problem.inputs)
+        interval, self.count = problem.interval(0), len(problem.inputs)
+        self.duration, self.early = interval.delta, interval.early
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
@@ -98,7 +99,7 @@ class HJIGames(_OnAxes):
         self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
         if self.moving_frame:
             drift = np.asarray(problem.dynamics.drift)[:, self.axes]
-            checked_travel(self.grid, np.abs(drift).max(axis=0), problem.delta)
+            checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
 
     @property
     def moving_frame(self) -> bool:
@@ -110,9 +111,9 @@ class HJIGames(_OnAxes):
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
-        if self.moving_frame:
+        if self.moving_frame and not self.early:  # else each end that it may have is another shift
             still = self._evolve(values, 0, step, drift=False)
-            shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.problem.delta
+            shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
             yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT)
         else:
             for j in range(self.count):
@@ -122,7 +123,7 @@ class HJIGames(_OnAxes):
         self.solved += 1
         velocities = self.velocities(j, self.axes, step, drift)
         steps = self.steps(self.axes, step) if callable(velocities) else None
-        return evolve(self.grid, values, velocities, self.problem.delta, self.scheme, steps=steps)
+        return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`.
@@ -139,19 +140,19 @@ class HJIGames(_OnAxes):
         for j, tube in enumerate(tubes):
             velocities = self.velocities(j, wall.axes, step)
             obstacle = at if wall.instant else at(0.0)
-            tube[:] = evolve(grid, at(0.0), velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
+            tube[:] = evolve(grid, at(0.0), velocities, self.duration, self.scheme, obstacle=obstacle, steps=steps)
             self.solved += 1
         return tubes
 
     def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
         """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
-        t0, t1 = self.problem.time(step), self.problem.time(step + 1)
+        t0, t1 = self.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
             if not wall.instant:
                 return wall.over(t0, t1)
-            return wall.over(t1 - tau, min(t1 - tau + self.problem.delta / steps, t1))
+            return wall.over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
 
         return at if wall.instant else lambda tau: at(0.0)
 
@@ -171,15 +172,15 @@ class HJIGames(_OnAxes):
 
     def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
         """The same, where the time steps of the interval are short enough for them; else ValueError."""
-        if velocities.steps(self.problem.grid.subgrid(axes), self.problem.delta / self.steps(axes, step), 1.0) > 1:
-            raise too_restless(self.problem.delta)
+        if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
+            raise too_restless(self.duration)
         return velocities
 
     def steps(self, axes: Axes, step: int) -> int:
         """Time steps of an interval that are enough for every input."""
         key = axes, step if self.problem.dynamics.timed else 0
         if key not in self._steps:
-            grid, delta, cfl = self.problem.grid.subgrid(axes), self.problem.delta, self.scheme.cfl
+            grid, delta, cfl = self.problem.grid.subgrid(axes), self.duration, self.scheme.cfl
             most = 1
             for j in range(self.count):
                 field, interval = self.velocities(j, axes, step), self.problem.interval(step)
@@ -210,10 +211,11 @@ class JointGames(HJIGames):
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
         obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
+        told: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
         for j in range(self.count):
             self.solved += 1
             velocities = self.velocities(j, self.axes, step)
-            yield j, evolve(grid, values, velocities, problem.delta, self.scheme, obstacle=obstacle, steps=steps)
+            yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **told)
 
 
 class HopfLaxGames(_OnAxes):
@@ -234,35 +236,37 @@ class HopfLaxGames(_OnAxes):
         self.interpolation, self.dtype = interpolation, dtype
         timed, speed = problem.dynamics.timed, np.zeros(problem.grid.ndim)
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
-            for t in interval.begin + problem.delta * (INSTANTS if timed else INSTANTS[:1]):
+            for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
-            end = problem.delta
+            end = self.duration
             whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
-                raise too_restless(problem.delta)
-        self.cells = checked_travel(problem.grid, speed, problem.delta)
+                raise too_restless(self.duration)
+        self.cells = checked_travel(problem.grid, speed, self.duration)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `HJIGames.reach`."""
-        low, high = (box[:, self.axes] for box in self.problem.interval(step).reached(0.0, self.problem.delta))
-        yield from maximum_over_boxes(self.grid, np.asarray(values, self.dtype), low, high, self.interpolation)
+        interval, parts = self.problem.interval(step), self._pieces(list(self.axes), self.early / self.duration)
+        ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
+        boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
+        yield from maximum_over_paths(self.grid, np.asarray(values, self.dtype), boxes, self.interpolation)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `HJIGames.tubes`; each piece of the interval takes the box that holds all states of its duration."""
         problem, axes = self.problem, list(wall.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
-        times = problem.time(step) + problem.delta * np.arange(pieces + 1) / pieces
+        times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if wall.instant else wall.over(times[0], times[-1])
         result = np.empty((self.count, *grid.shape), self.dtype)
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            ends = problem.delta * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
+            ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
             boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
             for j, tube in maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation):
                 np.maximum(result[j] if piece else tube, tube, out=result[j])
         return result
 
-    def _pieces(self, axes: list[int]) -> int:
-        """Pieces of the interval short enough that no axis moves more than a quarter of a cell."""
-        return max(1, int(np.ceil(self.cells[axes].max() * 4)))
+    def _pieces(self, axes: list[int], share: float = 1.0) -> int:
+        """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""
+        return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))

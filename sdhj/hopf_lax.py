@@ -158,3 +158,19 @@ def maximum_over_boxes(
             yield from descend(moved, depth + 1, chosen)
 
     yield from descend(out_of_danger(grid, np.asarray(values)), 0, range(len(low)))
+
+
+def maximum_over_paths(
+    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str
+) -> Iterator[tuple[int, FloatArray]]:
+    """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), low and high corners in turn.
+
+    Between two of them the corners move on straight lines: those boxes are in the one that holds both.
+    """
+    if len(boxes) == 1:
+        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation)
+    found: dict[int, FloatArray] = {}
+    for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
+        for j, most in maximum_over_boxes(grid, values, low, high, interpolation):
+            found[j] = np.maximum(found.get(j, most), most)
+    yield from found.items()

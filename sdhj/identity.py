@@ -72,16 +72,18 @@ def _parts(problem: "ReachAvoidProblem") -> Iterator[Any]:
         yield from (dynamics.bounds, dynamics.drift, dynamics.gain)
     else:
         points, halves = grid.points(), range(2 * problem.steps + 1) if dynamics.timed else range(1)
-        for t in (half * problem.delta / 2 for half in halves):
+        for t in (half * problem.delta / 2 + problem.sensing.delay for half in halves):
             yield from (dynamics.drift_at(points, j, t) for j in inputs)
             for j in inputs[:1] if dynamics.alike else inputs:
                 yield from (dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
     yield problem.target.axes
     yield from (problem.target_at(problem.time(k)) for k in range(1 if problem.timeless else problem.steps + 1))
     for part in problem.unsafe:
-        yield from (part.axes, part.rate, problem.unsafe_at(part, 0.0))
+        yield from (part.axes, part.rate, problem.unsafe_when(part, 0))
         for step in range(problem.steps) if part.moving else ():
-            t0, t1 = problem.time(step), problem.time(step + 1)
+            t0, t1 = problem.span(step)
             # what happens between the samples counts too
-            yield from (problem.unsafe_at(part, (t0 + t1) / 2), problem.unsafe_at(part, t1))
+            yield from (problem.unsafe_at(part, (t0 + t1) / 2), problem.unsafe_when(part, step + 1))
             yield problem.unsafe_over(part, t0, t1)
+    if sensing := problem.sensing:
+        yield from (np.broadcast_to(sensing.error, grid.ndim), sensing.delay, sensing.jitter, sensing.rest)

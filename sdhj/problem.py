@@ -19,6 +19,7 @@ from sdhj.dynamics import Dynamics, Interval
 from sdhj.grid import FloatArray, Grid
 from sdhj.resolution import least_in_cells
 from sdhj.rim import with_rim
+from sdhj.sensing import Sensing, half_widths
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # times as deep inside, by sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
@@ -148,6 +149,8 @@ class ReachAvoidProblem:
         (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
     recipe : mapping, optional
         {"builder": name, "arguments": {...}} with which a saved table rebuilds its problem; set by the case studies.
+    sensing : Sensing
+        Measurement error, delay and jitter, by default none; `sdhj.prediction` says what the sets then mean.
 
     Raises
     ------
@@ -164,6 +167,7 @@ class ReachAvoidProblem:
     view_time: str = "swept"
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
+    sensing: Sensing = field(default_factory=Sensing)
 
     def __post_init__(self) -> None:
         self._check_parts()
@@ -186,6 +190,7 @@ class ReachAvoidProblem:
                 "or the target depend on time; give a number of steps"
             )
         importlib.import_module("sdhj.trials").tried(self)
+        self.sensing.check(self)
 
     def _check_parts(self) -> None:
         if not (isinstance(self.name, str) and self.name.isprintable()):
@@ -201,6 +206,10 @@ class ReachAvoidProblem:
                 raise ValueError(f"{name} must be a sdhj.{kind.__name__}, got {reprlib.repr(given)}")
         if not isinstance(self.target, TargetSet):
             raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
+        if not isinstance(self.sensing, Sensing):
+            raise ValueError(
+                f"sensing must be a sdhj.Sensing, as Sensing(error=0.01), got {reprlib.repr(self.sensing)}"
+            )
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
             told = reprlib.repr(self.unsafe)
@@ -227,14 +236,21 @@ class ReachAvoidProblem:
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """t_k of a step, s."""
-        return step * self.delta
+        """t_k of a step, s; where there is a delay s_k, when its input starts."""
+        return step * self.delta + self.sensing.delay
+
+    def span(self, step: int) -> tuple[float, float]:
+        """When the input of a step may start and end, s, with all jitter."""
+        return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
+
+    half_widths = cached_property(half_widths)
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
-            self._intervals[step] = Interval(self.grid, self.dynamics, self.time(step), self.delta)
+            held = self.sensing.held(self.delta)
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *held, self.half_widths[1])
         return self._intervals[step]
 
     @cached_property
@@ -324,6 +340,11 @@ class ReachAvoidProblem:
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
         return []
 
+    def unsafe_when(self, part: UnsafeSet, step: int) -> FloatArray:
+        """As `unsafe_at` at t_k; with jitter at every time that t_k may be."""
+        t, j = self.time(step), self.sensing.jitter
+        return self.unsafe_over(part, t - j, t + j) if j and part.moving else self.unsafe_at(part, t)
+
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
@@ -332,7 +353,7 @@ class ReachAvoidProblem:
         t, grid = self.time(step), self.grid
         values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self.target_at(t), self.target.axes)
         for part in self.unsafe:
-            values = np.maximum(values, -grid.lift(self.unsafe_at(part, t), part.axes))
+            values = np.maximum(values, -grid.lift(self.unsafe_when(part, step), part.axes))
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))

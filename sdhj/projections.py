@@ -157,7 +157,7 @@ class ProjectedGames:
             return sampled[t0, t1][keep]
 
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
-            walls = wall.over(problem.time(step), problem.time(step + 1))
+            walls = wall.over(*problem.span(step))
             self._note_free(part, float(walls.max() < 0))
             return np.full((len(problem.inputs), *grid.shape), walls.max(), self.dtype)
         tubes = []

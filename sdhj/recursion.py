@@ -22,6 +22,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.memory import require
 from sdhj.problem import ReachAvoidProblem
 from sdhj.resolution import check_promises, check_resolution
+from sdhj.sensing import shrunk
 from sdhj.table import AvoidTubes, LookupTable, Table
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
@@ -82,7 +83,8 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
     sampled = grid.sampling_bytes
-    solved = 12 * item * grid.size  # stages with their ghost nodes, shifted copies
+    kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
+    solved = (12 + kept) * item * grid.size  # stages with their ghost nodes, shifted copies
     if not problem.dynamics.stateless:  # the velocities of one input at a time
         velocities = problem.interval(0).sampling_bytes
         sampled += velocities + min(KEPT, count * velocities)
@@ -193,7 +195,7 @@ class GridSets:
         self.shared = 0
 
     def goal(self, step: int) -> None:
-        self.table.value_array(step, 0)[:] = self.problem.goal(step)
+        self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
 
     def extend(self, step: int, within: int) -> None:
         """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
@@ -203,12 +205,13 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         tube[:] = np.inf if stays else before
-        played, values = self.problem.rimmed.grid, table.value_array(step + 1, within - 1)
+        played, values = self.problem.rimmed.grid, shrunk(self.problem, table.value_array(step + 1, within - 1))
         if played is not self.problem.grid:
             values = np.pad(values, played.rim, "edge")
-        for j, reach in self.games.reach(values, step):
+        for j, phi in self.games.reach(values, step):
+            reach = shrunk(self.problem, phi[played.inner])
             walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
-            add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach[played.inner]), *walls, np.uint8(1 << j % 8))
+            add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
 

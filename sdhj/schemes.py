@@ -284,6 +284,25 @@ def evolve(
     return inner.reshape(grid.shape)
 
 
+def evolve_stopped(
+    grid: Grid,
+    values: FloatArray,
+    velocities: Any,
+    duration: float,
+    scheme: Scheme,
+    early: float,
+    *,
+    obstacle: Any = None,
+    steps: int | None = None,
+) -> FloatArray:
+    """As `evolve`, where the adversary may stop up to `early` s before the end; then nothing may depend on tau."""
+    if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
+        stop = values if obstacle is None else np.maximum(values, obstacle)
+        values = evolve(grid, values, velocities, early, scheme, obstacle=stop)
+        duration, steps = duration - early, None
+    return evolve(grid, values, velocities, duration, scheme, obstacle=obstacle, steps=steps)
+
+
 def _integrate(
     phi: FloatArray, euler: Callable[..., None], stages: tuple[tuple[float, float], ...], steps: int, dt: float
 ) -> tuple[FloatArray, FloatArray]:

@@ -29,6 +29,7 @@ from sdhj.checks import ascending, real_array, states_array, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
+from sdhj.sensing import shrunk, worst_around
 
 if TYPE_CHECKING:
     import h5py
@@ -227,7 +228,7 @@ class LookupTable:
     def values(self, *, start: int, within: int) -> FloatArray:
         """Level-set function of the states that reach the target within `within` steps from step `start`.
 
-        Shape grid.shape, <= 0 inside; a view, not to be modified.
+        Shape grid.shape, <= 0 inside; a view, not to be modified. With `Sensing` of predictions.
         """
         view = self.value_array(start, within).view()
         view.flags.writeable = False
@@ -244,15 +245,15 @@ class LookupTable:
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) lies in the tube, by multilinear interpolation: bool (M,)."""
+        """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,)."""
         points = np.atleast_2d(real_array("points", points))
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
-        return self.grid.interpolate(self.value_array(start, within), points) <= 0
+        return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def fraction(self, *, start: int, within: int) -> float:
-        """Share of the grid's volume inside the tube."""
-        return self.grid.fraction(self.value_array(start, within) <= 0)
+        """Share of the grid's volume inside the tube, of what `contains` says so."""
+        return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
     def nbytes(self) -> int:

@@ -46,8 +46,8 @@ def tried(problem: "ReachAvoidProblem") -> None:
 
 
 def _moments(problem: "ReachAvoidProblem") -> FloatArray:
-    """Times at which sets are tried, ascending: (T,)."""
-    steps = problem.steps or UNDECIDED_STEPS
+    """Times at which sets are tried, ascending: (T,); a delay and jitter go on into one more interval."""
+    steps = (problem.steps or UNDECIDED_STEPS) + bool(problem.sensing)
     parts = PARTS if steps <= FEW_STEPS else 1
     if steps * len(INSTANTS) <= MOMENTS:
         return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
@@ -94,10 +94,10 @@ def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, most)).astype(np.int64))
     points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
     for step in steps.tolist():
-        t0, t1 = problem.time(step), problem.time(step + 1)
+        (t0, t1), held = problem.span(step), problem.sensing.held(problem.delta)[0]
         swept = part.swept(points, t0, t1)
         repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
-        for t in (t0 + INSTANTS * problem.delta).tolist():
+        for t in (t0 + INSTANTS * held).tolist():
             excess = swept - part.level_set(points, t)
             if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
                 worst = points[int(excess.argmax())].tolist()

@@ -47,3 +47,46 @@ def play(choose, velocity, signs, target, unsafe, starts, *, delta, steps):
                 states = rk4(lambda q, at, v=v, inputs=inputs: velocity(q, inputs, v, at), states, now, h)
                 end(unsafe(states, now + h) <= 0, "collided")
     return outcomes
+
+
+def play_sensed(choose, velocity, signs, mislead, target, unsafe, kept, starts, late, *, delta, delay, steps):
+    """As `play`, of robots that measure with an error, act after a delay, and whose clock is off.
+
+    choose(measured, held, step) -> (M,) inputs and (M,) bool, whether the target is said to be reached; held: the
+    inputs before, which are kept for the delay. mislead(states) -> what is measured. late (steps + 1, M): how late each
+    instant comes. Nothing depends on time. Robots are at `starts` when they measure first, and are promised something
+    where kept(states) when they act first. Outcomes also
+    "nothing promised", and "wrong" where the target is said to be reached and is not.
+    """
+    states, outcomes = np.array(starts, dtype=float), np.full(len(starts), "late", dtype=object)
+    running, held = np.ones(len(starts), bool), np.zeros(len(starts), np.int64)
+
+    def end(which, outcome):
+        outcomes[which & running] = outcome
+        running[which] = False
+
+    def drive(states, seconds, parts, watched):
+        for _ in range(parts):
+            v, h = signs(states, held), (seconds / parts / SUBSTEPS)[:, None]
+            for _ in range(SUBSTEPS):
+                states = rk4(lambda q, at, v=v: velocity(q, held, v), states, 0.0, h)
+                end(watched & (unsafe(states) <= 0), "collided")
+        return states
+
+    everyone = np.ones(len(states), bool)
+    measured = mislead(states)
+    states = drive(states, np.full(len(states), delay), PARTS, ~everyone)
+    end(~kept(states) | (unsafe(states) <= 0), "nothing promised")
+    for step in range(steps + 1):
+        inputs, done = choose(measured, held, step)
+        end(done & (target(states) <= 0), "reached")
+        end(done, "wrong")
+        if step == steps or not running.any():
+            break
+        end(inputs < 0, "left")
+        held = np.maximum(inputs, 0)
+        lasting = delta + late[step + 1] - late[step]
+        states = drive(states, lasting - delay, PARTS, everyone)
+        measured = mislead(states)
+        states = drive(states, np.full(len(states), delay), PARTS if delay else 0, everyone)
+    return outcomes

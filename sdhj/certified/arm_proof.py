@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import MOST_PIECES, CellAxis, measured, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
 from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.certified.links import Agent, joint_moves
 from sdhj.certified.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
@@ -67,7 +67,7 @@ class ArmProof:
     ) -> "ArmProof":
         """Everything that does not depend on a set; `allowed` is computed where it is None."""
         stage, count = scene(problem), len(problem.inputs)
-        arm, (x, y), delta = arm_numbers(stage), axes[2:], float(problem.delta)
+        arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.held(problem.delta)[0]
         if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
             raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
         if problem.steps > MARKED_STEPS:
@@ -84,27 +84,34 @@ class ArmProof:
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
         for (axis, own), j in itertools.product(enumerate(axes), range(count)):
-            images = own.image(*speeds[axis][j], measured(problem.delta))
+            images = own.image(*moved_bounds(problem, axis, j))
             first[axis, j, : own.count], number[axis, j, : own.count] = images
             if axis < 2:
-                moved = joint_moves(own.edges(), *velocities[axis, j], delta, pieces[j])
+                moved = joint_moves(_ends(problem, axes, axis), *velocities[axis, j], length, pieces[j])
                 moves[axis, j, : own.count, : pieces[j]] = moved
         if allowed is None:
             instants = np.arange(2 ** (HALVINGS + 1) + 1) / 2 ** (HALVINGS + 1)
-            times = (np.arange(problem.steps) + instants[:, None]) * problem.delta
-            allowed = clear_of_obstacles(stage, axes, times, velocities, problem.delta)
+            parts_of = np.arange(problem.steps) + instants[:, None] * (length / problem.delta)
+            times = parts_of * problem.delta + problem.sensing.delay
+            allowed = clear_of_obstacles(problem, axes, times, velocities, length)
         contact, fastest = (
             float(stage.agent_radius + stage.arm.half_width),
             float(max(speeds[2][0][1], speeds[3][0][1])),
         )
         plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
-        agent, pursued = Agent(delta, fastest, contact, *plane), stage.agent == "pursuer"
+        unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
+        agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
         return sum(part.nbytes for part in self.motion if isinstance(part, np.ndarray))
+
+    @cached_property
+    def unsure(self) -> FloatArray:
+        """By how much a prediction may be off, (4,)."""
+        return np.array([float(unknown(self.problem, axis)) for axis in range(4)])
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
@@ -184,7 +191,7 @@ class ArmProof:
         """Cells inside the target and outside the unsafe set at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
-        still = [joint_moves(axis.edges(), 0.0, 0.0, 0.0, 1) for axis in self.axes[:2]]
+        still = [joint_moves(_ends(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)]
         if stage.target is None:
             tips_within(*still, stage.agent_radius, motion.arm, motion.agent, out)
         else:
@@ -193,7 +200,7 @@ class ArmProof:
             centre = Agent(0.0, 0.0, 0.0, x, y, 0.0, 0.0, 1, 1)  # a cell without width
             tips_within(*still, stage.target.radius, motion.arm, centre, inside)
             out *= inside
-        clear = clear_of_obstacles(stage, self.axes, np.full((3, 1), t), np.zeros((2, 1, 2)), 0.0)
+        clear = clear_of_obstacles(self.problem, self.axes, np.full((3, 1), t), np.zeros((2, 1, 2)), 0.0)
         out *= clear[0, 0, :, :, None].astype(np.uint64)
         return out.reshape(-1, self.shape[2])
 
@@ -204,23 +211,30 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
     return np.array([l1, l2, 1.0]) if stage.arm.kinematics == "relative" else np.array([l1, l1 + l2, 0.0])
 
 
+def _ends(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
+    """Where the state may be on an axis whose prediction is in a cell, (n, 2)."""
+    edges, off = axes[axis].edges(), float(unknown(problem, axis))
+    return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
+
+
 def clear_of_obstacles(
-    stage: ArmScene, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
+    problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
     """Cells of the joints from which the arm stays clear of the known obstacles: (steps, L, n1, n2) bool.
 
     times (2^(h + 1) + 1, steps) cut each interval evenly, to be halved h times; velocities (2, L, 2).
     """
+    stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)
     if stage.obstacles:
         disks = Disks(
             delta=float(delta),
             depth=(len(times) - 1).bit_length() - 2,
             centres=np.ascontiguousarray(np.stack([disk.centre(times) for disk in stage.obstacles], axis=-2)),
-            radii=np.array([disk.radius + stage.arm.half_width for disk in stage.obstacles]),
+            radii=np.array([disk.radius + stage.arm.half_width + disk.speed * jitter for disk in stage.obstacles]),
             speeds=np.array([disk.speed for disk in stage.obstacles]),
         )
-        cells_clear(axes[0].edges(), axes[1].edges(), velocities, disks, arm_numbers(stage), out)
+        cells_clear(*(_ends(problem, axes, axis) for axis in (0, 1)), velocities, disks, arm_numbers(stage), out)
     return out
 
 

@@ -86,16 +86,16 @@ class CellAxis:
         lengths[-1] = float(sum(self.extent) / 2 - (self.count - 1) * self.width)
         return lengths / lengths.sum()
 
-    def image(self, slow: Fraction, fast: Fraction, duration: Fraction) -> tuple[IndexArray, IndexArray]:
-        """Which cells cover everything reachable from each cell when the velocity stays in [slow, fast].
+    def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
+        """Which cells cover everything reachable from each cell that is moved by something in [back, ahead].
 
         Returns
         -------
         first, number : (count,) int64
             Cell i ends up inside the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`. At
-            the ends of a bounded axis the velocity is clipped.
+            the ends of a bounded axis it is clipped.
         """
-        covers = np.array([self._cover(i, slow * duration, fast * duration) for i in range(self.count)], dtype=np.int64)
+        covers = np.array([self._cover(i, back, ahead) for i in range(self.count)], dtype=np.int64)
         first, stop = covers.T
         return first % self.count, np.minimum(stop - first, self.count)
 
@@ -169,6 +169,24 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
     return drift - push, drift + push
 
 
+def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
+    """By how much a prediction may be off on one axis, exactly, for constant dynamics (`sdhj.prediction`)."""
+    sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
+    error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
+    return measured(error) + measured(sensing.delay) * (fast - slow) / 2
+
+
+def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
+    """How far one interval moves a prediction on one axis under input j, exactly, for constant dynamics.
+
+    From the prediction at its begin to any at its end, whenever it ends.
+    """
+    (slow, fast), off = velocity_bounds(problem, axis, j), 2 * unknown(problem, axis)
+    late = 2 * measured(problem.sensing.jitter)
+    spans = measured(problem.delta) - late, measured(problem.delta) + late
+    return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off
+
+
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
     """A cell width that divides every length in `moves` (and `extent` where `whole`), near `wish` cells in all.
 
@@ -207,3 +225,16 @@ def moved_cells(
     first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
     last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
     return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
+
+
+def known_axes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], reads: FloatArray) -> FloatArray:
+    """Which axes an image depends on, (ndim,) bool; reads (ndim, ndim): which the velocities do.
+
+    Also those on which cells are not alike, and those with a wall that the state may come to and leave again within an
+    interval.
+    """
+    own: FloatArray = np.logical_or.reduce(reads, axis=0)
+    for place, axis in enumerate(axes):
+        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
+        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
+    return own

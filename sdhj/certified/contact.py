@@ -59,13 +59,13 @@ def touch_swept(link, moves1, moves2, arm, agent, room, block):
     """Set the bits of the pursuer's cells from which it can meet a link during one interval. In place.
 
     `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
-    part m the pursuer is within speed * (m + 1) * delta / parts of its cell on each axis.
+    part m the pursuer is within unsure + speed * (m + 1) * delta / parts of its cell on each axis.
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
         n, remainder = links.link_points(link, moves1[part], moves2[part], arm, room)
         size = links.convex_hull(n, room)
-        growth = agent.speed * agent.delta * (part + 1) / parts
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
         radius = agent.radius + CONTACT_MARGIN + remainder
         links.touch_cells(size, radius, growth, agent, rows, room, block)
 
@@ -160,18 +160,18 @@ def steps_blocked(cell, disks, arm, room, wanted):
 
 
 @kernel(parallel=True)
-def cells_clear(edges1, edges2, velocities, disks, arm, out):
+def cells_clear(ends1, ends2, velocities, disks, arm, out):
     """Cells of the joint angles from which the arm stays clear of moving disks at every time of an interval.
 
-    edges1 (n1 + 1,), edges2 (n2 + 1,) : of the cells. velocities (2, L, 2) : of both joints under each input, the least
+    ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least
     and the greatest. out (steps, L, n1, n2) bool, overwritten.
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
         room, cell, wanted = links.make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
-        cell[0, 0], cell[0, 1] = edges1[i1], edges1[i1 + 1]
+        cell[0, 0], cell[0, 1] = ends1[i1, 0], ends1[i1, 1]
         for i2 in range(n2):
-            cell[1, 0], cell[1, 1] = edges2[i2], edges2[i2 + 1]
+            cell[1, 0], cell[1, 1] = ends2[i2, 0], ends2[i2, 1]
             for j in range(inputs):
                 for joint in range(2):
                     cell[joint, 2], cell[joint, 3] = velocities[joint, j, 0], velocities[joint, j, 1]
@@ -185,7 +185,7 @@ def cells_clear(edges1, edges2, velocities, disks, arm, out):
 
 @kernel(parallel=True)
 def tips_within(moves1, moves2, radius, arm, agent, out):
-    """Cells of all four axes whose every tip is within `radius` of every point of the agent's cell.
+    """Cells of all four axes whose every tip is within `radius` of wherever the agent of its cell may be.
 
     moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. out (n1, n2, W) uint64, overwritten.
     """
@@ -196,12 +196,13 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
             out[i1, i2] = 0
             n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
             for bit in range(agent.nx * agent.ny):
-                left = agent.x + (bit // agent.ny) * agent.width_x
-                low = agent.y + (bit % agent.ny) * agent.width_y
+                left = agent.x + (bit // agent.ny) * agent.width_x - agent.unsure
+                low = agent.y + (bit % agent.ny) * agent.width_y - agent.unsure
+                right, high = left + agent.width_x + 2 * agent.unsure, low + agent.width_y + 2 * agent.unsure
                 furthest = 0.0
                 for corner in range(2, n):
-                    dx = max(abs(room.x[corner] - left), abs(room.x[corner] - left - agent.width_x))
-                    dy = max(abs(room.y[corner] - low), abs(room.y[corner] - low - agent.width_y))
+                    dx = max(abs(room.x[corner] - left), abs(room.x[corner] - right))
+                    dy = max(abs(room.y[corner] - low), abs(room.y[corner] - high))
                     furthest = max(furthest, math.hypot(dx, dy))
                 if furthest + remainder + CONTACT_MARGIN <= radius:
                     set_bits(out[i1, i2], bit, bit + 1)
@@ -242,7 +243,7 @@ def pursuer_meets(cell, j, motion, room, block):
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
     for part in range(parts):
-        growth = agent.speed * agent.delta * (part + 1) / parts
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
         ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
         for link in range(LINKS):
             n, remainder = links.link_points(link, ends1, ends2, motion.arm, room)

@@ -29,7 +29,8 @@ from tqdm import tqdm
 
 from sdhj.batches import threads
 from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
-from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, cells_of, moved_cells
+from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of, known_axes, moved_cells
+from sdhj.certified.guesses import unsure
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
 from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
 from sdhj.checks import whole
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
+OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
@@ -90,7 +92,7 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check what is stated and make room; `prepare` fills it."""
         stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
-        own = _places(problem, axes, Bounds(problem, stated))
+        own = known_axes(problem, axes, Bounds(problem, stated).reads)
         strides, moves, clear = shapes(problem, axes, own)
         boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
         needed = 4 * math.prod(moves) + math.prod(clear) + 8 * size + 16 * PLACES * len(axes) * parts
@@ -141,7 +143,8 @@ class GeneralProof:
         sets = {name: bounds.tolist() for name, bounds in self.stated.sets.items()}
         matrix, time = (None if own is None else own.tolist() for own in (self.stated.dynamics, self.stated.time))
         own = (self.strides > 0).tolist()
-        return {"parts": self.parts, "own": own, "dynamics": matrix, "time": time, "sets": sets}
+        stated = {"dynamics": matrix, "time": time, "sets": sets}
+        return {"parts": self.parts, "own": own, "unsure": self.unsure.tolist()} | stated
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
@@ -166,6 +169,11 @@ class GeneralProof:
     @cached_property
     def bounds(self) -> Bounds:
         return Bounds(self.problem, self.stated)
+
+    @cached_property
+    def unsure(self) -> FloatArray:
+        """By how much a prediction may be off, (ndim,)."""
+        return unsure(self.problem, self.stated)
 
     @cached_property
     def cells(self) -> Cells:
@@ -226,23 +234,31 @@ class GeneralProof:
             np.where(carried, grid.lower, edges[0] - STATE_SLACK),
             np.where(carried, grid.upper, edges[1] + STATE_SLACK),
         )
-        moved, tubes = np.zeros((2, len(places), grid.ndim)), np.empty((len(places), self.parts, grid.ndim, 2))
-        before = moved  # what the piece before added: a good guess for the next
+        tubes, before = np.empty((len(places), self.parts, grid.ndim, 2)), np.zeros((2, len(places), grid.ndim))
+        moved = self._held(low, high, before + OUTWARD * self.unsure)
+        length, early = self.problem.sensing.held(self.problem.delta)
+        ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
             tube = [moved[0], moved[1]]
-            for piece in range(part * pieces, (part + 1) * pieces):
-                times = [start + self.problem.delta * at / (self.parts * pieces) for at in (piece, piece + 1)]
-                after = self._piece(low, high, moved, before, j, times)
-                moved, before = after, after - moved
+            cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
+            if cuts[0] < soonest < cuts[-1]:
+                cuts = sorted({*cuts, soonest})
+            for begin, end in itertools.pairwise(cuts):
+                after = self._piece(low, high, moved, before, j, [start + begin, start + end])
+                if begin >= soonest:
+                    ends.append(moved)
+                moved, before = after, after - moved  # what a piece added is a good guess for the next
                 tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
-        return tubes, np.moveaxis(moved, 0, 2)
+        ends.append(moved)
+        last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
+        return tubes, np.moveaxis(self._held(low, high, last + OUTWARD * self.unsure), 0, 2)
 
     def _piece(
         self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: Sequence[float]
     ) -> FloatArray:
         """What the ends of boxes low..high, moved by `moved`, have moved by at the end of a piece: (2, M, ndim)."""
-        carried, grid = self.strides == 0, self.problem.grid
+        carried = self.strides == 0
         ends = [np.where(carried, end, end + by) for end, by in zip((low, high), moved, strict=True)]
         h = np.nextafter(times[1] - times[0], np.inf)
         box, velocity = self._room(ends, before, j, times, h)
@@ -253,8 +269,12 @@ class GeneralProof:
                 face[1][:, axis] = ends[side][:, axis] + h * np.maximum(velocity[1][:, axis], 0.0) + STATE_SLACK / 8
                 least_most = self.bounds.velocity(j, face[0], face[1], times[0], times[1])
                 velocity[2 + side][:, axis] = least_most[side][:, axis]
-        out = np.stack([_added(by, h, v, side) for side, (by, v) in enumerate(zip(moved, velocity[2:], strict=True))])
-        walls = grid.faces("wall")
+        added = enumerate(zip(moved, velocity[2:], strict=True))
+        return self._held(low, high, np.stack([_added(by, h, v, side) for side, (by, v) in added]))
+
+    def _held(self, low: FloatArray, high: FloatArray, moved: FloatArray) -> FloatArray:
+        """`moved` where walls hold back the ends of boxes low..high."""
+        carried, walls, out = self.strides == 0, self.problem.grid.faces("wall"), moved.copy()
         for side, end in enumerate((low, high)):
             place = end + out[side]
             held = ~carried & ((place < walls[0]) | (place > walls[1]))
@@ -335,9 +355,10 @@ class GeneralProof:
                 out.append([self._lattice(part, [self._always])])
                 continue
             out.append([])
-            for step in range(self.problem.steps):
-                cuts = [self.problem.time(step) + self.problem.delta * at / self.parts for at in range(self.parts + 1)]
-                out[-1].append(self._lattice(part, list(itertools.pairwise(cuts))))
+            (length, _), late = self.problem.sensing.held(self.problem.delta), self.problem.sensing.jitter
+            for begin in map(self.problem.time, range(self.problem.steps)):
+                cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
+                out[-1].append(self._lattice(part, [(t0 - late, t1 + late) for t0, t1 in cuts]))
         return out
 
     def _lattice(self, part: UnsafeSet, times: list[tuple[float, float]]) -> Boxes:
@@ -366,9 +387,12 @@ class GeneralProof:
         return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
 
     def goal(self, step: int) -> FloatArray:
-        """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time."""
+        """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time.
+
+        With all that a prediction in the cell may stand for, at all times that t_k may be.
+        """
         problem, t, out = self.problem, self.problem.time(step), np.ones([axis.count for axis in self.axes], np.bool_)
-        times = self._always if self.timeless else (t, t)
+        times = self._always if self.timeless else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for part in problem.unsafe:
             out &= self._over_cells(part, times)[0] > 0.0
         if not problem.stays:
@@ -382,9 +406,8 @@ class GeneralProof:
             np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)
             for side in (0, 1)
         )
-        ends = self.bounds.level(
-            part, low.reshape(-1, len(edges)) - STATE_SLACK, high.reshape(-1, len(edges)) + STATE_SLACK, *times
-        )
+        more = STATE_SLACK + self.unsure[list(part.axes)]
+        ends = self.bounds.level(part, low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more, *times)
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
         return [end.reshape(shape) for end in ends]
 
@@ -416,19 +439,6 @@ def shapes(
         (timed, count, math.prod(counts[own].tolist()), len(axes)),
         (times, math.prod(counts.tolist()), -(-count // 8)),
     )
-
-
-def _places(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Bounds) -> FloatArray:
-    """Which axes an image depends on, (ndim,) bool.
-
-    Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
-    and leave again within an interval.
-    """
-    own: FloatArray = np.logical_or.reduce(bounds.reads, axis=0)
-    for place, axis in enumerate(axes):
-        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
-        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
-    return own
 
 
 def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatArray:

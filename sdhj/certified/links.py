@@ -35,6 +35,7 @@ class Agent(NamedTuple):
     width_y: float
     nx: int
     ny: int
+    unsure: float = 0.0  # by how much it may be out of its cell already
 
 
 class LinkRoom(NamedTuple):
@@ -76,13 +77,13 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
 
 
 @kernel()
-def joint_moves(edges, slow, fast, delta, parts):
-    """`joint_ends` of every cell of one joint in every part of the interval; (n, parts, 6)."""
-    out = np.empty((edges.size - 1, parts, 6))
+def joint_moves(ends, slow, fast, delta, parts):
+    """`joint_ends` of every cell of one joint, ends (n, 2), in every part of the interval; (n, parts, 6)."""
+    out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
         for part in range(parts):
             tau0, tau1 = delta * part / parts, delta * (part + 1) / parts
-            joint_ends(edges[i], edges[i + 1], slow, fast, tau0, tau1, out[i, part])
+            joint_ends(ends[i, 0], ends[i, 1], slow, fast, tau0, tau1, out[i, part])
     return out
 
 

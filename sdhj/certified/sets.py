@@ -31,7 +31,11 @@ The obligations of the proof, where each is met, and the test in tests/certified
     both are below 1e-12 in a step. [test_state_on_an_edge]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target]
-10. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
+10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.prediction`. An image is of
+    the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of the
+    cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
+    [test_no_prediction_is_farther_off_than_proved]
+11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
@@ -55,7 +59,7 @@ import numpy as np
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.bounds import LipschitzBounds
-from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, measured, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
@@ -106,7 +110,8 @@ class Certified:
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
-            if rebuild(problem.recipe).digest != problem.digest:  # its geometry is the recipe's, its target too
+            built = replace(rebuild(problem.recipe), sensing=problem.sensing)
+            if built.digest != problem.digest:  # its geometry is the recipe's, its target too
                 raise ValueError(
                     f"the proof for the arm is of what {problem.recipe['builder']} builds, and this problem, with "
                     f"{'no target' if problem.stays else 'other parts'}, is another: build it with other arguments, or "
@@ -119,7 +124,7 @@ class Certified:
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
-        grid, delta, cells = problem.grid, measured(problem.delta), self.cells
+        grid, cells = problem.grid, self.cells
         if cells is None:
             cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
         if len(cells) != grid.ndim:
@@ -129,8 +134,8 @@ class Certified:
             extent = axis_of(grid, axis, Fraction(1)).extent[1]
             moves: list[Fraction] = []
             for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
-                slow, fast = velocity_bounds(problem, axis, j)
-                moves += [delta * (slow + fast) / 2, delta * (fast - slow) / 2]
+                back, ahead = moved_bounds(problem, axis, j)
+                moves += [(back + ahead) / 2, (ahead - back) / 2]
             axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
         return tuple(axes)
 

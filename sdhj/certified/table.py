@@ -22,6 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
+DRAWN = 1 << 18  # states, to estimate a share
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
@@ -111,9 +112,29 @@ class CertifiedTable:
         return self._fewest(states, self._place(step, 0), last)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
+        """Whether each row of `points` (M, ndim) is certified, with all it may be taken for (`Sensing`): bool (M,)."""
         place = self._place(start, within)
-        return self._fewest(points, place, place) == 0
+        out = self._fewest(points, place, place) == 0
+        if self.problem.sensing:
+            around = self._around(np.atleast_2d(points)[out])
+            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place) == 0
+            out[out] = kept.reshape(around.shape[:2]).all(axis=1)
+        return out
+
+    def _around(self, states: FloatArray) -> FloatArray:
+        """Places (M, V, ndim) in all cells that may be measured in states (M, ndim)."""
+        columns = []
+        for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
+            width, x = float(own.width), states[:, axis, None]
+            column = x + np.linspace(-off, off, math.ceil(2 * off / width) + 1 if off else 1)
+            if own.periodic and off:  # the last cell may be narrower than what lies between two of these
+                length, last = float(sum(own.extent) / 2), own.edges()[-2:].mean()
+                to_last = (last - x + length / 2) % length - length / 2
+                column = np.concatenate([column, x + np.clip(to_last, -off, off)], axis=1)
+            columns.append(column)
+        places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
+        found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+        return self.grid.held(found, "wall", "unsafe")
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
@@ -178,7 +199,13 @@ class CertifiedTable:
         return to_bits(self.pool[self.index[self._place(start, within)]], packed).reshape(self.shape)
 
     def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified (of cells, not of nodes)."""
+        """Share of the volume of the state space that is certified (of cells, not of nodes).
+
+        With `Sensing` that of 2^18 states drawn evenly for which `contains` says so.
+        """
+        if self.problem.sensing:
+            drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (DRAWN, self.grid.ndim))
+            return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
         return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))
 

@@ -47,13 +47,15 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     Raises
     ------
     ValueError
-        For what is no table or no adversary.
+        For what is no table or no adversary, and a table solved with `Sensing`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
         self.controller, self.play, self.shield = Controller(table), _adversary(adversary), shield
+        if table.problem.sensing:
+            raise ValueError("an agent sees the state exactly and at once: give a table solved without sensing")
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
         self.observation_space = gymnasium.spaces.Box(self.low, self.high, dtype=np.float64)

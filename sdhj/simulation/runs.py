@@ -15,6 +15,7 @@ Where the interpolated table calls a state reached that is truly just outside, t
 bring it back into the target: known geometry is measured, not interpolated.
 """
 
+import importlib
 import reprlib
 import time
 from collections.abc import Callable, Mapping
@@ -32,6 +33,7 @@ from sdhj.compiling import announced, hidden
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.memory import require
+from sdhj.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
@@ -174,17 +176,19 @@ def simulate(
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     seen: list[tuple[float, FloatArray, FloatArray]] = []
     held: list[tuple[int, int]] = []
+    began: list[float] = []
 
     def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
         seen.append((moment.time + moment.duration, states[0], v[0]))
         if moment.substep == 0:
+            began.append(moment.time)
             held.append((moment.inputs[0], moment.steps_to_go[0]))
 
     rng, steps = np.random.default_rng(seed), _length(controller, steps)
     outcomes, _ = rollouts(controller, start[None], play, rng, watch, walls=walls, steps=steps)
     inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
-        times=np.array([0.0, *(t for t, _, _ in seen)]),
+        times=np.array([began[0] if began else 0.0, *(t for t, _, _ in seen)]),
         states=np.array([start, *(state for _, state, _ in seen)]),
         inputs=inputs,
         steps_to_go=steps_to_go,
@@ -201,19 +205,19 @@ def monte_carlo(
     *,
     walls: bool = True,
     steps: int | None = None,
+    sensing: Sensing | None = None,
     progress: bool | None = None,
 ) -> Report:
     """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
 
     Parameters
     ----------
-    controller : Controller
-    runs : int
+    controller, runs : Controller, int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
     walls, steps
         As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
-    seed : int
-        The same seed gives the same report, whatever the number of threads.
+    sensing : Sensing, played against: by default what the table was solved for; see `sdhj.simulation.sensed`
+    seed : int, of which each has one report, whatever the number of threads
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -232,7 +236,7 @@ def monte_carlo(
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
-        return (starts, *rollouts(controller, starts, play, rng, walls=walls, steps=length))
+        return (starts, *rollouts(controller, starts, play, rng, walls=walls, steps=length, sensing=sensing))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:
@@ -301,6 +305,8 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
+        if controller.problem.sensing:  # to be known to be admissible
+            inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)
         missing -= len(inside)
         if missing == 0:
@@ -321,15 +327,19 @@ def rollouts(
     *,
     walls: bool = True,
     steps: int | None = None,
+    sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,).
 
     `steps` as `_length` returns them.
     """
     problem, last = controller.problem, controller.problem.steps if steps is None else steps
+    if sensing := problem.sensing if sensing is None else sensing:
+        sensed = importlib.import_module("sdhj.simulation.sensed").sensed_rollouts
+        return sensed(controller, starts, play, rng, watch, walls, steps, sensing)
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
-    outcomes[problem.unsafe_value(states, 0.0) <= 0] = COLLIDED
+    outcomes[problem.unsafe_value(states, problem.time(0)) <= 0] = COLLIDED
     for number in range(last + 1):
         step, now = number if steps is None else 0, problem.time(number)
         alive = alive[outcomes[alive] == UNDECIDED]
@@ -369,13 +379,15 @@ def rollouts(
     return outcomes, taken
 
 
-def _interval(begun: Moment, play: Adversary, watch: Watch | None, walls: bool) -> tuple[FloatArray, FloatArray]:
-    """Hold the inputs over one interval: the states at its end (M, ndim), and how runs ended on the way (M,)."""
+def _interval(
+    begun: Moment, play: Adversary, watch: Watch | None, walls: bool, substeps: range = range(SUBSTEPS)
+) -> tuple[FloatArray, FloatArray]:
+    """Hold the inputs over some substeps of an interval: the states at their end (M, ndim), and how runs ended (M,)."""
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
     lost = ("unsafe",) if walls else ("unsafe", "wall")
-    for substep in range(SUBSTEPS):
-        gone = substep * begun.duration
+    for substep in substeps:
+        gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)

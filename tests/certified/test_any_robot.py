@@ -15,6 +15,7 @@ import robots
 from click.testing import CliRunner
 from forging import forged
 from naive_certified import states_in
+from robots import car
 
 import sdhj
 from sdhj.certified.check import verify
@@ -23,27 +24,6 @@ from sdhj.cli import main
 CELLS = {2: (50, 50), 3: (24, 24, 24)}
 GROWING = (1, 10)  # seeds of robots whose certified sets grow
 SEEDS = range(int(os.environ.get("SDHJ_ROBOTS", "0"))) or GROWING
-
-
-def car():
-    """The README's, with fewer cells' work: what its velocity reads is its heading."""
-
-    def drift(q, u):
-        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
-
-    return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 32], periodic=[False, False, True]),
-        dynamics=sdhj.Dynamics(
-            [[speed, turn] for speed in (0.5, 1.0) for turn in (-2.0, 0.0, 2.0)],
-            drift,
-            [[1, 0], [0, 1], [0, 0]],
-            [0.1, 0.1],
-        ),
-        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.4),
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.4, name="post")],
-        delta=0.25,
-        steps=4,
-    )
 
 
 @pytest.fixture(scope="module")

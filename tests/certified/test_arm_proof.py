@@ -21,9 +21,9 @@ def clear(small):
 
 def images(table, axis):
     """First cell of the image of each cell of an axis and how many there are, for each input, from exact velocities."""
-    problem, cells = table.problem, table.axes[axis]
-    delta = measured(problem.delta)
-    return [cells.image(*velocity_bounds(problem, axis, j), delta) for j in range(len(problem.inputs))]
+    problem, cells, delta = table.problem, table.axes[axis], measured(table.problem.delta)
+    speeds = [velocity_bounds(problem, axis, j) for j in range(len(problem.inputs))]
+    return [cells.image(slow * delta, fast * delta) for slow, fast in speeds]
 
 
 def test_tubes_hold_every_sampled_motion(small, clear, rng):

@@ -20,18 +20,18 @@ def pursuer_clear(moves1, moves2, agent):
 
 def met_at_rest(offset):
     """Whether a pursuer's cell whose lower edge is `offset` beyond contact with a stretched arm is met."""
-    still = joint_moves(np.zeros(2), 0.0, 0.0, 0.0, 1)  # a cell without width: the arm points along x
+    still = joint_moves(np.zeros((1, 2)), 0.0, 0.0, 0.0, 1)  # a cell without width: the arm points along x
     return not pursuer_clear(still, still, Agent(0.0, 0.0, 0.05, 0.0, 0.05 + offset, 0.3, 0.1, 1, 1))
 
 
 def disk_clear(*, centres, radius, speed=0.0, delta=0.0, depth=0, slow=(0.0, 0.0), fast=(0.0, 0.0), q=(0.0, 0.0)):
     """Whether the arm at q is clear of one disk through an interval of one step."""
-    edges, velocities = [np.array([angle, angle]) for angle in q], np.stack([slow, fast], axis=1)[:, None]
+    ends, velocities = [np.array([[angle, angle]]) for angle in q], np.stack([slow, fast], axis=1)[:, None]
     instants = 2 ** (depth + 1) + 1
     centres = np.broadcast_to(np.asarray(centres, dtype=float), (instants, 2)).reshape(instants, 1, 1, 2).copy()
     disks = contact.Disks(delta, depth, centres, np.array([radius]), np.array([speed]))
     out = np.empty((1, 1, 1, 1), np.bool_)
-    contact.cells_clear(*edges, velocities, disks, ARM, out)
+    contact.cells_clear(*ends, velocities, disks, ARM, out)
     return bool(out[0, 0, 0, 0])
 
 
@@ -40,7 +40,7 @@ def test_contact_within_rounding_is_not_clear():
     assert met_at_rest(0.0) and met_at_rest(1e-10) and not met_at_rest(1e-4)
     for gap, clear in ((0.0, False), (1e-10, False), (1e-4, True)):
         assert disk_clear(centres=(0.1, 0.05 + gap), radius=0.05) == clear
-    still, inside = joint_moves(np.zeros(2), 0.0, 0.0, 0.0, 1), np.empty((1, 1, 1), np.uint64)
+    still, inside = joint_moves(np.zeros((1, 2)), 0.0, 0.0, 0.0, 1), np.empty((1, 1, 1), np.uint64)
     centre = Agent(0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1, 1)  # a cell without width
     for gap, expected in ((0.0, False), (1e-10, False), (1e-4, True)):
         contact.tips_within(still, still, 0.1 + gap, ARM, centre, inside)
@@ -71,7 +71,10 @@ def test_no_time_is_left_out_of_the_pursuit(parts):
     """The pursuer counts where it can be at the end of each part, and the arm where it passes."""
 
     def clear(offset, slow, fast, speed):
-        moves = joint_moves(np.zeros(2), slow, fast, 0.1, parts), joint_moves(np.zeros(2), 0.0, 0.0, 0.1, parts)
+        moves = (
+            joint_moves(np.zeros((1, 2)), slow, fast, 0.1, parts),
+            joint_moves(np.zeros((1, 2)), 0.0, 0.0, 0.1, parts),
+        )
         return pursuer_clear(*moves, Agent(0.1, speed, 0.05, 0.24, 0.05 + offset, 0.01, 0.01, 1, 1))
 
     assert clear(0.021, 0.0, 0.0, 0.2) and not clear(0.019, 0.0, 0.0, 0.2)  # it comes 0.02 nearer

@@ -97,6 +97,12 @@ def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
     assert here and not wall and not desk
 
 
+def test_a_robot_that_measures_with_an_error_is_promised_less(recipes: dict[str, Any]) -> None:
+    action, real, exact = recipes["action"], recipes["real"], recipes["controller"].table
+    assert action.promised and not action.missed
+    assert 0.1 < real.fraction(start=0, within=48) < exact.fraction(start=0, within=48)
+
+
 def test_the_filter_lets_through_what_is_safe(recipes: dict[str, Any]) -> None:
     controller, told = recipes["controller"], recipes["told"]
     assert told.commands.tolist() == [0.5, 0.0] and told.promised and not told.changed

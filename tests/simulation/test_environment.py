@@ -1,5 +1,6 @@
 """The Gymnasium environment: its own checker, seeds, masks, the shield, and how episodes end."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -120,3 +121,9 @@ def test_guards() -> None:
         ReachAvoidEnv(toys.interval_table(), "nobody")
     with pytest.raises(ValueError, match="table must be what"):
         ReachAvoidEnv(toys.interval_problem())  # type: ignore[arg-type]
+
+
+def test_what_an_agent_cannot_see_is_refused() -> None:
+    problem = replace(toys.interval_problem(), sensing=sdhj.Sensing(0.01))
+    with pytest.raises(ValueError, match="an agent sees the state exactly"):
+        ReachAvoidEnv(sdhj.solve(problem, progress=False))

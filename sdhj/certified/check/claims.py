@@ -12,8 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
+from sdhj.certified.check.examining import examine
 from sdhj.certified.check.reading import File, expect, is_whole, told_and_arrays
-from sdhj.certified.check.robots import Robot, examine
+from sdhj.certified.check.robots import Robot
 from sdhj.certified.check.rows import Stored, check_rows
 
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))

@@ -80,10 +80,16 @@ class Scene:
 
     given: Mapping[str, Any]
     agent: str  # "pursuer" or "evader"
+    error: tuple[float, ...]  # of a measurement, on each axis
+    delay: float
+    jitter: float
 
     @classmethod
-    def of(cls, recipe: Mapping[str, Any]) -> "Scene":
-        """The scene of a recipe; ValueError, KeyError or TypeError where something is missing or makes no sense."""
+    def of(cls, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> "Scene":
+        """The scene of a recipe, and how the robot senses.
+
+        ValueError, KeyError or TypeError where something is missing or makes no sense.
+        """
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -100,7 +106,14 @@ class Scene:
             check_disk(f"obstacle {number}", obstacle)
         if agent == "pursuer":
             check_disk("the target", given["target"])
-        return cls(given, agent)
+        error, delay, jitter = (sensing.get(name, 0.0) for name in ("error", "delay", "jitter"))
+        error = error if isinstance(error, list) else [error] * 4
+        check_numbers("error", error, 4)
+        check_numbers("delay", delay)
+        check_numbers("jitter", jitter)
+        still = agent == "evader" or given["target"]["path"]["kind"] == "still"
+        expect(jitter == 0 or (2 * jitter <= given["delta"] and still), "jitter must fit a target at rest", jitter)
+        return cls(given, agent, tuple(error), delay, jitter)
 
     @property
     def agent_speed(self) -> float:
@@ -110,6 +123,19 @@ class Scene:
     def box(self) -> Fraction:
         """Half the side of the square that the agent stays in."""
         return decimal(self.given[f"{self.agent}_box"])
+
+    def push(self, axis: int) -> Fraction:
+        """The greatest that is added to the velocity of an axis."""
+        return decimal(self.given["v_d_max"] if axis < 2 else self.agent_speed)
+
+    def off(self, axis: int) -> Fraction:
+        """By how much a prediction may be off."""
+        return decimal(self.error[axis]) + decimal(self.delay) * self.push(axis)
+
+    def spans(self) -> tuple[Fraction, Fraction]:
+        """How long an input is held at least and at most."""
+        late = 2 * decimal(self.jitter)
+        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
         """All inputs, exactly, the first component slowest."""
@@ -127,11 +153,13 @@ class Scene:
         goal = disk(given["target"]) if chased else np.array([0.0] * 7 + [radius])
         disks = np.array([disk(each, width) for each in given["obstacles"]]).reshape(-1, 8)
         agent = np.array([self.agent_speed, radius + width])
-        travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * delta
+        off, held = np.array([float(self.off(axis)) for axis in range(4)]), float(self.spans()[1])
+        travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * held
         parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
         angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
         compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        world = World(arm, inputs, push, chased, agent, delta, disks, goal, *edges, compass, parts)
+        ways = off, held, float(self.jitter), float(self.delay)
+        world = World(arm, inputs, push, chased, agent, delta, disks, goal, *edges, compass, parts, *ways)
         refuse_large(world, given["steps"])
         return world
 
@@ -146,9 +174,9 @@ def disk(given: Mapping[str, Any], width: float = 0.0) -> Array:
 
 def refuse_large(world: World, steps: int) -> None:
     """ValueError where a number breaks what the bound on rounding supposes: see `sdhj.certified.check.separation`."""
-    end = world.delta * steps
+    end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.goal[None]])
-    moves = [(float(np.abs(world.inputs).max()) + world.push) * world.delta, world.agent[0] * world.delta]
+    moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
     edges = [float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)]
     places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
     angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
@@ -211,7 +239,7 @@ class File:
     """Cells and bits of a file; ValueError where its parts do not fit together."""
 
     def __init__(self, told: Mapping[str, Any], arrays: h5py.File) -> None:
-        self.scene, cells = Scene.of(told["recipe"]), told["cells"]
+        self.scene, cells = Scene.of(told["recipe"], told.get("sensing", {})), told["cells"]
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
@@ -241,24 +269,25 @@ class File:
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
         """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""
-        push = decimal(self.scene.given["v_d_max"] if axis < 2 else self.scene.agent_speed)
+        push = self.scene.push(axis)
         lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
         most = max(len(found) for of_drift in lists.values() for found in of_drift)
         return np.array([[found + found[-1:] * (most - len(found)) for found in lists[drift]] for drift in drifts])
 
 
 def overlapped(axis: int, file: File, slow: Fraction, fast: Fraction) -> list[list[int]]:
-    """For each cell of an axis the cells that its image may overlap after one interval, slow <= 0 <= fast at walls.
+    """For each cell of an axis those that a prediction may be in after one interval, slow <= 0 <= fast at walls.
 
     What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
     """
-    n, width, delta = file.shape[axis], file.widths[axis], decimal(file.scene.given["delta"])
+    n, width, off = file.shape[axis], file.widths[axis], 2 * file.scene.off(axis)
+    back, ahead = min(slow * span for span in file.scene.spans()), max(fast * span for span in file.scene.spans())
     out = []
     for cell in range(n):
         found: set[int] = set()
         for period in file.extents[axis]:
-            low = cell * width + slow * delta
-            high = (period if cell == n - 1 else (cell + 1) * width) + fast * delta
+            low = cell * width + back - off
+            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off
             for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
                 start, stop = low - lap * period, high - lap * period
                 if stop > 0 and start < period:

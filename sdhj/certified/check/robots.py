@@ -15,13 +15,12 @@ its `slope`, and the verdict says so; other dynamics are refused.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise, product
 from typing import Any
 
 import h5py
 import numpy as np
-from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, decimal, expect, fraction, is_whole
@@ -31,6 +30,8 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 4
+NEAREST = 8  # times that boxes are halved to tell how near predictions stay
+STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
@@ -71,7 +72,12 @@ class Robot:
             np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
             for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
         ]
-        self.always = 0.0, self.steps * self.delta
+        sensing = problem.sensing
+        self.delay, self.jitter = float(sensing.delay), float(sensing.jitter)
+        self.error, self.off = np.zeros(ndim) + np.array(sensing.error), np.zeros(ndim) + np.array(stated["unsure"])
+        expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
+        self.length = self.delta + 2 * self.jitter  # of an interval, at most
+        self.always = 0.0, self.time(self.steps) + self.jitter
 
     def cover(self) -> list[str]:
         """What is wrong with the cells of the axes."""
@@ -86,7 +92,11 @@ class Robot:
             wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
         return wrong
 
-    def ends(self, cells: Array, wider: float = 0.0) -> Array:
+    def time(self, step: int) -> float:
+        """When the input of a step begins, but for jitter."""
+        return step * self.delta + self.delay
+
+    def ends(self, cells: Array, wider: Any = 0.0) -> Array:
         """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
         beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
         return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
@@ -117,8 +127,8 @@ class Robot:
             ways.insert(1, lambda a, b: function(Span(a, b), when) + Span(-drift, drift))
         return self.cut(part.axes, box, ways, ())
 
-    def velocity(self, j: int, box: Array, times: tuple[float, float]) -> Span:
-        """Bounds of the velocity under u_j and any adversary, (M, ndim)."""
+    def velocity(self, j: int, box: Array, times: tuple[float, float], pushed: bool = True) -> Span:
+        """Bounds of the velocity under u_j and any adversary, or none, (M, ndim)."""
         dynamics = self.problem.dynamics
 
         def called(a: Array, b: Array) -> Span:
@@ -129,7 +139,7 @@ class Robot:
                     return Span(*[array[j] if name == "drift" else array] * 2)
                 return as_span(array(*(given[one] for one in dynamics.takes[name])))
 
-            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high
+            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high * pushed
             return term("drift") + Span(-push, push)
 
         return self.cut(range(len(self.counts)), box, [called], (len(self.counts),))
@@ -156,6 +166,32 @@ class Robot:
         found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
         return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
 
+    # ---- predictions
+
+    def known_within(self) -> list[str]:
+        """Inputs with which a prediction may be off by more than the file says.
+
+        What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
+        from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
+        """
+        room, wrong, stride = self.off - self.error, [], self.delay / STRIDES
+        places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
+        boxes = np.where(
+            self.known, self.ends(places), np.array([self.problem.grid.lower, self.problem.grid.upper])[:, None]
+        )
+        timed = "t" in sum(self.problem.dynamics.takes.values(), ())
+        cuts = [
+            (self.time(step) - self.delay + stride * part, self.time(step) - self.delay + stride * (part + 1))
+            for step, part in product(range(self.steps), range(STRIDES))
+        ]
+        inputs = range(len(self.problem.inputs))
+        for j, times in product(inputs if self.delay else (), cuts if timed else cuts[:1]):
+            fast = self.velocity(j, boxes, times)
+            travel = [np.minimum(fast.low, 0).min(axis=0), np.maximum(fast.high, 0).max(axis=0)]
+            if not self.stays_near(j, boxes, times, room, stride * np.array(travel)[:, None]).all():
+                wrong.append(f"input {j}, from {times[0]:.3g} s on")
+        return wrong
+
     # ---- moves
 
     def cells_at(self, places: Array) -> Array:
@@ -169,17 +205,26 @@ class Robot:
         at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        moved, swept = np.zeros((2, *cells.shape)), np.empty((len(cells), self.parts, 2, cells.shape[1]))
-        cuts = (start + self.delta * np.arange(self.parts * finer + 1) / (self.parts * finer)).tolist()
+        swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
+        cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter
+
+        def held(moved: Array) -> Array:
+            stopped = np.clip(at + moved, *bars)
+            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * 1e-15)
+
+        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)
+        least, most = moved  # of all that may be its end
         for part in range(self.parts):
-            least, most = moved
-            for times in pairwise(cuts[part * finer : (part + 1) * finer + 1]):
-                moved = self.piece(at + self.known * moved, moved, j, times)
-                held = np.clip(at + moved, *bars)
-                moved = np.where(held == at + moved, moved, held - at + OUTWARD * 1e-15)
+            a, b = moved
+            own = cuts[part * finer : (part + 1) * finer + 1]
+            for begin, end in pairwise(np.unique([*own, np.clip(soonest, own[0], own[-1])]).tolist()):
+                if begin <= soonest:
+                    least, most = moved
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))
+                a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
-            swept[:, part, 0], swept[:, part, 1] = least, most
-        return swept, moved
+            swept[:, part, 0], swept[:, part, 1] = a, b
+        return swept, held((np.stack([least, most]) if self.jitter else moved) + OUTWARD * self.off)
 
     def piece(self, box: Array, moved: Array, j: int, times: tuple[float, float]) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
@@ -213,6 +258,23 @@ class Robot:
             fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
+    def stays_near(self, j: int, boxes: Array, times: Any, room: Array, travel: Array, depth: int = NEAREST) -> Array:
+        """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
+        calm = self.velocity(j, boxes + travel, times, False)
+        wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
+        apart = np.maximum(wild.high - calm.low, calm.high - wild.low)
+        out: Array = np.all(apart * self.delay <= room * (1 + 1e-13) + 1e-15, axis=1)
+        left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
+        out[left] = bool(depth)
+        for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():
+            left = left[out[left]]
+            if not left.size:
+                break
+            (least, most), centre = boxes[:, left], np.where(self.known, middle[left], boxes[1, left])
+            half = np.stack([np.where(upper, centre, least), np.where(upper, most, centre)])
+            out[left] = self.stays_near(j, half, times, room, travel, depth - 1)
+        return out
+
     # ---- tubes and sets
 
     def outside(self, part: Any, box: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
@@ -239,14 +301,15 @@ class Robot:
             room = 1e-6 * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
-        cuts = [(step + piece / self.parts) * self.delta for piece in range(self.parts + 1)]
+        cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]
         for part in self.problem.unsafe:
             own, left = list(part.axes), np.flatnonzero(out)
             if part.rate == 0:  # often the whole tube at once will do
                 left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
                 box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
-                good = self.outside(part, box[..., own], self.always if part.rate == 0 else times)
+                when = times[0] - self.jitter, times[1] + self.jitter
+                good = self.outside(part, box[..., own], self.always if part.rate == 0 else when)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]
         return out
@@ -262,8 +325,12 @@ class Robot:
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
-        times = self.always if self.timeless else (step * self.delta, step * self.delta)
-        box, out, target = self.ends(self.cells(numbers), NEAR), np.ones(len(numbers), np.bool_), self.problem.target
+        times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
+        box, out, target = (
+            self.ends(self.cells(numbers), NEAR + self.off),
+            np.ones(len(numbers), np.bool_),
+            self.problem.target,
+        )
         for part in self.problem.unsafe:
             out &= self.outside(part, box[..., list(part.axes)], times)
         return out & ((self.value(target, box[..., list(target.axes)], times).high <= 0) | self.problem.stays)
@@ -318,88 +385,3 @@ def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -
         except BAD as error:
             failed.append(error)
     raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")
-
-
-def examine(robot: Robot, samples: int | None, seed: int, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
-    """Of each kind of claim its name, how many were made and checked, and what failed."""
-    wrong = robot.cover()
-    yield "cells cover the axes", len(robot.axes), len(robot.axes), wrong
-    if wrong:
-        return
-    size, rng = int(np.prod(robot.counts)), np.random.default_rng(seed)
-    chosen = np.ones(size, np.bool_)
-    if samples is not None:
-        chosen[:] = False
-        chosen[rng.permutation(size)[:samples]] = True
-    yield from examine_moves(robot, chosen, silent)
-    yield from examine_sets(robot, chosen, silent)
-    if robot.rests_on:
-        yield f"rests on what is stated of {', '.join(sorted(robot.rests_on))}", 0, 0, []
-
-
-def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
-    """Moves of the cells chosen, and every input that is clear from them."""
-    numbers = np.flatnonzero(chosen)
-    at = robot.cells(numbers) @ robot.strides
-    places = np.unique(at)
-    wrong: tuple[list[str], list[str]] = ([], [])
-    made = checked = 0
-    for start, j in tqdm([*product(range(len(robot.low)), range(robot.low.shape[1]))], desc="moves", disable=silent):
-        steps = range(len(robot.clear)) if len(robot.low) == 1 else [start]
-        flags = {step: (robot.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
-        told = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
-        made, checked = made + sum(int(f.sum()) for f in flags.values()), checked + sum(t.size for t in told.values())
-        moving = places
-        for finer in FINER:
-            asked = np.union1d(moving, np.concatenate([at[some] for some in told.values()])).astype(np.int64)
-            if not asked.size:
-                break
-            swept, last = robot.driven(asked, j, start * float(robot.problem.delta), finer)
-            moving = np.intersect1d(moving, asked[~robot.moves_hold(asked, start, j, last)])
-            for step, some in told.items():
-                rows = np.searchsorted(asked, at[some])
-                slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
-                good = [robot.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
-                told[step] = some[~np.concatenate(good)] if good else some
-        wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
-        wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in told.items() for n in numbers[some])
-    starts, inputs, all_places, _ = robot.low.shape
-    yield "moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0]
-    yield "clear of the unsafe sets", made, checked, wrong[1]
-
-
-def examine_sets(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
-    """Goals, whether sets grow (without a target: shrink), and every step."""
-    stays, kinds = robot.problem.stays, {"in the target, and safe": [0, 0], "one step nearer": [0, 0]}
-    failed: dict[str, list[str]] = {"sets grow with the steps to go": [], **{name: [] for name in kinds}}
-    rows = [(0, n) for n in range(robot.steps + 1)]
-    if not robot.timeless:
-        rows = [(k, n) for k in range(robot.steps + 1) for n in range(robot.steps - k + 1)]
-    if len(robot.index) == 1:  # what is safe for ever: it leads into itself
-        rows = [(0, 0), (0, 1)]
-
-    def row_of(step: int, within: int) -> int:
-        if robot.timeless:
-            return min(within, len(robot.index) - 1)
-        return step * (robot.steps + 1) - step * (step - 1) // 2 + within
-
-    for step, within in tqdm(rows, desc="sets", disable=silent):
-        here = robot.bits(row_of(step, within))
-        name = "one step nearer" if within else "in the target, and safe"
-        new = here
-        if within:
-            less = robot.bits(row_of(step, within - 1))
-            if ((here & ~less) if stays else (less & ~here)).any():
-                failed["sets grow with the steps to go"].append(f"start {step}, within {within}")
-            new = here if stays else here & ~less
-        numbers = np.flatnonzero(new & chosen)
-        kinds[name][0] += int(new.sum())
-        kinds[name][1] += numbers.size
-        if not within:
-            good = robot.goals_hold(numbers, step)
-        else:
-            good = robot.steps_hold(numbers, step, robot.bits(row_of(step + 1, within - 1)))
-        failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
-    yield "sets grow with the steps to go", len(rows), len(rows), failed["sets grow with the steps to go"]
-    for name, (made, checked) in kinds.items():
-        yield name, made, checked, failed[name]

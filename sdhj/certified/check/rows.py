@@ -54,11 +54,11 @@ def bench_of(i1, i2, world):
 def check_flags(i1, i2, world, stored):
     """Of the flags that say an input is clear of the obstacles throughout the interval: (how many are wrong, one)."""
     bench, failed, example = bench_of(i1, i2, world), 0, 0
-    bench.part[9] = world.delta
+    bench.part[9] = world.held
     for start in range(len(stored.allowed)):
         for j in range(len(world.inputs)):
             if stored.allowed[start, j, i1, i2]:
-                t = start * world.delta
+                t = start * world.delta + world.begin
                 if not clear((0, len(world.disks)), bench.part, world.inputs[j], t, world, bench.stack):
                     failed, example = failed + 1, start * len(world.inputs) + j
     return failed, example
@@ -87,7 +87,7 @@ def check_goals(world, stored, bench, todo):
                     drop(need, bit, bit + 1)
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0 and any_bit(todo[place]):
-            t = stored.pairs[place, 0] * world.delta
+            t = stored.pairs[place, 0] * world.delta + world.begin
             if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):
                 if not world.chased or tip_inside(bench.part, t, world, bench.stack):
                     todo[place] &= ~need
@@ -124,9 +124,9 @@ def check_steps(i1, i2, world, stored, bench, todo):
             if not any_bit(need):
                 continue
             if world.chased and careful:
-                settle(world.inputs[j], world.delta, world, bench, need)
+                settle(world.inputs[j], world.held, world, bench, need)
             elif world.chased:
-                sweep(j, world.delta, world, bench, need)
+                sweep(j, world.held, world, bench, need)
             for place in range(len(todo)):
                 todo[place] &= ~(able[place] & need)
 

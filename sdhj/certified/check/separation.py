@@ -51,6 +51,10 @@ class World(NamedTuple):
     y: Array
     compass: Array  # (DIRECTIONS, 2) unit vectors
     parts: Array  # (L,) into how many parts `sweep` cuts the interval
+    off: Array  # (4,) by how much a prediction may be off on each axis
+    held: float  # the longest that an input is held
+    late: float  # how early or late an interval may begin
+    begin: float  # when the first one does
 
 
 # ---- where the arm, the agent and the disks can be
@@ -65,11 +69,13 @@ def moved(part, velocity, world, box):
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
         slow, fast = velocity[joint] - world.push, velocity[joint] + world.push
-        box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - STATE_ERROR
-        box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + STATE_ERROR
-    for side in (4, 6):
-        box[side] = part[side] - world.agent[0] * tau1 - STATE_ERROR
-        box[side + 1] = part[side + 1] + world.agent[0] * tau1 + STATE_ERROR
+        off = world.off[joint] + STATE_ERROR
+        box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - off
+        box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + off
+    for axis in (2, 3):
+        off = world.agent[0] * tau1 + world.off[axis] + STATE_ERROR
+        box[2 * axis] = part[2 * axis] - off
+        box[2 * axis + 1] = part[2 * axis + 1] + off
     box[8], box[9] = tau0, tau1
 
 
@@ -117,7 +123,7 @@ def body_of(box, body, start, world):
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
         return x, y, (box[5] - box[4]) / 2, (box[7] - box[6]) / 2, 0.0, 0.0, 0.0, world.agent[1]
-    disk, half = world.disks[body], (box[9] - box[8]) / 2
+    disk, half = world.disks[body], (box[9] - box[8]) / 2 + world.late
     x, y, vx, vy = disk_at(disk, start + (box[8] + box[9]) / 2)
     return x, y, 0.0, 0.0, half * vx, half * vy, abs(disk[4]) * (disk[5] * half) ** 2 / 2, disk[7]
 
@@ -286,7 +292,7 @@ def sweep(j, duration, world, bench, bits):
     for k in range(parts):
         part[8], part[9] = duration * k / parts, duration * (k + 1) / parts
         moved(part, world.inputs[j], world, box)
-        pose, grow = pose_of(box, world.arm), world.agent[0] * box[9] + STATE_ERROR
+        pose, grow = pose_of(box, world.arm), world.agent[0] * box[9] + max(world.off[2], world.off[3]) + STATE_ERROR
         for link in range(2):
             low[:], high[:] = -np.inf, np.inf
             for n in range(world.compass.shape[0] + 2):

@@ -1,0 +1,254 @@
+"""Certified sets of robots that measure with an error, act late and by a clock that is off."""
+
+from dataclasses import replace
+from functools import cache
+
+import judge
+import numpy as np
+import pytest
+import toys
+from forging import forged
+from robots import car
+
+import sdhj
+from sdhj import Sensing
+from sdhj.certified.check import verify
+from sdhj.prediction import predicted
+
+ALL = Sensing(0.005, 0.02, 0.005)
+PUSHES = ("switching", "to the post", "off the target")
+
+
+@cache
+def solved(sensing=ALL, cells=(60, 60, 57)):
+    return sdhj.solve(replace(car(), sensing=sensing), sdhj.Certified(cells=cells, parts=4), progress=False)
+
+
+# ---- the sets
+
+
+@pytest.mark.parametrize(
+    "sensing",
+    [Sensing(), Sensing(0.03), Sensing(delay=0.2), Sensing(jitter=0.05), Sensing(0.03, 0.2, 0.05)],
+    ids=["exact", "error", "delay", "jitter", "all"],
+)
+def test_the_closed_form(sensing):
+    """As `sdhj.prediction` derives it, less the cell that the end of a set is in: whole cells are counted."""
+    table = sdhj.solve(replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,)), progress=False)
+    box, width = sensing.error + 0.2 * sensing.delay, float(table.axes[0].width)
+    for n in range(6):
+        half = 1.0 - 2 * box + n * (0.8 * (0.5 - 2 * sensing.jitter) - 2 * box)
+        places = np.array([half - 1.3 * width, half + 1e-6])[:, None]
+        assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
+
+
+def test_states_are_promised_as_plain_loops_say(rng):
+    """Cell after cell that what is measured may be in; one cell of the heading is narrower."""
+    table = solved(Sensing((0.02, 0.15, 0.12)), (40, 40, 37))
+    sets, edges = table.bits(start=0, within=4), [axis.edges() for axis in table.axes]
+    states = rng.uniform([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi], (3000, 3))
+    promised = table.contains(states, start=0, within=4)
+    assert 0.05 < promised.mean() < 0.95 and len({float(length) for length in np.diff(edges[2]).round(9)}) == 2
+    for state, told in zip(states, promised, strict=True):
+        near = []
+        for axis, (x, off) in enumerate(zip(state, table.proof.unsure, strict=True)):
+            laps = (-2 * np.pi, 0.0, 2 * np.pi) if axis == 2 else (0.0,)
+            low, high = x - off + 1e-9, x + off - 1e-9
+            met = [(edges[axis][:-1] + lap < high) & (low < edges[axis][1:] + lap) for lap in laps]
+            near.append(np.flatnonzero(np.any(met, axis=0)))
+        assert told == sets[np.ix_(*near)].all(), state
+
+
+def test_more_of_anything_never_enlarges_a_set():
+    chain = [
+        Sensing(),
+        Sensing(0.01),
+        Sensing(0.01, 0.03),
+        Sensing(0.01, 0.03, 0.01),
+        Sensing((0.02, 0.01, 0.02), 0.04, 0.02),
+    ]
+    before = None
+    for sensing in chain:
+        table = solved(sensing, (40, 40, 38))
+        sets = np.stack([table.bits(start=0, within=n) for n in range(5)])
+        kept = table.contains(table.grid.points(), start=0, within=4)
+        assert before is None or (not (sets & ~before[0]).any() and sets.sum() < before[0].sum())
+        assert before is None or not (kept & ~before[1]).any()
+        before = sets, kept
+    assert before[0].any()
+
+
+# ---- predictions
+
+
+@pytest.mark.parametrize("sensing", [Sensing(0.01, 0.1), Sensing((0.0, 0.03, 0.02), 0.2)])
+def test_no_prediction_is_farther_off_than_proved(sensing, rng):
+    """Errors at corners, an adversary who pushes steadily or switches; and it is proved to no more than it should be.
+
+    In a stride of an eighth of the delay the car, at 1 m/s and 2 rad/s, turns by a quarter of the delay.
+    """
+    problem = replace(car(), sensing=sensing)
+    proof = sdhj.solve(replace(problem, steps=1), sdhj.Certified(cells=(20, 20, 19)), progress=False).proof
+    count = 20_000
+    states = rng.uniform([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], (count, 3))
+    places, worst = rng.integers(0, 6, count), np.zeros(3)
+    for steady in (True, False):
+        errors = np.broadcast_to(sensing.error, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
+        seen = predicted(problem, states + errors, places)
+        now, v = states, rng.choice([-0.1, 0.1], (count, 2))
+        for _ in range(10):
+            v = v if steady else rng.choice([-0.1, 0.1], (count, 2))
+            now = judge.rk4(lambda q, t, v=v: drive(q, places, v / 0.1), now, 0.0, sensing.delay / 10)
+        worst = np.maximum(worst, np.abs(now - seen).max(axis=0))
+    x, y, turned = np.zeros(3) + sensing.error
+    known = [e + sensing.delay * (0.1 + turned + sensing.delay / 4) for e in (x, y)]
+    assert (worst <= proof.unsure + 1e-12).all()
+    assert (proof.unsure[:2] <= 1.05 * np.array(known)).all() and proof.unsure[2] == pytest.approx(turned)
+
+
+# ---- played: a plant that shares nothing with the library
+
+
+def drive(q, places, signs):
+    """The car's velocity, written again."""
+    speed, turn = np.array([0.5, 1.0])[places // 3], np.array([-2.0, 0.0, 2.0])[places % 3]
+    wind = 0.1 * signs
+    return np.stack([speed * np.cos(q[:, 2]) + wind[:, 0], speed * np.sin(q[:, 2]) + wind[:, 1], turn], axis=1)
+
+
+def judged(table, sensing, push, rng, count=6000):
+    """The outcomes of runs of a robot that senses so, and is promised something by the table."""
+    controller = sdhj.Controller(table)
+    if sensing != table.problem.sensing:  # a table that knows nothing of it: its controller predicts all the same
+        knows = replace(table.problem, sensing=sensing)
+    else:
+        knows = table.problem
+
+    def choose(measured, held, step):
+        batch = controller.batch(predicted(knows, measured, held, step), step)
+        inputs = np.full(len(measured), -1) if step == table.steps else controller.choose(batch)
+        return inputs, batch.steps_to_go == 0
+
+    def signs(q, held):
+        if push == "switching":
+            return rng.choice([-1.0, 1.0], (len(q), 2))
+        away = np.array([1.2, 0.8]) if push == "off the target" else np.zeros(2)
+        way = q[:, :2] - away
+        return np.where(way > 0, 1.0, -1.0) * (1 if push == "off the target" else -1)
+
+    corner = rng.choice([-1.0, 1.0], (count, 3)) * np.broadcast_to(sensing.error, (count, 3))
+
+    def mislead(q):
+        return q + (corner if push != "switching" else corner * rng.choice([-1.0, 1.0], q.shape))
+
+    def unsafe(q):
+        ends = np.min(2.0 - np.abs(q[:, :2]), axis=1) + 1e-9
+        return np.minimum(np.hypot(q[:, 0], q[:, 1]) - 0.4, ends)
+
+    late = rng.choice([-1.0, 1.0], (table.steps + 1, count)) * sensing.jitter
+    return judge.play_sensed(
+        choose,
+        drive,
+        signs,
+        mislead,
+        lambda q: np.hypot(q[:, 0] - 1.2, q[:, 1] - 0.8) - 0.4,
+        unsafe,
+        lambda q: table.contains(q, start=0, within=table.steps),
+        rng.uniform([0.0, -0.6, -np.pi], [2.0, 2.0, np.pi], (count, 3)),
+        late,
+        delta=0.25,
+        delay=sensing.delay,
+        steps=table.steps,
+    )
+
+
+@pytest.mark.parametrize("push", PUSHES)
+def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
+    outcomes = judged(solved(), ALL, push, rng)
+    assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 300
+    harsh = Sensing(0.02, 0.1, 0.02)
+    control = judged(solved(Sensing()), harsh, push, rng)
+    assert np.isin(control, ["left", "late", "wrong", "collided"]).sum() > 10
+
+
+# ---- the checker
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    table, path = solved(ALL, (40, 40, 38)), tmp_path_factory.mktemp("sensing") / "car.h5"
+    table.save(path)
+    return table, path
+
+
+def failed(path, problem):
+    return {claim.name for claim in verify(path, problem, samples=2000, progress=False).claims if claim.failed}
+
+
+def test_every_claim_is_proved_again(saved):
+    table, path = saved
+    assert table.fraction(start=0, within=4) > table.fraction(start=0, within=0) > 0
+    assert failed(path, table.problem) == set()
+    assert failed(path, replace(table.problem, sensing=Sensing(0.004, 0.02, 0.005))) == set()  # it says more
+    assert (sdhj.load(path, problem=table.problem).proof.unsure == table.proof.unsure).all()
+
+
+@pytest.mark.parametrize(
+    ("sensing", "claim"),
+    [
+        (Sensing((0.0055, 0.005, 0.005), 0.02, 0.005), "predictions are as near as told"),
+        (Sensing(0.005, 0.025, 0.005), "predictions are as near as told"),
+        (Sensing(0.005, 0.02, 0.02), "moves"),
+    ],
+)
+def test_what_was_solved_for_less_is_not_proved(saved, sensing, claim):
+    assert claim in failed(saved[1], replace(saved[0].problem, sensing=sensing))
+
+
+def test_more_claimed_of_predictions_is_found(saved, tmp_path):
+    copy = tmp_path / "car.h5"
+    copy.write_bytes(saved[1].read_bytes())
+    with forged(copy) as (told, _):
+        told["proof"]["unsure"] = [0.9 * off for off in told["proof"]["unsure"][:2]] + told["proof"]["unsure"][2:]
+    assert "predictions are as near as told" in failed(copy, saved[0].problem)
+    with forged(copy) as (told, _):
+        told["proof"]["unsure"] = [0.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="predictions are off by"):
+        verify(copy, saved[0].problem, samples=10, progress=False)
+
+
+# ---- the arm
+
+
+@cache
+def arm(sensing, agent):
+    from sdhj.arm.workspace import Disk, Still
+
+    if agent == "pursuer":
+        problem = sdhj.arm_case_study(nodes=9, steps=2, target=Disk(Still((0.1, 0.15)), 0.08))
+    else:
+        problem = sdhj.evader_case_study(nodes=9, steps=2, evader_radius=0.1)
+    return sdhj.solve(replace(problem, sensing=sensing), sdhj.Certified(cells=(105, 105, 24, 24)), progress=False)
+
+
+SHAKY = Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agent", ["pursuer", "evader"])
+def test_the_arm(agent, tmp_path):
+    sure, plain = arm(SHAKY, agent), arm(Sensing(), agent)
+    off = 0.004 + 0.01 * (0.2 if agent == "pursuer" else 0.1)
+    np.testing.assert_allclose(sure.proof.unsure, [0.013, 0.013, off, off])
+    shares = [table.fraction(start=0, within=2) for table in (sure, plain)]
+    assert 0.002 < shares[0] < 0.8 * shares[1]
+    for adversary in ("random", "worst"):
+        assert sdhj.monte_carlo(sdhj.Controller(sure), 2000, adversary, progress=False).counts["reached"] == 2000
+    control = sdhj.monte_carlo(sdhj.Controller(plain), 2000, sensing=SHAKY, progress=False)
+    assert control.counts["reached"] < 1950
+    sure.save(tmp_path / "arm.h5")
+    assert (verdict := verify(tmp_path / "arm.h5", samples=100, progress=False)).ok, str(verdict)
+    for more in ({"jitter": 0.01}, {"jitter": 0.004, "delay": 0.02}):
+        with forged(tmp_path / "arm.h5") as (told, _):
+            told["sensing"] |= more
+        assert not verify(tmp_path / "arm.h5", samples=100, progress=False).ok

@@ -1,0 +1,430 @@
+"""Measurement error, delay and jitter: the closed form, the slow twin, inclusions, what is refused, attacks."""
+
+import multiprocessing
+import time
+from dataclasses import replace
+from functools import cache
+
+import naive_sensing
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
+from sdhj.files import header
+from sdhj.prediction import boxes, predicted
+
+EXACT = HopfLax("linear", "float64")
+PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05)
+
+
+@cache
+def interval_tables(sensing, **options):
+    """The robot on a line, solved with and without sensing."""
+    problem = toys.interval_problem(nodes=161, **options)
+    return tuple(sdhj.solve(replace(problem, sensing=told), EXACT, progress=False) for told in (sensing, Sensing()))
+
+
+def closed_form(sensing, n, b=0.2, delta=0.5):
+    """Half-width of W^n, by the docstring of `sdhj.prediction`."""
+    box = sensing.error + sensing.delay * b
+    return 1.0 - 2 * box + n * ((1.0 - b) * (delta - 2 * sensing.jitter) - 2 * box), box
+
+
+@pytest.mark.parametrize(
+    "sensing",
+    [Sensing(0.03), Sensing(delay=0.2), Sensing(jitter=0.05), PLAYED, Sensing([0.06], 0.1, 0.1)],
+    ids=["error", "delay", "jitter", "all", "more"],
+)
+@pytest.mark.parametrize(("method", "off"), [(EXACT, 1e-6), (sdhj.HJI(scheme=sdhj.Scheme(dtype="float64")), 0.005)])
+def test_the_closed_form(sensing, method, off):
+    """Level sets are straight but at kinks that lie deep inside: exact, and for differences to a tenth of a cell."""
+    problem = replace(toys.interval_problem(nodes=161), sensing=sensing)
+    table = sdhj.solve(problem, method, progress=False)
+    for n in range(6):
+        half, _ = closed_form(replace(sensing, error=np.max(sensing.error)), n)
+        inside = table.contains([[off - half], [half - off], [-half - off], [half + off]], start=0, within=n)
+        assert inside.tolist() == [True, True, False, False]
+
+
+def test_a_wall_and_an_unsafe_end_keep_twice_the_box_away():
+    cut, box = interval_tables(PLAYED, wall=1.2)[0], closed_form(PLAYED, 0)[1]
+    edge = 1.2 - 2 * box
+    assert cut.contains([[edge - 1e-6], [edge + 1e-6]], start=0, within=5).tolist() == [True, False]
+    problem = replace(toys.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97]), sensing=PLAYED)
+    for method in (EXACT, "hji"):
+        table = sdhj.solve(problem, method, progress=False)
+        places = [[edge - 0.01], [edge + 0.01], [0.01 - edge], [-0.01 - edge]]
+        assert table.contains(places, start=0, within=5).tolist() == [True, False, True, False]
+        assert (table.hazards(np.array([[1.2], [-1.2]]), 0) > 0).all()  # the state may be past the end already
+
+
+def lattice_problem(ndim, sensing, *, unsafe=True):
+    """A torus of whole nodes, a tick of 1 s that moves by whole nodes; and its functions, for the twin."""
+    nodes = [18, 8][ndim - 1]
+    turn = 2 * np.pi / nodes
+
+    def target(p, t):
+        return 0.4 - np.prod(np.cos(turn * (p - 5.0)), axis=1)
+
+    def danger(p, t):
+        return -0.9 - np.cos(turn * p[:, 0]) + 1.4
+
+    moves = np.array([[-2.0], [0.0], [2.0]]) if ndim == 1 else np.array([[-3.0, 1.0], [0.0, 0.0], [1.0, 2.0]])
+    problem = ReachAvoidProblem(
+        Grid([0.0] * ndim, [float(nodes)] * ndim, [nodes] * ndim, [True] * ndim),
+        Dynamics(moves, moves, np.eye(ndim), [1.0] * ndim),
+        TargetSet(tuple(range(ndim)), target),
+        (UnsafeSet((0,), danger),) if unsafe else (),
+        3.0,
+        3,
+        sensing=sensing,
+    )
+    points = problem.grid.points()
+    wall = -danger(points, 0.0) if unsafe else np.full(len(points), -np.inf)
+    return problem, target(points, 0.0).reshape(problem.grid.shape), wall.reshape(problem.grid.shape)
+
+
+@pytest.mark.parametrize(
+    ("ndim", "error", "delay", "ticks"),
+    [(1, 1, 0, [3]), (1, 0, 1, [3]), (1, 0, 0, [2, 3, 4]), (1, 1, 1, [2, 3, 4]), (2, 1, 0, [3])],
+)
+def test_the_slow_twin(ndim, error, delay, ticks):
+    """Whole nodes in whole ticks: boxes end at nodes, so what is interpolated linearly is exact."""
+    half = naive_sensing.uncertainty(error, 1, delay)
+    sensing = Sensing(float(error), float(delay), (max(ticks) - 3) / 2)
+    free = Sensing() if half == 0 else replace(sensing, error=0.0, delay=0.0, jitter=0.0)
+    problem, goal, wall = lattice_problem(ndim, free, unsafe=ndim == 1)
+    object.__setattr__(problem, "sensing", sensing)  # without asking whether anything of the target is left
+    assert problem.half_widths[0].tolist() == [half] * ndim
+    table = sdhj.solve(problem, EXACT, progress=False)
+    moves = [tuple(int(m) for m in move) for move in problem.inputs]
+    twin = naive_sensing.predictions(goal, wall, moves, 1, ticks, half, 3)
+    for n, values in enumerate(twin):
+        np.testing.assert_allclose(table.values(start=0, within=n), values, atol=1e-12)
+    hazards = table.hazards(problem.grid.points(), 0)
+    for j, move in enumerate(moves):  # of all that the state may be, over the longest interval
+        clear = naive_sensing.kept(np.full(wall.shape, -np.inf), wall, move, 1, ticks)
+        np.testing.assert_allclose(hazards[:, j], naive_sensing.shrunk(clear, half).ravel(), atol=1e-12)
+    states = naive_sensing.shrunk(twin[3], half)
+    assert (table.contains(problem.grid.points(), start=0, within=3) == (states <= 0).ravel()).all()
+
+
+@pytest.mark.parametrize("method", [EXACT, Projected([(0,)], EXACT)], ids=["lax", "projected"])
+def test_more_of_anything_never_enlarges_a_set(method):
+    problem = toys.torus_problem(nodes=16, steps=2)
+    problem = replace(problem, unsafe=(UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5),))
+    chain = [
+        Sensing(),
+        Sensing(0.02),
+        Sensing(0.02, 0.03),
+        Sensing(0.02, 0.03, 0.01),
+        Sensing((0.03, 0.02), 0.04, 0.02),
+    ]
+    target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
+    before = None
+    for sensing in chain:
+        table = sdhj.solve(replace(problem, target=target, sensing=sensing), method, progress=False)
+        values = np.stack([table.values(start=0, within=n) for n in range(3)])
+        assert before is None or ((values >= before - 1e-12).all() and (values > before + 1e-6).any())
+        before = values
+    assert (before <= 0).any()
+
+
+def test_a_subspace_that_keeps_everything_is_the_whole():
+    target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
+    problem = replace(toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, 0.01))
+    full, same = (sdhj.solve(problem, method, progress=False) for method in (EXACT, Projected([(0, 1)], EXACT)))
+    for n in range(3):
+        np.testing.assert_array_equal(same.values(start=0, within=n), full.values(start=0, within=n))
+
+
+def test_a_delay_is_an_error_that_is_known_and_a_later_clock():
+    """The tubes are those of the larger box, for sets as they are when the input starts."""
+    problem, late = toys.torus_problem(nodes=16, steps=2), 0.05
+
+    def later(part):
+        return replace(part, level_set=lambda p, t: part.level_set(p, t + late))
+
+    other = replace(problem, target=later(problem.target), unsafe=tuple(later(part) for part in problem.unsafe))
+    one = sdhj.solve(replace(problem, sensing=Sensing(0.01, late)), EXACT, progress=False)
+    two = sdhj.solve(replace(other, sensing=Sensing(0.01 + late * 0.4)), EXACT, progress=False)
+    for n in range(3):
+        np.testing.assert_allclose(one.values(start=0, within=n), two.values(start=0, within=n), atol=1e-12)
+
+
+# ---- predictions
+
+
+def integrator(sensing=Sensing(), nodes=(31, 31)):  # noqa: B008 - frozen
+    """dx = v, dv = u + w, |w| <= 0.1."""
+    levels = [[-1.0], [0.0], [1.0]]
+
+    def drift(points, u):
+        return np.stack([points[:, 1], np.full(len(points), u[0])], axis=1)
+
+    return ReachAvoidProblem(
+        Grid([-1.5, -1.5], [1.5, 1.5], nodes, ends="wall"),
+        Dynamics(levels, drift, [[0.0], [1.0]], [0.1]),
+        TargetSet((0, 1), lambda p, t: np.maximum(np.abs(p[:, 0]), np.abs(p[:, 1])) - 0.6),
+        (UnsafeSet((0,), lambda p, t: 1.3 - p[:, 0], name="wall"),),
+        0.4,
+        4,
+        sensing=sensing,
+    )
+
+
+def test_the_box_of_a_double_integrator():
+    """dw1 = w2, dw2 = b: E = (e1 + e2 d + b d^2 / 2, e2 + b d), and what the next prediction may be off by besides."""
+    box, wider = boxes(integrator(Sensing((0.02, 0.03), 0.1, 0.05)))
+    one, two = 0.02 + 0.03 * 0.1 + 0.1 * 0.1**2 / 2, 0.03 + 0.1 * 0.1
+    np.testing.assert_allclose(box, [one, two], rtol=1e-12)
+    np.testing.assert_allclose(wider, [2 * one + 0.5 * two, 2 * two], rtol=1e-12)
+
+
+def test_states_stay_in_the_box_around_their_predictions():
+    """A car under the corners of its disturbance; between the nodes the sine is a little steeper than between two."""
+    sensing = Sensing((0.02, 0.02, 0.1), 0.1)
+    problem = replace(toys.unicycle_problem(), sensing=sensing, target=TargetSet((0,), lambda p, t: p[:, 0] - 1.0))
+    box, rng, count = problem.half_widths[0], np.random.default_rng(1), 2000
+    steepness = np.pi / 16 / np.sin(np.pi / 16)
+    states = rng.uniform([-1, -1, -3], [1, 1, 3], (count, 3))
+    error = rng.choice([-1.0, 1.0], (count, 3)) * sensing.error
+    held = rng.integers(0, 3, count)
+    told = predicted(problem, states + error, held)
+    v, t = rng.choice([-1.0, 1.0], (count, 2)) * 0.1, problem.time(0) - 0.1
+    for part in range(10):
+        states = problem.interval(0).advance(states, held, v, t + part * 0.01, 0.01)
+    off = np.abs(told - states).max(axis=0)
+    assert (off <= box * steepness + 1e-9).all() and (off >= 0.9 * box).all()
+
+
+# ---- played
+
+
+@pytest.mark.parametrize("adversary", ["random", "worst"])
+@pytest.mark.parametrize("rule", ["deepest", "effort"])
+def test_no_run_is_lost_and_without_sensing_some_are(adversary, rule):
+    """This table is exact, so not one run may be lost; the same attack bites where nobody reckoned with it."""
+    sure, plain = interval_tables(PLAYED, wall=1.2)
+    report = sdhj.monte_carlo(Controller(sure, rule), 4000, adversary, progress=False)
+    assert report.counts["reached"] == 4000
+    control = sdhj.monte_carlo(Controller(plain, rule), 4000, adversary, sensing=PLAYED, progress=False)
+    assert control.counts["reached"] < 4000
+
+
+def test_staying_clear_of_unsafe_ends():
+    """Without a target too: no run is lost, and without sensing some are."""
+    problem = replace(toys.interval_problem(unsafe=False), target=None, grid=Grid([-1.2], [1.2], [97]))
+    sure, plain = (sdhj.solve(replace(problem, sensing=told), EXACT, progress=False) for told in (PLAYED, Sensing()))
+    assert 0.5 < sure.fraction(start=0, within=5) < plain.fraction(start=0, within=5)
+    for adversary in ("random", "worst"):
+        assert sdhj.monte_carlo(Controller(sure), 2000, adversary, progress=False).counts["reached"] == 2000
+    control = sdhj.monte_carlo(Controller(plain), 2000, sensing=PLAYED, progress=False)
+    assert control.counts["reached"] < 2000
+
+
+def test_an_adversary_of_ones_own_and_what_it_may_not():
+    class Own:
+        def __init__(self, size):
+            self.size, self.ends = size, set()
+
+        def __call__(self, moment):
+            self.ends.add((moment.step, round(float(moment.time + moment.remaining), 9)))
+            return moment.bounds
+
+        def mislead(self, sight):
+            return np.full(sight.states.shape, self.size) * sight.box
+
+        def shift(self, moment):
+            return np.full(len(moment.states), 1 if moment.step % 2 else -1)
+
+    controller, own = Controller(interval_tables(PLAYED)[0]), Own(1.0)
+    run = sdhj.simulate(controller, [-1.7], own)
+    assert run.outcome == "reached" and len(run.times) == 1 + 20 * len(run.inputs)
+    np.testing.assert_allclose(run.times[20], 0.2 + 0.5 - 0.05)
+    np.testing.assert_allclose(run.times[40], 0.2 + 1.0 + 0.05)
+    with pytest.raises(ValueError, match="keep the errors"):
+        sdhj.simulate(controller, [-1.7], Own(1.5))
+
+
+# ---- a real loop
+
+
+def test_a_loop_against_a_clock():
+    """A clock that is late by up to the jitter, but for every 100th instant: those are told, and nothing else."""
+    table = interval_tables(PLAYED)[0]
+    assert table.problem.timeless
+    controller, rng, state, held = Controller(table), np.random.default_rng(0), np.array([-1.5]), 1
+    missed = []
+    for k in range(1000):
+        late = 0.12 if k % 100 == 50 else rng.uniform(-0.05, 0.05) * (k > 0)
+        action = controller.step(state + rng.uniform(-0.03, 0.03, 1), k * 0.5 + late)
+        assert action.step == k and action.late == pytest.approx(late, abs=1e-9)
+        missed += [k] if action.missed else []
+        assert action.promised != action.missed
+        interval = table.problem.interval(0)
+        state = interval.advance(state[None], np.array([held]), rng.uniform(-0.2, 0.2, (1, 1)), 0.0, 0.2)[0]
+        held = action.input
+        state = interval.advance(state[None], np.array([held]), rng.uniform(-0.2, 0.2, (1, 1)), 0.0, 0.3)[0]
+        assert abs(state[0]) < 1.7
+    assert missed == list(range(50, 1000, 100))
+    assert controller.step(state, 510.0).missed  # many instants had no measurement
+    with pytest.raises(ValueError, match="time must go on"):
+        controller.step(state, 510.1)
+    assert controller.step(state, 0.0).step == 0  # a new loop
+
+
+def ticking(pipe, delta, jitter, count):
+    """A process that measures: it sleeps, wakes up when the system lets it, and says when that was."""
+    rng, begin, k = np.random.default_rng(0), time.perf_counter(), 0
+    for _ in range(count):
+        now = time.perf_counter() - begin
+        time.sleep(max(0.0, k * delta + rng.uniform(-jitter, jitter) * (k > 0) - now))
+        woken = time.perf_counter() - begin
+        pipe.send(woken)
+        k = max(k, round(woken / delta)) + 1
+    pipe.close()
+
+
+@pytest.mark.slow
+def test_a_loop_against_a_real_clock():
+    """10,000 instants, 2 ms apart, in a process of their own: the missed ones are counted, no more and no fewer."""
+    delta, jitter, count = 0.002, 0.0004, 10_000
+    problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter))
+    controller = Controller(sdhj.solve(problem, EXACT, progress=False))
+    controller.step([0.0], 0.0)  # compiled
+    here, there = multiprocessing.get_context("spawn").Pipe()
+    clock = multiprocessing.get_context("spawn").Process(target=ticking, args=(there, delta, jitter / 2, count))
+    clock.start()
+    there.close()
+    times, actions = [], []
+    for _ in range(count):
+        times.append(here.recv())
+        actions.append(controller.step([0.0], times[-1]))
+    clock.join()
+    places = np.round(np.array(times) / delta)
+    late = np.abs(np.array(times) - places * delta) > jitter
+    missed = np.array([action.missed for action in actions])
+    assert (missed == (late | (np.diff(places, prepend=-1) != 1))).all()
+    assert 0 < missed.sum() < count
+    print(f"missed {missed.sum()} of {count}, of these late {late.sum()}")
+
+
+def test_a_loop_falls_back_or_says_so():
+    controller = Controller(interval_tables(PLAYED)[0])
+    action = controller.step([3.5], 0.0)
+    assert action.steps_to_go is None and not action.promised
+    with pytest.raises(sdhj.NotAdmissible):
+        controller.step([3.5], 0.5, fallback=False)
+    timed = sdhj.solve(toys.torus_problem(steps=2), EXACT, progress=False)
+    with pytest.raises(ValueError, match="is the last"):
+        Controller(timed).step([-1.0, 0.0], 0.4)
+
+
+def test_a_prediction_is_the_measurement_moved_on():
+    controller = Controller(interval_tables(PLAYED)[0])
+    np.testing.assert_allclose(controller.predict([1.0], 2), [1.2])
+    np.testing.assert_allclose(controller.predict([1.0]), [0.8])  # the rest input, number 0
+    np.testing.assert_allclose(controller.predict([[1.0], [3.9]], [1, 2]), [[1.0], [4.0]])  # held at the wall
+    assert Controller(toys.interval_table()).predict([1.0], 2).tolist() == [1.0]
+
+
+# ---- what does not fit, files
+
+
+@pytest.mark.parametrize(
+    ("sensing", "told"),
+    [
+        ({"error": -0.1}, "error must be at least 0"),
+        ({"error": [0.1, 0.1]}, "error must be one number or 1"),
+        ({"error": "much"}, "error must be a number"),
+        ({"delay": 0.6}, "delay must be at most delta, 0.5 s"),
+        ({"jitter": 0.3}, "jitter must be at most half of delta, 0.25 s"),
+        ({"delay": 0.4, "jitter": 0.1}, "delay \\+ 2 jitter must be at most delta"),
+        ({"error": 0.6}, "known to within \\[0.6\\] only"),
+        ({"delay": 0.1, "rest": 3}, "rest must be a whole number from 0 to 2"),
+    ],
+)
+def test_what_is_refused(sensing, told):
+    with pytest.raises(ValueError, match=told):
+        replace(toys.interval_problem(), sensing=Sensing(**sensing))
+
+
+def test_what_is_refused_of_problems():
+    problem = toys.interval_problem()
+    with pytest.raises(ValueError, match=r"sensing must be a sdhj\.Sensing"):
+        replace(problem, sensing=0.1)
+    drift = replace(problem.dynamics, drift=lambda points, u, t: u + 0.0 * t + 0.0 * points)
+    moving = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.1 * t) - 1.0)
+    for other in ({"view_time": "instantaneous"}, {"dynamics": drift}, {"target": moving}):
+        replace(problem, **other, sensing=Sensing(0.01, 0.02))
+        with pytest.raises(ValueError, match="jitter leaves the time open"):
+            replace(problem, **other, sensing=Sensing(jitter=0.1))
+    with pytest.raises(ValueError, match="sensing is for problems with a number of steps"):
+        replace(problem, steps=None, sensing=Sensing(0.01))
+    with pytest.raises(ValueError, match='may be "safe"'):
+        staying = replace(problem, target=None, grid=Grid([-4.0], [4.0], [81], ends="safe"))
+        replace(staying, sensing=Sensing(0.1))
+
+
+def test_runs_follow_the_steps_of_the_table():
+    sure, plain = interval_tables(PLAYED)
+    with pytest.raises(ValueError, match="follow the steps of the table"):
+        sdhj.monte_carlo(Controller(sure), 10, steps=3, progress=False)
+    endless = sdhj.solve(replace(plain.problem, steps=None), EXACT, progress=False)
+    with pytest.raises(ValueError, match="follow the steps of the table"):
+        sdhj.monte_carlo(Controller(endless), 10, sensing=PLAYED, progress=False)
+    ends = replace(plain.problem, target=None, grid=Grid([-4.0], [4.0], [161], ends="safe"))
+    safe = sdhj.solve(ends, EXACT, progress=False)
+    with pytest.raises(ValueError, match='may be "safe"'):
+        sdhj.monte_carlo(Controller(safe), 10, sensing=PLAYED, progress=False)
+
+
+def test_what_a_loop_and_an_adversary_may_not_say():
+    controller = Controller(interval_tables(PLAYED)[0])
+    for previous in (3, -1, 0.5, [0, 1], "left"):
+        with pytest.raises(ValueError, match="previous must be an index from 0 to 2"):
+            controller.predict([1.0], previous)
+    with pytest.raises(ValueError, match="a measurement must have shape"):
+        controller.predict([1.0, 2.0])
+    with pytest.raises(ValueError, match="answer depends on time"):
+        Controller(sdhj.solve(toys.torus_problem(steps=1), EXACT, progress=False)).predict([0.0, 0.0])
+
+    class Own:
+        def __call__(self, moment):
+            return moment.bounds
+
+        def mislead(self, sight):
+            return 0.0 * sight.states
+
+        def shift(self, moment):
+            return np.full(len(moment.states), 2)
+
+    with pytest.raises(ValueError, match="must return -1, 0 or 1"):
+        sdhj.simulate(controller, [-1.7], Own())
+    Own.mislead = lambda self, sight: sight.states.fill(0.0)
+    with pytest.raises(ValueError, match="read-only"):
+        sdhj.simulate(controller, [-1.7], Own())
+
+
+def test_a_problem_that_senses_is_another_one():
+    """All of it counts, and what senses exactly is what it was."""
+    problem = toys.torus_problem(nodes=16, steps=2)
+    told = [Sensing(), Sensing(0.01), Sensing(0.01, 0.02), Sensing(0.01, 0.03), Sensing(0.01, 0.02, rest=1)]
+    assert len({replace(problem, sensing=sensing).digest for sensing in told}) == len(told)
+    assert replace(problem, sensing=Sensing([0.01, 0.01])).digest == replace(problem, sensing=told[1]).digest
+    assert replace(problem, sensing=Sensing(rest=1)).digest == problem.digest
+
+
+def test_a_file_knows_what_it_was_solved_for(tmp_path):
+    table, path = interval_tables(PLAYED)[0], tmp_path / "table.h5"
+    table.save(path)
+    assert header(path)["sensing"] == PLAYED
+    assert sdhj.load(path, problem=table.problem).fraction(start=0, within=3) == table.fraction(start=0, within=3)
+    with pytest.raises(sdhj.TableFileError, match="sensing is"):
+        sdhj.load(path, problem=replace(table.problem, sensing=Sensing()))
+    arm = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=Sensing(0.001, 0.01))
+    sdhj.solve(arm, progress=False).save(path)
+    assert sdhj.load(path).problem.sensing == arm.sensing
