@@ -209,8 +209,8 @@ class GeneralProof:
                     self.low[start, j, slice(*places)], self.high[start, j, slice(*places)] = self._in_cells(
                         places, last
                     )
-                    for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
-                        self._strike(step, j, places, tubes, lattices)
+                    steps = range(len(self.clear)) if len(self.low) == 1 else range(start, start + 1)
+                    self._strike(steps, j, places, tubes, lattices)
                     bar.update()
 
     def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
@@ -298,18 +298,39 @@ class GeneralProof:
         return low, high
 
     def _strike(
-        self, step: int, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
+        self, steps: range, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
     ) -> None:
-        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end."""
+        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
+
+        What stands still is met in all of them alike.
+        """
         grid, bit = self.problem.grid, np.uint8(1 << j % 8)
-        clear = np.ascontiguousarray(self.clear[step, :, j // 8])
+        still = np.full(self.clear.shape[1], 255, np.uint8)
         room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
         least, most = grid.faces("unsafe")
         if np.isfinite([least, most]).any():
-            strike_ends(clear, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
-        for known in lattices:
-            strike(clear, tubes, places, known[min(step, len(known) - 1)], bit, self.layout, NARROW)
-        self.clear[step, :, j // 8] = clear
+            strike_ends(still, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
+        for known in (one for one in lattices if len(one) == 1):
+            self._met(still, tubes, places, known[0], bit)
+        for step in steps:
+            clear = self.clear[step, :, j // 8] & still
+            for known in (one for one in lattices if len(one) > 1):
+                self._met(clear, tubes, places, known[step], bit)
+            self.clear[step, :, j // 8] = clear
+
+    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
+        """`strike`, once for all cells that differ on axes alone that neither the set nor the image depends on."""
+        counts, alike = self.layout.counts, self.strides == 0
+        alike[known.axes] = False
+        if not alike.any() or np.isfinite(self.layout.safe).any():
+            strike(clear, tubes, places, known, bit, self.layout, NARROW)
+            return
+        first = np.full(clear.size, 255, np.uint8)
+        cells = np.stack(np.unravel_index(self.layout.offset, counts))
+        some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
+        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size), NARROW)
+        one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
+        clear &= np.broadcast_to(one, counts).ravel()
 
     # ---- sets over boxes and times
 
@@ -367,13 +388,23 @@ class GeneralProof:
 
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time."""
-        problem, t, out = self.problem, self.problem.time(step), np.ones([axis.count for axis in self.axes], np.bool_)
+        problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()
         times = self._always if self.timeless else (t, t)
         for part in problem.unsafe:
-            out &= self._over_cells(part, times)[0] > 0.0
+            if part.moving:
+                out &= self._over_cells(part, times)[0] > 0.0
         if not problem.stays:
             out &= self._over_cells(problem.target, times)[1] <= 0.0
         return to_words(out.reshape(-1, self.axes[-1].count))
+
+    @cached_property
+    def _clear_of_still(self) -> FloatArray:
+        """Cells outside the unsafe sets that stand still."""
+        out = np.ones([axis.count for axis in self.axes], np.bool_)
+        for part in self.problem.unsafe:
+            if not part.moving:
+                out &= self._over_cells(part, self._always)[0] > 0.0
+        return out
 
     def _over_cells(self, part: Any, times: tuple[float, float]) -> list[FloatArray]:
         """Least and greatest value of a level set in every cell, broadcastable to the cells."""
