@@ -90,12 +90,8 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check what is stated and make room; `prepare` fills it."""
         stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
-        own = _places(problem, axes, Bounds(problem, stated))
-        strides, moves, clear = shapes(problem, axes, own)
-        boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
-        needed = 4 * math.prod(moves) + math.prod(clear) + 8 * size + 16 * PLACES * len(axes) * parts
-        needed += BYTES_OF_A_BOX * max(boxes, default=0)
-        require(needed, f"certifying {size:.1e} cells", "use fewer cells")
+        strides, moves, clear = shapes(problem, axes, _places(problem, axes, Bounds(problem, stated)))
+        require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
 
@@ -107,7 +103,18 @@ class GeneralProof:
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
-        return int(self.low.nbytes + self.high.nbytes + self.clear.nbytes)
+        arrays = [*vars(self).values(), *self.layout]
+        return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
+
+    @property
+    def pieces(self) -> int:
+        """Into how many pieces `prepare` cuts its work."""
+        return self.low.shape[0] * self.low.shape[1] * -(-self.low.shape[2] // PLACES)
+
+    @property
+    def peak(self) -> int:
+        """Bytes that a solve takes at most, the sets that it finds apart."""
+        return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def _at(self, step: int) -> tuple[Moves, FloatArray]:
         """Moves, and which inputs are clear, of the interval from a step."""
@@ -189,23 +196,23 @@ class GeneralProof:
         free, safe = numbers(~own), np.stack(self.problem.grid.faces("safe"))
         return Placed(counts, numbers(own), free, free.size, edges, safe)
 
-    def prepare(self, progress: bool | None) -> None:
-        """Fill moves and clear: where every input takes every place, and which cells it is safe from."""
-        size, count = self.low.shape[2], len(self.problem.inputs)
+    def prepare(self, progress: bool | None, share: float = 1.0) -> None:
+        """Fill moves and clear, or a share of them: where every input takes every place, where it is safe from."""
+        starts, count, size, _ = self.low.shape
         n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
-        slabs, lattices = range(0, size, PLACES), self._lattices(progress)
-        work = list(itertools.product(range(len(self.low)), range(count), slabs))
+        lattices, work = self._lattices(progress), list(np.ndindex(starts, count, -(-size // PLACES)))
+        work = work[: math.ceil(share * len(work))]
 
-        def moved(start: int, j: int, begin: int) -> Ends:
-            places = np.arange(begin, min(begin + PLACES, size))
+        def moved(start: int, j: int, slab: int) -> Ends:
+            places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return self.reached(places, j, self.problem.time(start), min(max(finest, 1), FINEST))
 
         with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
             for some in (work[at : at + n] for at in range(0, len(work), n)):
-                for (start, j, begin), (tubes, last) in zip(
+                for (start, j, slab), (tubes, last) in zip(
                     some, pool.map(moved, *zip(*some, strict=True)), strict=True
                 ):
-                    places = begin, min(begin + PLACES, size)
+                    places = slab * PLACES, min((slab + 1) * PLACES, size)
                     self.low[start, j, slice(*places)], self.high[start, j, slice(*places)] = self._in_cells(
                         places, last
                     )
@@ -447,6 +454,15 @@ def shapes(
         (timed, count, math.prod(counts[own].tolist()), len(axes)),
         (times, math.prod(counts.tolist()), -(-count // 8)),
     )
+
+
+def peak(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
+) -> int:
+    """See `GeneralProof.peak`; moves and clear are shapes."""
+    boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
+    needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
+    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
 def _places(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Bounds) -> FloatArray:
