@@ -12,9 +12,9 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import CellAxis, cells_of, told_axis
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import Cells, fewest_steps, to_bits
+from sdhj.certified.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.checks import real_array, states_array, whole
 from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
@@ -114,6 +114,24 @@ class CertifiedTable:
         """Whether each row of `points` (M, ndim) is certified: bool (M,)."""
         place = self._place(start, within)
         return self._fewest(points, place, place) == 0
+
+    def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether all, and whether any, of each box of states (M, ndim) is certified: bool (2, M).
+
+        A box that is wholly certified may stick out of the cells by STATE_SLACK and by what three steps may drift. What
+        crosses the end of an axis, a periodic one too, is not wholly certified, and may be in part.
+        """
+        cells, index, out = self.cells, self.index[self._place(start, within)], np.empty((2, 2, len(low)), np.bool_)
+        known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
+            axis=1
+        )
+        for spare, answer in zip((STATE_SLACK + 2 * DRIFT, -STATE_SLACK), out, strict=True):
+            first = np.floor((low - cells.lower + spare) / cells.width)
+            last = np.ceil((high - cells.lower - spare) / cells.width) - 1
+            first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
+            last = np.clip(last, first, cells.counts - 1).astype(np.int64)
+            held_in_boxes(first, last, cells, index, self.pool, answer)
+        return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
