@@ -28,9 +28,10 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.batches import threads
-from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
-from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, cells_of, moved_cells
+from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of, moved_cells
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
+from sdhj.certified.rooms import PLACES, peak, place_axes, shapes
 from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
 from sdhj.checks import whole
 from sdhj.compiling import hidden
@@ -49,8 +50,6 @@ TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
-BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
-PLACES = 1 << 15  # whose tubes are in memory at once
 PIECES_OF_A_CELL = 16  # on each axis, at most
 
 
@@ -90,7 +89,7 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check what is stated and make room; `prepare` fills it."""
         stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
-        strides, moves, clear = shapes(problem, axes, _places(problem, axes, Bounds(problem, stated)))
+        strides, moves, clear = shapes(problem, axes, place_axes(problem, axes, Bounds(problem, stated)))
         require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
@@ -439,43 +438,6 @@ class GeneralProof:
             reach = np.stack([moves.low.min(axis=(0, 1)), moves.high.max(axis=(0, 1))]).astype(np.int64)
             reached_rows(changed, reach, self.cells, near)
         grow(np.flatnonzero(near), cells, following, clear, moves, self.cells, self.problem.stays)
-
-
-def shapes(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
-) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
-    counts, count, strides = np.array([axis.count for axis in axes]), len(problem.inputs), np.zeros(len(axes), np.int64)
-    strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
-    timed = problem.steps if problem.dynamics.timed else 1
-    times = problem.steps if any(part.moving for part in problem.unsafe) else timed
-    return (
-        strides,
-        (timed, count, math.prod(counts[own].tolist()), len(axes)),
-        (times, math.prod(counts.tolist()), -(-count // 8)),
-    )
-
-
-def peak(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
-) -> int:
-    """See `GeneralProof.peak`; moves and clear are shapes."""
-    boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
-    needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
-
-
-def _places(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Bounds) -> FloatArray:
-    """Which axes an image depends on, (ndim,) bool.
-
-    Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
-    and leave again within an interval.
-    """
-    own: FloatArray = np.logical_or.reduce(bounds.reads, axis=0)
-    for place, axis in enumerate(axes):
-        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
-        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
-    return own
 
 
 def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatArray:

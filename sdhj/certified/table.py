@@ -210,6 +210,22 @@ class CertifiedTable:
         shares = _product([axis.shares() for axis in axes])
         return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
 
+    @cached_property
+    def losing(self) -> "CertifiedTable":
+        """Cells from which the adversary surely wins (`sdhj.certified.losing`): ask its bits, `contains`, `fraction`.
+
+        Of a problem of one's own, by intervals of its functions; computed when it is asked for. ValueError where
+        intervals cannot follow a function, as those of the arm's case study.
+        """
+        from sdhj.certified.losing import lost_cells
+
+        return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
+
+    def unknown(self, *, start: int, within: int) -> float:
+        """Share of the volume of the state space of which neither is proved: what more cells can still gain."""
+        told = {"start": start, "within": within}
+        return 1.0 - self.fraction(**told) - self.losing.fraction(**told)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""
         cells = {
