@@ -21,7 +21,7 @@ led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -88,16 +88,22 @@ class LosingProof(GeneralProof):
                 cells, at = alone._in_cells(places, last), (start, j * len(self.vertices) + v, slice(*places))
                 self.low[at], self.high[at] = cells
 
-    def _inside(self, step: int) -> FloatArray:
-        """Cells inside the unsafe set at t_k, packed."""
-        t, out = self.problem.time(step), np.zeros([axis.count for axis in self.axes], np.bool_)
+    @cached_property
+    def inside(self) -> list[FloatArray]:
+        """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
+        moving = [part for part in self.problem.unsafe if part.moving]
+        still = np.zeros([axis.count for axis in self.axes], np.bool_)
         for part in self.problem.unsafe:
-            out |= self._over_cells(part, (t, t) if part.moving else self._always)[1] <= 0.0
-        return to_words(out.reshape(-1, self.axes[-1].count))
+            still |= False if part.moving else self._over_cells(part, self._always)[1] <= 0.0
+        out = []
+        for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
+            met = [self._over_cells(part, (t, t))[1] <= 0.0 for part in moving]
+            out.append(to_words(reduce(np.logical_or, met, still).reshape(-1, self.axes[-1].count)))
+        return out
 
     def goal(self, step: int) -> FloatArray:
         """Lost_k^0; at all times where nothing depends on time."""
-        inside, t = self._inside(step), self.problem.time(step)
+        inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.stays:
             return inside
         outside = self._over_cells(self.problem.target, self._always if self.timeless else (t, t))[0] > 0.0
@@ -108,8 +114,8 @@ class LosingProof(GeneralProof):
         self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
     ) -> None:
         """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}."""
-        moves, _ = self._at(step)
-        lose(cells, self._inside(step), following, moves, len(self.vertices), self.cells, self.problem.stays)
+        (moves, _), inside = self._at(step), self.inside[min(step, len(self.inside) - 1)]
+        lose(cells, inside, following, moves, len(self.vertices), self.cells, self.problem.stays)
 
 
 @kernel(parallel=True)
