@@ -124,6 +124,11 @@ class TargetSet:
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
         object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
 
+    @classmethod
+    def from_table(cls, table: Any, within: int | None = None) -> "TargetSet":
+        """The states from which a solved table reaches its own target in time: see `sdhj.chaining.from_table`."""
+        return importlib.import_module("sdhj.chaining").from_table(table, within)
+
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
 

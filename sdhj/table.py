@@ -257,8 +257,9 @@ class LookupTable:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the tubes and masks take in memory."""
-        return int(self.tubes.nbytes + self.masks.nbytes)
+        """Bytes that the tubes, the masks and the avoid tubes take in memory."""
+        arrays = self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving
+        return sum(array.nbytes for array in arrays)
 
     # ---- what it says of states between the nodes
 

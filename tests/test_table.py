@@ -119,7 +119,7 @@ def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     for (k, n), number in told.items():
         assert (done.value_array(k, n) == number).all() and (done.mask_array(k, n) == number).all()
     stored = len(set(told.values()))
-    assert len(done.tubes) == len(done.masks) == stored and done.nbytes == stored * (9 * 8 + 9)
+    assert len(done.tubes) == len(done.masks) == stored and done.tubes.nbytes + done.masks.nbytes == stored * 81
 
 
 def test_without_time_there_is_one_tube_for_each_number_of_steps():
@@ -151,7 +151,13 @@ def test_a_shared_tube_answers_as_one_stored_for_itself(rng):
     for shared, other in zip(*batches, strict=True):
         for name in ("steps_to_go", "safe", "margins"):
             np.testing.assert_array_equal(getattr(shared, name), getattr(other, name))
-    assert table.nbytes == table.tubes.nbytes + table.masks.nbytes == apart.nbytes // 4
+    assert 4 * (table.tubes.nbytes + table.masks.nbytes) == apart.tubes.nbytes + apart.masks.nbytes
+
+
+def test_nbytes_are_those_of_every_array():
+    for table in (sdhj.solve(interval_problem(rate=-0.3), method, progress=False) for method in ("hji", "lax")):
+        held = [*vars(table).values(), *vars(table.avoid).values()]
+        assert table.nbytes == sum(one.nbytes for one in held if isinstance(one, np.ndarray))
 
 
 def test_where_nothing_depends_on_time_a_table_has_one_tube_for_each_number_of_steps():

@@ -76,11 +76,9 @@ class ArmProof:
         velocities = np.array(speeds[:2], dtype=np.float64)  # (2, L, 2)
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
-        n1, n2, *_ = (axis.count for axis in axes)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
-        if allowed is None:  # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
-            needed = count * (n1 * n2 * problem.steps + widest * (64 + 96 * parts)) + 8 * (count + 6) * -(-cells // 64)
-            require(needed, f"certifying {cells:.1e} cells", "use fewer cells")
+        if allowed is None:
+            require(cls.needs(problem, axes, parts), f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
         for (axis, own), j in itertools.product(enumerate(axes), range(count)):
@@ -102,6 +100,19 @@ class ArmProof:
         unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
+
+    @staticmethod
+    def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
+        """See `GeneralProof.peak`."""
+        count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
+        # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
+        joints = n1 * n2 * problem.steps + max(n1, n2, nx, ny) * (64 + 96 * parts)
+        return count * joints + 8 * (count + 6) * -(-n1 * n2 * nx * ny // 64)
+
+    @property
+    def peak(self) -> int:
+        """See `GeneralProof.peak`."""
+        return self.needs(self.problem, self.axes, self.parts)
 
     @property
     def nbytes(self) -> int:
@@ -162,10 +173,11 @@ class ArmProof:
 
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
-    def prepare(self, progress: bool | None) -> list[FloatArray]:
+    def prepare(self, progress: bool | None, share: float = 1.0) -> list[FloatArray]:
         """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
         motion, clear = self.motion, []
-        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
+        some = range(math.ceil(share * motion.parts.size))
+        for j in tqdm(some, desc="intervals", disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))

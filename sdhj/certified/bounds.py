@@ -97,10 +97,14 @@ def velocity_terms(
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds on the velocity and the level sets of a problem; `stated` is what its author promises."""
+    """Bounds on the velocity and the level sets of a problem; `stated` is what its author promises.
+
+    signs (D,) : the one vertex of its box that the adversary keeps to; None: any adversary.
+    """
 
     problem: ReachAvoidProblem
     stated: LipschitzBounds
+    signs: FloatArray | None = None
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> Ends:
         """Least and greatest velocity under u_j, any adversary, in boxes (M, ndim) and [t0, t1]: both (M, ndim)."""
@@ -148,7 +152,7 @@ class Bounds:
 
     def _velocity(self, j: int, t0: float, t1: float, low: FloatArray, high: FloatArray) -> Ends:
         ways, dynamics, bounds, ndim = [], self.problem.dynamics, self.stated, self.problem.grid.ndim
-        ways.append(lambda: _followed_velocity(dynamics, j, low, high, (t0, t1)))
+        ways.append(lambda: _followed_velocity(dynamics, j, low, high, (t0, t1), self.signs))
         if bounds.dynamics is not None or (dynamics.stateless and bounds.time is not None):
 
             def stated() -> Ends:
@@ -156,6 +160,9 @@ class Bounds:
                 matrix = np.zeros((ndim, ndim)) if bounds.dynamics is None else bounds.dynamics
                 time = np.zeros(ndim) if bounds.time is None else bounds.time
                 change = (high - low) / 2 @ matrix.T + time * ((t1 - t0) / 2)
+                if self.signs is not None:
+                    drift = drift + gain @ (most * self.signs)
+                    return _about((drift, drift), change, ALLOWANCE)
                 return _about((drift, drift), np.abs(gain) @ most + change, ALLOWANCE)
 
             if not dynamics.timed or bounds.time is not None:
@@ -200,9 +207,9 @@ def _answered(answer: Any, shape: tuple[int, ...]) -> Ends:
 
 
 def _followed_velocity(
-    dynamics: Dynamics, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
+    dynamics: Dynamics, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float], signs: FloatArray | None
 ) -> Ends:
-    """Drift and the adversary's push called with intervals."""
+    """Drift and the adversary's push, that of one vertex or any, called with intervals."""
     from sdhj.certified.enclosures import Enclosure, enclosure_of
 
     t: Any = times[0] if times[0] == times[1] else Enclosure(*times)
@@ -218,7 +225,10 @@ def _followed_velocity(
         return enclosure_of(function(*(values[one] for one in takes)), shape if "points" in takes else shape[1:])
 
     parts = dynamics.adversaries
-    push = (np.abs(term("gain", (*low.shape, parts))) * np.abs(term("bounds", (0, parts)))).sum(axis=-1).high
+    gain, most = term("gain", (*low.shape, parts)), term("bounds", (0, parts))
+    if signs is not None:
+        return _answered(term("drift", low.shape) + (gain * (most * signs)).sum(axis=-1), low.shape)
+    push = (np.abs(gain) * np.abs(most)).sum(axis=-1).high
     return _answered(term("drift", low.shape) + Enclosure(-push, push), low.shape)
 
 

@@ -225,16 +225,3 @@ def moved_cells(
     first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
     last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
     return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
-
-
-def known_axes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], reads: FloatArray) -> FloatArray:
-    """Which axes an image depends on, (ndim,) bool; reads (ndim, ndim): which the velocities do.
-
-    Also those on which cells are not alike, and those with a wall that the state may come to and leave again within an
-    interval.
-    """
-    own: FloatArray = np.logical_or.reduce(reads, axis=0)
-    for place, axis in enumerate(axes):
-        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
-        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
-    return own

@@ -28,10 +28,12 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.batches import threads
-from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
-from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of, known_axes, moved_cells
+from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of, moved_cells
 from sdhj.certified.guesses import unsure
+from sdhj.certified.lattices import NARROW, lattice_of
 from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
+from sdhj.certified.rooms import PLACES, peak, place_axes, shapes
 from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
 from sdhj.checks import whole
 from sdhj.compiling import hidden
@@ -39,21 +41,15 @@ from sdhj.files import stored
 from sdhj.grid import FloatArray
 from sdhj.interpolation import SLACK
 from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.problem import ReachAvoidProblem
 
 if TYPE_CHECKING:
     from sdhj.certified.table import CertifiedTable
 
-NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
-MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
-BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
-BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
-PLACES = 1 << 15  # whose tubes are in memory at once
-PIECES_OF_A_CELL = 16  # on each axis, at most
 
 
 @dataclass(frozen=True)
@@ -92,12 +88,8 @@ class GeneralProof:
     ) -> "GeneralProof":
         """Check what is stated and make room; `prepare` fills it."""
         stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
-        own = known_axes(problem, axes, Bounds(problem, stated).reads)
-        strides, moves, clear = shapes(problem, axes, own)
-        boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
-        needed = 4 * math.prod(moves) + math.prod(clear) + 8 * size + 16 * PLACES * len(axes) * parts
-        needed += BYTES_OF_A_BOX * max(boxes, default=0)
-        require(needed, f"certifying {size:.1e} cells", "use fewer cells")
+        strides, moves, clear = shapes(problem, axes, place_axes(problem, axes, Bounds(problem, stated)))
+        require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
 
@@ -109,7 +101,18 @@ class GeneralProof:
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
-        return int(self.low.nbytes + self.high.nbytes + self.clear.nbytes)
+        arrays = [*vars(self).values(), *self.layout]
+        return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
+
+    @property
+    def pieces(self) -> int:
+        """Into how many pieces `prepare` cuts its work."""
+        return self.low.shape[0] * self.low.shape[1] * -(-self.low.shape[2] // PLACES)
+
+    @property
+    def peak(self) -> int:
+        """Bytes that a solve takes at most, the sets that it finds apart."""
+        return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def _at(self, step: int) -> tuple[Moves, FloatArray]:
         """Moves, and which inputs are clear, of the interval from a step."""
@@ -197,28 +200,28 @@ class GeneralProof:
         free, safe = numbers(~own), np.stack(self.problem.grid.faces("safe"))
         return Placed(counts, numbers(own), free, free.size, edges, safe)
 
-    def prepare(self, progress: bool | None) -> None:
-        """Fill moves and clear: where every input takes every place, and which cells it is safe from."""
-        size, count = self.low.shape[2], len(self.problem.inputs)
+    def prepare(self, progress: bool | None, share: float = 1.0) -> None:
+        """Fill moves and clear, or a share of them: where every input takes every place, where it is safe from."""
+        starts, count, size, _ = self.low.shape
         n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
-        slabs, lattices = range(0, size, PLACES), self._lattices(progress)
-        work = list(itertools.product(range(len(self.low)), range(count), slabs))
+        lattices, work = self._lattices(progress), list(np.ndindex(starts, count, -(-size // PLACES)))
+        work = work[: math.ceil(share * len(work))]
 
-        def moved(start: int, j: int, begin: int) -> Ends:
-            places = np.arange(begin, min(begin + PLACES, size))
+        def moved(start: int, j: int, slab: int) -> Ends:
+            places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return self.reached(places, j, self.problem.time(start), min(max(finest, 1), FINEST))
 
         with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
             for some in (work[at : at + n] for at in range(0, len(work), n)):
-                for (start, j, begin), (tubes, last) in zip(
+                for (start, j, slab), (tubes, last) in zip(
                     some, pool.map(moved, *zip(*some, strict=True)), strict=True
                 ):
-                    places = begin, min(begin + PLACES, size)
+                    places = slab * PLACES, min((slab + 1) * PLACES, size)
                     self.low[start, j, slice(*places)], self.high[start, j, slice(*places)] = self._in_cells(
                         places, last
                     )
-                    for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
-                        self._strike(step, j, places, tubes, lattices)
+                    steps = range(len(self.clear)) if len(self.low) == 1 else range(start, start + 1)
+                    self._strike(steps, j, places, tubes, lattices)
                     bar.update()
 
     def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
@@ -318,18 +321,39 @@ class GeneralProof:
         return low, high
 
     def _strike(
-        self, step: int, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
+        self, steps: range, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
     ) -> None:
-        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end."""
+        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
+
+        What stands still is met in all of them alike.
+        """
         grid, bit = self.problem.grid, np.uint8(1 << j % 8)
-        clear = np.ascontiguousarray(self.clear[step, :, j // 8])
+        still = np.full(self.clear.shape[1], 255, np.uint8)
         room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
         least, most = grid.faces("unsafe")
         if np.isfinite([least, most]).any():
-            strike_ends(clear, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
-        for known in lattices:
-            strike(clear, tubes, places, known[min(step, len(known) - 1)], bit, self.layout, NARROW)
-        self.clear[step, :, j // 8] = clear
+            strike_ends(still, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
+        for known in (one for one in lattices if len(one) == 1):
+            self._met(still, tubes, places, known[0], bit)
+        for step in steps:
+            clear = self.clear[step, :, j // 8] & still
+            for known in (one for one in lattices if len(one) > 1):
+                self._met(clear, tubes, places, known[step], bit)
+            self.clear[step, :, j // 8] = clear
+
+    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
+        """`strike`, once for all cells that differ on axes alone that neither the set nor the image depends on."""
+        counts, alike = self.layout.counts, self.strides == 0
+        alike[known.axes] = False
+        if not alike.any() or np.isfinite(self.layout.safe).any():
+            strike(clear, tubes, places, known, bit, self.layout, NARROW)
+            return
+        first = np.full(clear.size, 255, np.uint8)
+        cells = np.stack(np.unravel_index(self.layout.offset, counts))
+        some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
+        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size), NARROW)
+        one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
+        clear &= np.broadcast_to(one, counts).ravel()
 
     # ---- sets over boxes and times
 
@@ -352,52 +376,38 @@ class GeneralProof:
         out: list[list[Boxes]] = []
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
             if not part.moving:
-                out.append([self._lattice(part, [self._always])])
+                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1)])
                 continue
             out.append([])
             (length, _), late = self.problem.sensing.held(self.problem.delta), self.problem.sensing.jitter
             for begin in map(self.problem.time, range(self.problem.steps)):
                 cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-                out[-1].append(self._lattice(part, [(t0 - late, t1 + late) for t0, t1 in cuts]))
+                times = [(t0 - late, t1 + late) for t0, t1 in cuts]
+                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps))
         return out
-
-    def _lattice(self, part: UnsafeSet, times: list[tuple[float, float]]) -> Boxes:
-        """The boxes that may meet an unsafe set in each of some times, counted."""
-        own = [self.axes[axis] for axis in part.axes]
-        often = len(times) * self.problem.steps if part.moving else 1
-        room = BOXES_OF_A_SET / (often * math.prod(axis.count for axis in own))
-        fine = min(max(int(room ** (1 / len(own))), 1), PIECES_OF_A_CELL)
-        pitch = np.array([float(axis.width) / fine for axis in own])
-        sizes = np.array([axis.count * fine for axis in own])
-        lower = np.array([float(axis.lower) for axis in own])
-        length = np.array([float(sum(axis.extent) / 2) for axis in own])
-        periodic = np.array([axis.periodic for axis in own])
-        corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
-        sums = []
-        for t0, t1 in times:
-            least, _ = self.bounds.level(part, corner - MARGIN_OF_BOXES, corner + pitch + MARGIN_OF_BOXES, t0, t1)
-            meets = ~(least > 0.0).reshape(sizes)
-            for k in np.flatnonzero(periodic).tolist():
-                meets = np.concatenate([meets, meets], axis=k)
-            counted = np.pad(meets, [(1, 0)] * len(own)).astype(np.int32)
-            for k in range(len(own)):
-                np.cumsum(counted, axis=k, out=counted)
-            sums.append(counted.ravel())
-        laps = sizes * np.where(periodic, 2, 1)
-        return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
 
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time.
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
-        problem, t, out = self.problem, self.problem.time(step), np.ones([axis.count for axis in self.axes], np.bool_)
+        problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()
         times = self._always if self.timeless else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for part in problem.unsafe:
-            out &= self._over_cells(part, times)[0] > 0.0
+            if part.moving:
+                out &= self._over_cells(part, times)[0] > 0.0
         if not problem.stays:
             out &= self._over_cells(problem.target, times)[1] <= 0.0
         return to_words(out.reshape(-1, self.axes[-1].count))
+
+    @cached_property
+    def _clear_of_still(self) -> FloatArray:
+        """Cells outside the unsafe sets that stand still."""
+        out = np.ones([axis.count for axis in self.axes], np.bool_)
+        for part in self.problem.unsafe:
+            if not part.moving:
+                out &= self._over_cells(part, self._always)[0] > 0.0
+        return out
 
     def _over_cells(self, part: Any, times: tuple[float, float]) -> list[FloatArray]:
         """Least and greatest value of a level set in every cell, broadcastable to the cells."""
@@ -424,21 +434,6 @@ class GeneralProof:
             reach = np.stack([moves.low.min(axis=(0, 1)), moves.high.max(axis=(0, 1))]).astype(np.int64)
             reached_rows(changed, reach, self.cells, near)
         grow(np.flatnonzero(near), cells, following, clear, moves, self.cells, self.problem.stays)
-
-
-def shapes(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
-) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
-    counts, count, strides = np.array([axis.count for axis in axes]), len(problem.inputs), np.zeros(len(axes), np.int64)
-    strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
-    timed = problem.steps if problem.dynamics.timed else 1
-    times = problem.steps if any(part.moving for part in problem.unsafe) else timed
-    return (
-        strides,
-        (timed, count, math.prod(counts[own].tolist()), len(axes)),
-        (times, math.prod(counts.tolist()), -(-count // 8)),
-    )
 
 
 def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatArray:

@@ -219,3 +219,24 @@ def fewest_steps(states, cells, index, pool, out):
                 else:
                     least = middle + 1
             out[m] = most
+
+
+@kernel(nogil=True)
+def held_in_boxes(first, last, cells, index, pool, out):
+    """Whether all, and whether any, of the cells from first to last, both (M, ndim), are in a set: out (2, M) bool.
+
+    index (R,), pool (B, W) : the set's blocks. Overwritten.
+    """
+    for m in range(first.shape[0]):
+        cell, more = first[m].copy(), True
+        out[0, m], out[1, m] = True, False
+        while more and (out[0, m] or not out[1, m]):
+            row, bit = row_and_bit(cell, cells)
+            held = has_bit(pool[index[row]], bit)
+            out[0, m], out[1, m] = out[0, m] and held, out[1, m] or held
+            axis = cell.size - 1
+            while axis >= 0 and cell[axis] == last[m, axis]:
+                cell[axis] = first[m, axis]
+                axis -= 1
+            more = axis >= 0
+            cell[axis] += 1 if more else 0

@@ -49,6 +49,7 @@ pursuer.
 
 import math
 import reprlib
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -65,9 +66,11 @@ from sdhj.certified.table import CertifiedTable
 from sdhj.checks import whole
 from sdhj.grid import MAX_NODES, FloatArray
 from sdhj.problem import ReachAvoidProblem
+from sdhj.recursion import PROCESS
 
 ARM_CELLS = (419, 419, 72, 72)
 GENERAL_CELLS = 64  # on each axis
+MEASURED = 0.03  # of the intervals, for an estimate
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,32 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; it takes as long to prepare them as to compute them."""
+        return CellSets(self.proof(problem), progress)
+
+    def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
+        """What a solve will take: cells and memory as counted, the time from a few per cent of the work, done here.
+
+        What is measured is how long the intervals take, and the recursion is taken to last as long as they do.
+
+        Raises
+        ------
+        ValueError, MemoryError
+            As `sets`.
+        """
+        began = time.perf_counter()
+        proof = self.proof(problem)
+        made, seconds = time.perf_counter() - began, []
+        for share in (MEASURED, 0.0, MEASURED):  # the first time compiles
+            began = time.perf_counter()
+            proof.prepare(False, share)
+            seconds.append(time.perf_counter() - began)
+        fixed, pieces = seconds[1], len(problem.inputs) if isinstance(proof, ArmProof) else proof.pieces
+        intervals = fixed + max(seconds[2] - fixed, 0.0) * pieces / math.ceil(MEASURED * pieces)
+        count = math.prod(axis.count for axis in proof.axes)
+        return Estimate(count, PROCESS + proof.peak, made + 2 * intervals)
+
+    def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
+        """The proof of a problem, not yet prepared."""
         axes = self.axes(problem)
         if self.bounds is None and is_arm(problem):
             built = replace(rebuild(problem.recipe), sensing=problem.sensing)
@@ -119,8 +148,8 @@ class Certified:
                 )
             if problem.steps is None:
                 raise ValueError(f"method {self.name!r} needs a number of steps of an arm: give the problem one")
-            return CellSets(ArmProof.of(problem, axes, self.parts), progress)
-        return CellSets(GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds()), progress)
+            return ArmProof.of(problem, axes, self.parts)
+        return GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds())
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
@@ -138,6 +167,18 @@ class Certified:
                 moves += [(back + ahead) / 2, (ahead - back) / 2]
             axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
         return tuple(axes)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a certified solve will take: cells, bytes of memory at its peak, the sets it finds apart, and seconds."""
+
+    cells: int
+    nbytes: int
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.cells:.1e} cells: about {self.nbytes / 1e9:.2g} GB of memory, {self.seconds:.0f} s"
 
 
 class CellSets:

@@ -12,9 +12,9 @@ import numpy as np
 
 from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import CellAxis, cells_of, told_axis
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import Cells, fewest_steps, to_bits
+from sdhj.certified.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.checks import real_array, states_array, whole
 from sdhj.files import PACKING, stored, written_table
 from sdhj.grid import FloatArray, Grid
@@ -136,6 +136,24 @@ class CertifiedTable:
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
         return self.grid.held(found, "wall", "unsafe")
 
+    def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether all, and whether any, of each box of states (M, ndim) is certified: bool (2, M).
+
+        A box that is wholly certified may stick out of the cells by STATE_SLACK and by what three steps may drift. What
+        crosses the end of an axis, a periodic one too, is not wholly certified, and may be in part.
+        """
+        cells, index, out = self.cells, self.index[self._place(start, within)], np.empty((2, 2, len(low)), np.bool_)
+        known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
+            axis=1
+        )
+        for spare, answer in zip((STATE_SLACK + 2 * DRIFT, -STATE_SLACK), out, strict=True):
+            first = np.floor((low - cells.lower + spare) / cells.width)
+            last = np.ceil((high - cells.lower - spare) / cells.width) - 1
+            first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
+            last = np.clip(last, first, cells.counts - 1).astype(np.int64)
+            held_in_boxes(first, last, cells, index, self.pool, answer)
+        return np.stack([out[0, 0] & known, out[1, 1] | ~known])
+
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
 
@@ -218,6 +236,22 @@ class CertifiedTable:
             return np.concatenate(counted) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
         shares = _product([axis.shares() for axis in axes])
         return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
+
+    @cached_property
+    def losing(self) -> "CertifiedTable":
+        """Cells from which the adversary surely wins (`sdhj.certified.losing`): ask its bits, `contains`, `fraction`.
+
+        Of a problem of one's own, by intervals of its functions; computed when it is asked for. ValueError where
+        intervals cannot follow a function, as those of the arm's case study.
+        """
+        from sdhj.certified.losing import lost_cells
+
+        return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
+
+    def unknown(self, *, start: int, within: int) -> float:
+        """Share of the volume of the state space of which neither is proved: what more cells can still gain."""
+        told = {"start": start, "within": within}
+        return 1.0 - self.fraction(**told) - self.losing.fraction(**told)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """As `LookupTable.save`."""

@@ -9,10 +9,15 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CELLS, PACKED, LINKS, CONTACT, GENERAL, BOUNDS, STENCILS, INTERVALS = (
+CELLS, PACKED, LINKS, CONTACT, GENERAL, BOUNDS, STENCILS, INTERVALS, LATTICES, GUESSES = (
     f"certified/{name}.py"
-    for name in ("cells", "packed", "links", "contact", "general_proof", "bounds", "stencils", "enclosures")
+    for name in (
+        *("cells", "packed", "links", "contact", "general_proof", "bounds", "stencils", "enclosures"),
+        *("lattices", "guesses"),
+    )
 )
+FARTHER = "test_no_prediction_is_farther"
+SENSED = "test_what_an_interval_does_to_predictions"
 SAMPLES, GROWTH, IMAGES = "test_every_sample_is_inside", "test_general_reach_box", "test_images_and_tubes"
 
 # file, what is taken out, what is left, the test that must fail
@@ -20,8 +25,8 @@ MUTATIONS = {
     "doubt about 2 pi": (CELLS, "period / 2**49", "period / 2**90", "test_cells_partition_the_axis"),
     "worst velocity": (
         CELLS,
-        "slow * duration, fast * duration",
-        "fast * duration, fast * duration",
+        "self._cover(i, back, ahead)",
+        "self._cover(i, ahead, ahead)",
         "test_image_holds",
     ),
     "outward edge": (
@@ -63,8 +68,8 @@ MUTATIONS = {
     "end of a part": (LINKS, "low + min(slow * tau0, slow * tau1)", "low + slow * tau0", "test_no_time_is_left_out"),
     "pursuer at the end": (
         CONTACT,
-        "growth = agent.speed * agent.delta * (part + 1) / parts",
-        "growth = agent.speed * agent.delta * part / parts",
+        "agent.speed * agent.delta * (part + 1) / parts",
+        "agent.speed * agent.delta * part / parts",
         "left_out_of_the_pursuit",
     ),
     "cell of the pursuer": (LINKS, "highest + growth - agent.y", "highest - agent.y", "test_pursuer_is_met"),
@@ -94,19 +99,19 @@ MUTATIONS = {
     "change with time": (BOUNDS, "time * ((t1 - t0) / 2)", "0.0", "test_timed_growth_holds"),
     "time of an interval": (
         GENERAL,
-        "[start + self.problem.delta * at",
-        "[0.0 + self.problem.delta * at",
+        "[start + begin, start + end]",
+        "[begin, end]",
         "test_timed_growth_holds",
     ),
     "last cell of an image": (CELLS, "np.ceil((high - DRIFT", "np.floor((high - DRIFT", IMAGES),
     "boxes of a set": (
-        GENERAL,
+        LATTICES,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",
         "corner + MARGIN_OF_BOXES, t0, t1",
         "test_bounds_of_a_lattice",
     ),
     "times of a set": (
-        GENERAL,
+        LATTICES,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",
         "corner + pitch + MARGIN_OF_BOXES, t0, t0",
         "test_bounds_of_a_lattice",
@@ -125,6 +130,23 @@ MUTATIONS = {
         "at[axis] < number[axis] - 1",
         "test_images_are_inside",
     ),
+    "error of the first measurement": (
+        GENERAL,
+        "self._held(low, high, before + OUTWARD * self.unsure)",
+        "before.copy()",
+        SENSED,
+    ),
+    "error of the next measurement": (GENERAL, "last + OUTWARD * self.unsure", "last", SENSED),
+    "an early end": (GENERAL, "if begin >= soonest:", "if False:", SENSED),
+    "a prediction in the target": (
+        GENERAL,
+        "more = STATE_SLACK + self.unsure[list(part.axes)]",
+        "more = STATE_SLACK",
+        SENSED,
+    ),
+    "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
+    "how fast it is in a stride": (GUESSES, "np.minimum(a, 0).min(axis=0) * stride", "0.0 * stride", FARTHER),
+    "push of the adversary meanwhile": (GUESSES, "self._ends(self.any, box)", "self._ends(self.calm, box)", FARTHER),
     "open sides of a jump": (INTERVALS, "np.where(some, np.minimum(a, c), c)", "c", SAMPLES),
 }
 COMPILED = {

@@ -12,7 +12,11 @@ from robots import car
 
 import sdhj
 from sdhj import Sensing
+from sdhj.certified import LipschitzBounds
+from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
+from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.packed import to_bits
 from sdhj.prediction import predicted
 
 ALL = Sensing(0.005, 0.02, 0.005)
@@ -76,6 +80,21 @@ def test_more_of_anything_never_enlarges_a_set():
         assert before is None or not (kept & ~before[1]).any()
         before = sets, kept
     assert before[0].any()
+
+
+def test_what_an_interval_does_to_predictions():
+    """A robot on a line, by hand; nothing is solved."""
+    sensing = Sensing(0.03, 0.2, 0.05)
+    problem, method = replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
+    proof, off = GeneralProof.of(problem, method.axes(problem), 10, LipschitzBounds()), 0.03 + 0.2 * 0.2
+    tubes, last = proof.reached(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
+    np.testing.assert_allclose(last[0, 0], [0.8 * 0.4 - 2 * off, 1.2 * 0.6 + 2 * off], atol=1e-8)
+    np.testing.assert_allclose(tubes[0, :, 0, 0], -off + 0.8 * 0.06 * np.arange(10), atol=1e-8)
+    np.testing.assert_allclose(tubes[0, :, 0, 1], off + 1.2 * 0.06 * np.arange(1, 11), atol=1e-8)
+    assert [float(end) for end in moved_bounds(problem, 0, 2)] == pytest.approx(last[0, 0].tolist(), abs=1e-8)
+    (axis,), goal = proof.axes, to_bits(proof.goal(0), proof.axes[0].count)[0]
+    held = axis.edges()[np.flatnonzero(goal)[[0, -1]] + [0, 1]]
+    assert (np.abs(held) <= 1.0 - off).all() and (np.abs(held) > 1.0 - off - 1.01 * float(axis.width)).all()
 
 
 # ---- predictions

@@ -14,6 +14,7 @@ import sdhj
 from sdhj.certified import LipschitzBounds
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.lattices import lattice_of
 from sdhj.certified.packed import Cells, to_words
 from sdhj.certified.stencils import image_inside
 
@@ -163,7 +164,7 @@ def test_bounds_of_a_lattice_hold_in_its_boxes(rng):
     """Wherever a disk is at some time of a part, the box that holds the place is counted."""
     problem = torus_problem()
     proof, disk = proof_of(problem, (40, 30), parts=2), problem.unsafe[0]
-    lattice = proof._lattice(disk, [(0.2, 0.3), (0.3, 0.4)])
+    lattice = lattice_of(proof.bounds, proof.axes, disk, [(0.2, 0.3), (0.3, 0.4)], problem.steps)
     seen = 0
     for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
         if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:

@@ -23,15 +23,25 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
         {"lengths": [11.0, 1.0]},
         {"lengths": [0.15, 0.0]},
     ):
-        scene = Scene.of(recipe | {"arguments": recipe["arguments"] | changes})
+        scene = Scene.of(recipe | {"arguments": recipe["arguments"] | changes}, {})
         with pytest.raises(ValueError, match="bound on rounding"):
             scene.world((np.linspace(-1, 1, 9),) * 4)
 
 
+@pytest.mark.parametrize("sensing", [{}, {"error": [0.02, 0.0, 0.01, 0.0], "delay": 0.03, "jitter": 0.01}])
 @pytest.mark.parametrize("axis", [0, 2])
-def test_image_lists_hold_every_end(axis, recipe, rng):
+def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
     """Exact end states of random starts, and of the cells' ends, lie in the listed cells; and no list is idly long."""
-    scene = Scene.of(recipe)
+    recipe["arguments"]["target"] = STILL  # as jitter needs
+    scene = Scene.of(recipe, sensing)
+    push = Fraction(str(recipe["arguments"]["v_d_max" if axis == 0 else "v_p_max"]))
+    off, late = Fraction(0), Fraction(0)
+    if sensing:
+        off, late = Fraction(2 - axis // 2, 100) + Fraction(3, 100) * push, Fraction(1, 50)
+        (Fraction(0), Fraction(0))
+        if not sensing
+        else (Fraction(2 - axis // 2, 100) + Fraction(3, 100) * push, Fraction(1, 50))
+    )
     size = 2 * PI[1] if axis == 0 else 2 * scene.box
     n, width = 23, size / 23 + Fraction(1, 10**4)
     file = SimpleNamespace(scene=scene, shape=(n,) * 4, widths=[width] * 4, extents=[(size, size)] * 4)
@@ -46,12 +56,13 @@ def test_image_lists_hold_every_end(axis, recipe, rng):
             end = (
                 cell * width
                 + Fraction(a, scale) * (high - cell * width)
-                + (slow + Fraction(b, scale) * (fast - slow)) * delta
+                + (slow + Fraction(b, scale) * (fast - slow)) * (delta + (-1) ** (a + b < scale) * late)
+                + 2 * off * (-1) ** (b < scale / 2)
             )
             end = end % size if axis == 0 else min(max(end, Fraction(0)), size)
             if end % width == 0 and (a, b) == (1, 1):  # an edge that is shared with the next cell
                 continue
             found.add(min(int(end // width), n - 1))
         assert found <= set(listed)
-        span = (high - cell * width + (fast - slow) * delta) / width
+        span = (high - cell * width + (fast - slow) * (delta + late) + 4 * off) / width
         assert len(listed) <= span + 2

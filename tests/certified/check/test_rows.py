@@ -38,6 +38,23 @@ def test_half_planes_prove_what_is_clear(arm_world, rng):
     assert kept_count > 0.9 * proved_count > 30
 
 
+def test_half_planes_count_what_predictions_are_off(arm_world, rng):
+    """What `sweep` keeps is clear from cells of the pursuer that are wider by as much."""
+    edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
+    world, shape, counts = arm_world(edges, u_max=3.0, v_d_max=0.4, delta=0.1, v_p_max=0.2), (24, 30), []
+    for off in (0.0, 0.03):
+        bench, bits = rows.bench_of(0, 0, world), naive.packed(np.ones(shape, np.bool_))
+        bench.part[:4] = 0.3, 0.32, -0.4, -0.38
+        rows.sweep(4, 0.1, world._replace(off=np.array([0.0, 0.0, off, off])), bench, bits)
+        kept = naive.unpacked(bits, shape)
+        counts.append(kept.sum())
+        for x, y in np.argwhere(kept & ~naive.erosion(kept, *naive.neighbours(shape))):
+            rows.agent_cell(x * 30 + y, 0.1, world, bench.part)
+            part = bench.part[:8] + off * np.array([0, 0, 0, 0, -1, 1, -1, 1])
+            assert naive.smallest_gap(world, part, 4, 3, 0.0, 0.1, rng, count=60) > 0.0
+    assert 0 < counts[1] < counts[0]
+
+
 def test_a_link_that_stands_upright_is_swept_too(arm_world, rng):
     """One normal of it is horizontal, and no half plane has an upper end there."""
     edges = [np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), np.linspace(-0.36, 0.36, 25), np.linspace(-0.36, 0.36, 31)]
@@ -76,7 +93,7 @@ class Twin:
         if not evader:
             self.given["target"] = self.given["target"] | {"radius": 0.11}  # some rows are partly outside
         self.known = self.given["obstacles"]
-        self.world = Scene.of(problem.recipe | {"arguments": self.given}).world((*joints, *plane))
+        self.world = Scene.of(problem.recipe | {"arguments": self.given}, {}).world((*joints, *plane))
         self.cells, index, pool = naive.sets_of(self.steps, self.shape, rng, [0.4, 0.93, 0.93])
         self.along = [np.clip(np.arange(6)[:, None] + [-1, 0], 0, 5), np.clip(np.arange(6)[:, None] + [0, 1], 0, 5)]
         self.ends = [np.sort(rng.integers(0, 3, (9, 3, 2)), axis=2) for _ in range(2)]

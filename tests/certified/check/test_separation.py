@@ -38,14 +38,15 @@ def test_no_point_of_the_arm_is_farther(rng):
                     assert bound - found[link] < 0.35 * 0.04**2
 
 
-def test_a_disk_stays_where_it_is_said_to_be(arm_world):
-    world = arm_world()
+@pytest.mark.parametrize("late", [0.0, 0.03])
+def test_a_disk_stays_where_it_is_said_to_be(late, arm_world):
+    world = arm_world()._replace(late=late)
     for body, disk in enumerate([STILL, LINE, CIRCLE]):
         for tau0, tau1 in ((0.0, 0.0), (0.0, 0.1), (0.02, 0.07)):
             box = np.array([0, 0, 0, 0, 0, 0, 0, 0, tau0, tau1])
             x, y, hx, hy, move_x, move_y, bend, contact = separation.body_of(box, body, 0.3, world)
             assert contact == disk["radius"] + 0.01 and hx == hy == 0.0
-            for tau, angle in itertools.product(np.linspace(tau0, tau1, 9), np.linspace(0, 6, 13)):
+            for tau, angle in itertools.product(np.linspace(tau0 - late, tau1 + late, 9), np.linspace(0, 6, 13)):
                 n = np.array([math.cos(angle), math.sin(angle)])
                 ahead = n @ (naive.disk_centre(disk, 0.3 + tau) - [x, y])
                 assert ahead >= -abs(n @ [move_x, move_y]) - bend - 1e-12
@@ -113,3 +114,6 @@ def test_states_beside_their_cell_count(arm_world):
     cell = pose(0.3, -0.2, 0.1, 0.2)
     separation.moved(cell, world.inputs[4], world, box)
     assert (box[:8:2] <= cell[:8:2] - 0.9e-10).all() and (box[1:8:2] >= cell[1:8:2] + 0.9e-10).all()
+    off = np.array([0.01, 0.02, 0.03, 0.04])  # of predictions
+    separation.moved(cell, world.inputs[4], world._replace(off=off), box)
+    assert (box[:8:2] <= cell[:8:2] - off).all() and (box[1:8:2] >= cell[1:8:2] + off).all()

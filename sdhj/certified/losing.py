@@ -1,0 +1,165 @@
+"""The other side of a certified table: cells from which the adversary surely wins, so that what is left is unknown.
+
+A state is lost at step k with n to go where it is in G(t_k), or where it is not in the target and, with n > 0, the
+adversary has an answer to every input: something it may do for the interval after which the state is lost at step k + 1
+with n - 1 to go. It knows the state and the input, as in the game that is solved. Of cells this is
+
+    Lost_k^0 = cells inside G(t_k), and cells outside L(t_k)
+    Lost_k^n = cells inside G(t_k), and every cell of Lost_k^{n-1} where for each u_j some v among the vertices of the
+               adversary's box, held for the interval, has an image, everything that u_j and v can lead to from anywhere
+               in the cell, covered by cells of Lost_{k+1}^{n-1}.
+
+Each line is a sufficient condition for all states of a cell, so no state of a lost cell is won, whatever the controller
+does: in the first everything is bounded over the whole cell, with STATE_SLACK around it; in the second one v serves
+every state of the cell, and by induction all states of the image are lost. The target is asked about at n = 0 and then
+again in Lost^{n-1}. What has left over an unsafe end is lost, so of an image only the part between the ends is looked
+at, or the cell at the end that it has left by. The adversary's other choices, and what is hit between two sampling
+times, would only add cells: they are among the unknown. Without a target Lost_k^n is all of Lost_k^{n-1} and what is
+led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+from numba import prange
+from tqdm import tqdm
+
+from sdhj.certified.bounds import Bounds, LipschitzBounds
+from sdhj.certified.cells import CellAxis
+from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.packed import BIT, has_bit, to_words
+from sdhj.certified.rooms import PLACES, place_axes, shapes
+from sdhj.certified.stencils import cell_of, image_inside
+from sdhj.compiling import hidden, kernel
+from sdhj.grid import FloatArray
+from sdhj.memory import require
+from sdhj.problem import ReachAvoidProblem
+
+MOST_VERTICES = 64
+
+
+@dataclass(frozen=True)
+class LosingProof(GeneralProof):
+    """What one interval does to the cells where the adversary plays; the recursion asks it what it asks of a proof.
+
+    Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v; `clear` is not used.
+    """
+
+    vertices: FloatArray  # (V, D), the signs of the adversary's components; one row for an image
+    kind = "losing"
+
+    @classmethod
+    def against(
+        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, stated: LipschitzBounds
+    ) -> "LosingProof":
+        """Make room; `prepare` fills it. ValueError where the adversary has too many vertices or ends are safe."""
+        if any(np.isfinite(face).any() for face in problem.grid.faces("safe")):
+            raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
+        stated, dynamics = stated.checked(problem), problem.dynamics
+        still = np.zeros(dynamics.adversaries) if callable(dynamics.bounds) else dynamics.bounds == 0.0
+        vertices = np.array(list(itertools.product(*((1.0,) if none else (-1.0, 1.0) for none in still))))
+        if len(vertices) > MOST_VERTICES:
+            raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
+        own = place_axes(problem, axes, Bounds(problem, stated))
+        strides, (starts, count, *rest), _ = shapes(problem, axes, own)
+        room = (starts, count * len(vertices), *rest)
+        require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
+        low, high = np.zeros((2, *room), np.int16)
+        return cls(problem, axes, parts, stated, strides, low, high, np.zeros((1, 1, 1), np.uint8), vertices)
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        return Bounds(self.problem, self.stated, self.vertices[0] if len(self.vertices) == 1 else None)
+
+    def prepare(self, progress: bool | None, share: float = 1.0) -> None:
+        """Fill the moves."""
+        starts, many, size, _ = self.low.shape
+        for v in tqdm(range(len(self.vertices)), desc="answers", disable=hidden(progress)):
+            alone = replace(self, vertices=self.vertices[v : v + 1])
+            for start, j, begin in itertools.product(
+                range(starts), range(many // len(self.vertices)), range(0, size, PLACES)
+            ):
+                places = begin, min(begin + PLACES, size)
+                _, last = alone.reached(np.arange(*places), j, self.problem.time(start), 1)
+                cells, at = alone._in_cells(places, last), (start, j * len(self.vertices) + v, slice(*places))
+                self.low[at], self.high[at] = cells
+
+    @cached_property
+    def inside(self) -> list[FloatArray]:
+        """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
+        moving = [part for part in self.problem.unsafe if part.moving]
+        still = np.zeros([axis.count for axis in self.axes], np.bool_)
+        for part in self.problem.unsafe:
+            still |= False if part.moving else self._over_cells(part, self._always)[1] <= 0.0
+        out = []
+        for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
+            met = [self._over_cells(part, (t, t))[1] <= 0.0 for part in moving]
+            out.append(to_words(reduce(np.logical_or, met, still).reshape(-1, self.axes[-1].count)))
+        return out
+
+    def goal(self, step: int) -> FloatArray:
+        """Lost_k^0; at all times where nothing depends on time."""
+        inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
+        if self.problem.stays:
+            return inside
+        outside = self._over_cells(self.problem.target, self._always if self.timeless else (t, t))[0] > 0.0
+        whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
+        return inside | to_words(whole)
+
+    def add(
+        self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
+    ) -> None:
+        """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}."""
+        (moves, _), inside = self._at(step), self.inside[min(step, len(self.inside) - 1)]
+        lose(cells, inside, following, moves, len(self.vertices), self.cells, self.problem.stays)
+
+
+@kernel(parallel=True)
+def lose(own, inside, following, moves, vertices, cells, stays):
+    """Keep of `own` what is `inside`, or led into `following` under every input by some vertex; stays: add such cells.
+
+    own, inside, following (R, W), `own` modified in place; input j under vertex v is row j * vertices + v of the moves.
+    """
+    last, ndim, index = cells.counts[-1], cells.counts.size, np.arange(len(own))
+    for row in prange(len(own)):
+        cell, room = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64)
+        for bit in range(last):
+            if has_bit(own[row], bit) == stays or has_bit(inside[row], bit):
+                continue
+            cell_of(np.int64(row) * last + bit, cells.counts, cell)
+            place, lost, tried = np.sum(cell * moves.strides), True, 0
+            for j in range(moves.low.shape[0] // vertices):
+                answered = False
+                for turn in range(vertices):
+                    v = (tried + turn) % vertices  # what served against the input before is tried first
+                    at = j * vertices + v
+                    if image_inside(
+                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
+                    ):
+                        answered, tried = True, v
+                        break
+                if not answered:
+                    lost = False
+                    break
+            if lost == stays:
+                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)
+
+
+def lost_cells(
+    problem: ReachAvoidProblem,
+    axes: Sequence[CellAxis],
+    parts: int = 10,
+    stated: LipschitzBounds | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
+    from sdhj.certified.sets import CellSets
+    from sdhj.recursion import recursion
+
+    sets = CellSets(LosingProof.against(problem, tuple(axes), parts, stated or LipschitzBounds()), progress)
+    recursion(sets, problem.most_steps, lambda: None)
+    return sets.finish({})

@@ -1,0 +1,89 @@
+"""What a certified solve tells before it starts, and what is left when it is interrupted."""
+
+import os
+import signal
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from naive_certified import SMALL
+from toys import interval_problem, unicycle_problem
+
+import sdhj
+from sdhj.certified import sets
+from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.general_proof import GeneralProof
+
+CELLS = (20, 20, 24)
+
+
+@pytest.mark.parametrize(
+    ("problem", "kind", "cells"),
+    [(unicycle_problem(), GeneralProof, CELLS), (sdhj.arm_case_study(**SMALL), ArmProof, (32, 32, 12, 12))],
+)
+def test_time_is_measured_from_a_few_per_cent_of_the_intervals(monkeypatch, problem, kind, cells):
+    """By a clock that says: 5 s for what is done once, and a second for each piece."""
+    now, asked = [0.0], []
+    monkeypatch.setattr(sets, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    plain, pieces = kind.prepare, len(problem.inputs)  # the small ones are a slab for each input
+
+    def prepare(self, progress, share=1.0):
+        done = int(np.ceil(share * pieces))
+        asked.append(done)
+        now[0] += 5.0 + done
+        return plain(self, progress, share)
+
+    monkeypatch.setattr(kind, "prepare", prepare)
+    method = sdhj.Certified(cells=cells, parts=4)
+    told = method.estimate(problem)
+    assert told.seconds == pytest.approx(2 * (5 + pieces)) and max(asked) <= 0.03 * pieces + 1
+    monkeypatch.undo()
+    table = sdhj.solve(problem, method, progress=False)
+    assert told.cells == np.prod(table.details["cells"]) and told.nbytes > table.nbytes
+    assert f"{told.cells:.1e} cells" in str(told)
+
+
+def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):
+    asked, reached = [], GeneralProof.reached
+    monkeypatch.setattr(GeneralProof, "reached", lambda self, *told: asked.append(told) or reached(self, *told))
+    proof = sdhj.Certified(cells=CELLS).proof(unicycle_problem())
+    for share, most in ((0.0, 0), (0.03, 1), (1.0, proof.pieces)):
+        asked.clear()
+        proof.prepare(False, share)
+        assert len(asked) == most
+    assert proof.pieces == 3
+
+
+def test_memory_is_stated_before_anything_is_made(monkeypatch):
+    monkeypatch.setattr("sdhj.memory.available", lambda: (10**7, "are left"))
+    for problem in (unicycle_problem(), sdhj.arm_case_study(**SMALL)):
+        with pytest.raises(MemoryError, match="use fewer cells"):
+            sdhj.Certified(cells=(300,) * problem.grid.ndim).estimate(problem)
+
+
+def test_nbytes_are_those_of_every_array():
+    table = sdhj.solve(interval_problem(), sdhj.Certified(cells=(80,)), progress=False)
+    parts = [*vars(table).values(), *vars(table.proof).values(), *table.proof.layout]
+    arrays = [one.nbytes for one in parts if isinstance(one, np.ndarray)]
+    assert len(arrays) > 8 and table.nbytes == sum(arrays)
+
+
+@pytest.mark.parametrize("at", ["_strike", "add"])
+def test_ctrl_c_leaves_nothing_half(monkeypatch, at):
+    """While intervals are looked at in threads, and in the recursion: it ends at once, and a new solve is whole."""
+    problem, method, threads = unicycle_problem(), sdhj.Certified(cells=CELLS, parts=4), threading.active_count()
+    whole, calls, plain = sdhj.solve(problem, method, progress=False), [], getattr(GeneralProof, at)
+
+    def interrupted(self, *told):
+        calls.append(at)
+        if len(calls) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return plain(self, *told)
+
+    monkeypatch.setattr(GeneralProof, at, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sdhj.solve(problem, method, progress=False)
+    assert len(calls) == 2 and threading.active_count() == threads
+    again = sdhj.solve(problem, method, progress=False)
+    assert np.array_equal(again.pool, whole.pool) and np.array_equal(again.index, whole.index)

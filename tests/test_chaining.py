@@ -1,0 +1,145 @@
+"""A table as the target of another problem: by the principle of dynamic programming, by plain loops, by the judge."""
+
+import dataclasses
+
+import judge
+import numpy as np
+import pytest
+from toys import interval_problem, unicycle_problem
+
+import sdhj
+from sdhj.chaining import Relay
+
+CERTIFIED = sdhj.Certified(cells=(80,))
+
+
+def chained(problem, table, within=None, **changed):
+    return dataclasses.replace(problem, target=sdhj.TargetSet.from_table(table, within), **changed)
+
+
+@pytest.mark.parametrize("rate", [0.0, -0.3])
+@pytest.mark.parametrize("method", ["hji", CERTIFIED])
+def test_the_way_to_a_tube_and_on_is_the_tube_of_the_whole_way(method, rate):
+    """S_k^{n + m} is what reaches S^n within m steps: to the bit, with one clock where a wall comes nearer."""
+    problem = interval_problem(steps=5, rate=rate, ends="unsafe")
+    whole = sdhj.solve(problem, method, progress=False)
+    second = sdhj.solve(chained(problem, whole, within=2), method, progress=False)
+    grown = False
+    for start, within in ((0, 0), (0, 1), (0, 3), (1, 1), (2, 1)):
+        told = whole, (start, within + 2), second, (start, within)
+        if method == "hji":
+            one, other = (table.values(start=k, within=n) for table, (k, n) in (told[:2], told[2:]))
+            np.testing.assert_array_equal(one, other)
+        else:
+            one, other = (table.bits(start=k, within=n) for table, (k, n) in (told[:2], told[2:]))
+            assert np.array_equal(one, other) and one.any() and not one.all()
+        grown |= bool(within) and second.fraction(start=0, within=within) > second.fraction(start=0, within=0)
+    assert grown
+
+
+@pytest.mark.parametrize("method", ["hji", CERTIFIED])
+def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
+    table = sdhj.solve(interval_problem(steps=3, rate=-0.3), method, progress=False)
+    target, points = sdhj.TargetSet.from_table(table), np.array([[0.03], [0.85], [3.9], [9.0]])
+    for t, expected in ((0.5, [True, True, False, False]), (1.5, [True, True, False, False]), (0.25, []), (2.0, [])):
+        inside = target.level_set(points, t) <= 0
+        assert inside.tolist() == (expected or [False] * 4)
+        if method is CERTIFIED:
+            low, high = target.level_set.function.enclosure(points - 1e-3, points + 1e-3, t, t)
+            assert ((high <= 0) == inside).all() and ((low <= 0) == inside)[:3].all()
+    if method is CERTIFIED:
+        with pytest.raises(ValueError, match="depends on time"):
+            target.level_set.function.enclosure(points, points, 0.0, 0.5)
+
+
+def test_boxes_are_in_a_set_as_plain_loops_say(rng):
+    table = sdhj.solve(unicycle_problem(), sdhj.Certified(cells=(16, 16, 20), parts=4), progress=False)
+    bits, edges = table.bits(start=0, within=1), [axis.edges() for axis in table.axes]
+    low = rng.uniform([-1.2, -1.2, -3.0], [1.0, 1.0, 2.5], (3000, 3))
+    high = low + rng.uniform(0.0, 0.5, low.shape)
+    every, some = table.over(low, high, start=0, within=1)
+    for m in range(len(low)):
+        touched = [(edges[k][:-1] < high[m, k]) & (edges[k][1:] > low[m, k]) for k in range(3)]
+        part = bits[np.ix_(*touched)]
+        assert (every[m], some[m]) == (part.all(), part.any())
+    assert 0.005 < every.mean() < some.mean() < 0.9
+    past = table.over(np.array([[-0.1, -0.1, 3.0]]), np.array([[0.1, 0.1, 3.2]]), start=0, within=1)
+    assert past.tolist() == [[False], [True]]
+
+
+def test_what_is_no_proof_is_no_target_of_one():
+    problem = interval_problem()
+    table = sdhj.solve(problem, progress=False)
+    with pytest.raises(ValueError, match=r"the level set of .the tube of problem. cannot be bounded"):
+        sdhj.solve(chained(problem, table), CERTIFIED, progress=False)
+    with pytest.raises(ValueError, match=r"what sdhj\.solve returns"):
+        sdhj.TargetSet.from_table(problem)
+    with pytest.raises(ValueError, match="within"):
+        sdhj.TargetSet.from_table(table, within=6)
+
+
+# ---- a relay, judged: first the fast one that cannot stop, then the slow one, past a disk that moves
+
+STEPS, DELTA = 6, 0.25
+INPUTS = (
+    np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]),
+    np.array([[1.6, 0.5], [1.6, -0.5], [0.0, 1.6]]),
+)
+WIND = (0.05, 0.1)
+
+
+def goal(p, t):
+    return np.hypot(p[:, 0] - 1.6, p[:, 1]) - 0.7
+
+
+def disk(p, t):
+    return np.hypot(p[:, 0] + 0.6, p[:, 1] + 1.0 - 0.8 * t) - 0.35
+
+
+def leg(place, **changed):
+    inputs = INPUTS[place]
+    grid = sdhj.Grid([-2.5, -1.5], [2.5, 1.5], (51, 31))
+    given = {"target": sdhj.TargetSet((0, 1), goal)} | changed
+    return sdhj.ReachAvoidProblem(
+        grid=grid,
+        dynamics=sdhj.Dynamics(inputs, lambda p, u: u + 0.1 * np.sin(p[:, ::-1]), np.eye(2), [WIND[place]] * 2),
+        unsafe=[sdhj.UnsafeSet((0, 1), disk, rate=0.8, name="disk")],
+        delta=DELTA,
+        steps=STEPS,
+        **given,
+    )
+
+
+def test_no_run_of_a_certified_relay_is_lost(rng):
+    method = sdhj.Certified(cells=(100, 60), parts=4)
+    first = sdhj.solve(leg(0), method, progress=False)
+    second = sdhj.solve(leg(1, target=sdhj.TargetSet.from_table(first)), method, progress=False)
+    assert second.fraction(start=0, within=STEPS) > first.fraction(start=0, within=STEPS) + 0.05
+    relay = Relay(sdhj.Controller(second), sdhj.Controller(first))
+    points = rng.uniform([-2.5, -1.5], [2.5, 1.5], (20_000, 2))
+    starts = points[second.contains(points, start=0, within=STEPS)]
+    played = set()
+
+    def choose(states, step):
+        legs = relay.choose(states, step)
+        played.update(legs[:, 0].tolist())
+        return np.where((legs < 0).any(axis=1), -1, 10 * legs[:, 0] + legs[:, 1])
+
+    def velocity(states, places, signs, t):
+        last = places // 10 == 1
+        moved = np.where(last[:, None], INPUTS[0][np.minimum(places % 10, 4)], INPUTS[1][np.minimum(places % 10, 2)])
+        wind = np.where(last, WIND[0], WIND[1])[:, None] * signs
+        return moved + 0.1 * np.sin(states[:, ::-1]) + wind
+
+    def unsafe(states, t):
+        inside = np.minimum(2.5 - np.abs(states[:, 0]), 1.5 - np.abs(states[:, 1])) + 1e-9
+        return np.minimum(disk(states, t), inside)
+
+    for signs in (
+        lambda states, places, t, end: rng.choice([-1.0, 1.0], states.shape),
+        lambda states, places, t, end: np.sign(states - [1.6, 0.0]),
+        lambda states, places, t, end: np.sign([-0.6, 0.8 * t - 1.0] - states),
+    ):
+        outcomes = judge.play(choose, velocity, signs, goal, unsafe, starts, delta=DELTA, steps=STEPS)
+        assert len(outcomes) > 3000 and (outcomes == "reached").all(), np.unique(outcomes, return_counts=True)
+    assert played >= {0, 1}
