@@ -15,7 +15,7 @@ from sdhj.certified import sets
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.general_proof import GeneralProof
 
-CELLS = (20, 20, 24)
+CELLS = (12, 12, 16)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_time_is_measured_from_a_few_per_cent_of_the_intervals(monkeypatch, prob
 def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):
     asked, reached = [], GeneralProof.reached
     monkeypatch.setattr(GeneralProof, "reached", lambda self, *told: asked.append(told) or reached(self, *told))
-    proof = sdhj.Certified(cells=CELLS).proof(unicycle_problem())
+    proof = sdhj.Certified(cells=CELLS, parts=2).proof(unicycle_problem())
     for share, most in ((0.0, 0), (0.03, 1), (1.0, proof.pieces)):
         asked.clear()
         proof.prepare(False, share)
@@ -72,7 +72,7 @@ def test_nbytes_are_those_of_every_array():
 @pytest.mark.parametrize("at", ["_strike", "add"])
 def test_ctrl_c_leaves_nothing_half(monkeypatch, at):
     """While intervals are looked at in threads, and in the recursion: it ends at once, and a new solve is whole."""
-    problem, method, threads = unicycle_problem(), sdhj.Certified(cells=CELLS, parts=4), threading.active_count()
+    problem, method, threads = unicycle_problem(), sdhj.Certified(cells=CELLS, parts=2), threading.active_count()
     whole, calls, plain = sdhj.solve(problem, method, progress=False), [], getattr(GeneralProof, at)
 
     def interrupted(self, *told):
