@@ -15,12 +15,12 @@ from widgets import Explorer, Numbers, slider
 import sdhj
 from sdhj.grid import FloatArray
 from sdhj.plotting import plane
-from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, OUTCOME_INK, TARGET_LOOKS
+from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK, TARGET_LOOKS
 from sdhj.table import Table
 
 Row = tuple[str, Sequence[tuple[Any, Any]], str]  # what is written, intervals, and "known" or "true"
 COLOURS = {"true": TARGET_LOOKS["facecolor"], "known": "#f2c14e"}
-SHOWN = 20  # paths in a picture
+SHOWN = 20  # paths of either kind in a picture
 
 
 def draw_line_sets(ax: Axes, rows: Sequence[Row], box: float) -> None:
@@ -48,10 +48,10 @@ def draw_line_sets(ax: Axes, rows: Sequence[Row], box: float) -> None:
     ax.margins(x=0.12)
 
 
-def draw_sensed(ax: Axes, table: Table, start: FloatArray, runs: Any) -> None:
-    """What a table promises to states of a cart (dark), what it would without uncertainty (light), and true paths."""
+def draw_sensed(ax: Axes, table: Table, paths: FloatArray, lost: FloatArray) -> None:
+    """What a table promises to states of a cart, in some steps (light) and in none (dark), and true paths from it."""
     grid, problem = table.grid, table.problem
-    where = plane(grid, start, resolution=LIVE)
+    where = plane(grid, (0.0, 0.0), resolution=LIVE)
     image = np.zeros((*where.shaped(where.points[:, 0]).shape, 4))
     inside = where.shaped(table.contains(where.points, start=0, within=table.steps)) > 0
     known = where.shaped(table.contains(where.points, start=0, within=0)) > 0
@@ -63,11 +63,11 @@ def draw_sensed(ax: Axes, table: Table, start: FloatArray, runs: Any) -> None:
     ):
         image[chosen] = to_rgba(colour)
     draw_pixels(ax, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "promised")
-    paths, lost = runs
-    for path, bad in list(zip(paths, lost, strict=True))[:SHOWN]:
-        colour, width = (OUTCOME_INK, 1.4) if bad else (INNER_LOOKS["facecolor"], 0.7)
+    worst_last = np.concatenate([np.flatnonzero(~lost)[:SHOWN], np.flatnonzero(lost)[:SHOWN]])
+    for path, bad in zip(paths[worst_last], lost[worst_last], strict=True):
+        colour, width = (OUTCOME_INK, 1.3) if bad else (INNER_LOOKS["facecolor"], 0.7)
         ax.plot(path[:, 0], path[:, 1], color=colour, linewidth=width, linestyle="-", gid="lost" if bad else "won")
-    ax.plot(*start, "o", color=INK, markersize=4)
+        ax.plot(*path[0], "o", color=colour, markersize=2.5)
     ax.set(
         xlabel="x (m)",
         ylabel="v (m/s)",
@@ -84,25 +84,22 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         unsure = replace(problem, sensing=sdhj.Sensing(**sensing))
         return sdhj.Controller(sdhj.solve(unsure, progress=False))
 
-    def draw(figure: Figure, error: float, delay: float, jitter: float, x: float) -> Numbers:
+    def draw(figure: Figure, error: float, delay: float, jitter: float) -> Numbers:
         told = {"error": error, "delay": delay, "jitter": jitter}
         controllers = {"reckons with it": solved(**told), "does not": solved(error=0.0, delay=0.0, jitter=0.0)}
-        start, numbers = np.array([x, 0.0]), dict[str, float | str]()
+        numbers: dict[str, float | str] = {}
         for ax, (name, controller) in zip(figure.subplots(1, 2), controllers.items(), strict=True):
-            table = controller.table
-            paths, lost = drive(controller, start, sdhj.Sensing(**told))
-            lost_first = np.argsort(~lost, kind="stable")
-            draw_sensed(ax, table, start, (paths[lost_first], lost[lost_first]))
-            ax.set_title(f"a table that {name}")
-            promised = bool(table.contains(start, start=0, within=table.steps)[0])
-            numbers[f"promised, {name}"] = table.fraction(start=0, within=table.steps)
-            numbers[f"of {len(lost)} runs lost, {name}"] = int(lost.sum()) if promised else "none promised"
+            paths, lost = drive(controller, sdhj.Sensing(**told))
+            draw_sensed(ax, controller.table, paths, lost)
+            ax.set_title(f"a table that {name}: {lost.sum()} of {len(lost)} lost")
+            numbers[f"promised, {name}"] = controller.table.fraction(start=0, within=problem.steps)
+            numbers[f"lost, {name}"] = float(lost.mean()) if len(lost) else "nothing promised"
+        return numbers
         return numbers
 
     controls = {
-        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.01, 0.03, live=False),
+        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.01, 0.02, live=False),
         "delay": slider("delay d (s)", 0.0, 0.2, 0.02, 0.1, live=False),
         "jitter": slider("jitter j (s)", 0.0, 0.1, 0.01, 0.02, live=False),
-        "x": slider("start x (m)", -1.2, 0.8, 0.02, -0.7),
     }
     return Explorer(draw, controls, slow=True, alt="Runs of a cart with a table that knows of errors, and without")

@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import numpy as np
-from exercises import exercise, expect, expect_close
+from exercises import exercise, expect
 
 import sdhj
 
@@ -23,7 +23,7 @@ def check_box(half_widths):
 def check_inputs(right_inputs):
     """All of [y - E, y + E] in one interval."""
     kept_by = {-1: [(-3, -1), (0, 2)], 0: [(1, 4)], 1: [(-1, 1), (3, 5)]}
-    expect(sorted(right_inputs(2, kept_by, 0)) == [-1, 0], "with E = 0 the prediction is the state: 2 is in two of them.")
+    expect(sorted(right_inputs(2, kept_by, 0)) == [-1, 0], "with E = 0 the prediction is the state; 2 is in two sets.")
     said = "K(0) = [1, 4] holds all of [1.5, 3.5], and no other does."
     expect(list(right_inputs(Fraction(5, 2), kept_by, 1)) == [0], said)
     said = "at y = 1.5 with E = 1 each state has an input that is right, and no input is right for all."
@@ -37,9 +37,7 @@ def check_inputs(right_inputs):
             ends = sorted({int(end) for end in rng.integers(-20, 21, 6)})
             kept_by[u] = list(zip(ends[::2], ends[1::2], strict=False))
         y, half = int(rng.integers(-20, 21)), int(rng.integers(0, 6))
-        wanted = [
-            u for u, parts in kept_by.items() if any(low <= y - half and y + half <= high for low, high in parts)
-        ]
+        wanted = [u for u, parts in kept_by.items() if any(low <= y - half and y + half <= high for low, high in parts)]
         got = right_inputs(y, kept_by, half)
         expect(sorted(got) == sorted(wanted), f"for y = {y}, E = {half} and {kept_by} it should be {wanted}.")
 
@@ -51,7 +49,7 @@ def check_shortest(shortest):
     expect(shortest(zero, zero, zero, fifth) == 0, "a perfect robot may measure as often as it likes.")
     expect(shortest(fifth, zero, zero, zero) == 2 * fifth, "an error costs 2 e, and without a wind a step gains delta.")
     expect(shortest(zero, zero, fifth, zero) == 2 * fifth, "the shortest interval lasts delta - 2 j.")
-    expect(shortest(zero, fifth, zero, zero) == fifth, "without a wind a delay blurs nothing, but must fit: d <= delta.")
+    expect(shortest(zero, fifth, zero, zero) == fifth, "without a wind a delay blurs nothing; but it must fit.")
     rng = np.random.default_rng(0)
     for _ in range(300):
         error, delay, jitter, push = (Fraction(int(n), 20) for n in rng.integers(0, 10, 4))

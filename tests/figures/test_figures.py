@@ -73,8 +73,7 @@ def test_every_figure_of_the_paper_is_there():
         assert said.startswith(f"Fig. {int(name[3:5])}: ") if name.startswith("fig") else len(said.split()) > 5, said
         assert 'if __name__ == "__main__":\n    command_of(__file__)()\n' in (HERE / f"{name}.py").read_text()
     assert STUDIES == {
-        f"extra_{what}"
-        for what in ("adversary", "air3d", "certified", "dcdc", "evader", "input_levels", "rules", "view_time")
+        f"extra_{what}" for what in "adversary air3d certified dcdc evader input_levels rules sensing view_time".split()
     }
 
 
