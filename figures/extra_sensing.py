@@ -96,10 +96,20 @@ def promised(problem: ReachAvoidProblem, method: Any, kind: str, value: float) -
 
 
 def sweep_sensing(
-    problem: ReachAvoidProblem, methods: Mapping[str, Any], kind: str, values: tuple[float, ...]
+    problem: ReachAvoidProblem,
+    methods: Mapping[str, Any],
+    kind: str,
+    values: tuple[float, ...],
+    perfect: dict[tuple[str, str], Promise],
 ) -> dict[str, list[Promise]]:
-    """What is promised for each of `values`, by the name of the method."""
-    return {name: [promised(problem, method, kind, value) for value in values] for name, method in methods.items()}
+    """What is promised for each of `values`, by the name of the method; for none from `perfect`, or kept there."""
+    found: dict[str, list[Promise]] = {}
+    for name, method in methods.items():
+        key = problem.digest, name
+        if 0.0 in values and key not in perfect:
+            perfect[key] = promised(problem, method, kind, 0.0)
+        found[name] = [promised(problem, method, kind, value) if value else perfect[key] for value in values]
+    return found
 
 
 def largest(leaves: Callable[[float], bool], most: float, halvings: int = HALVINGS) -> tuple[float, float]:
@@ -136,7 +146,7 @@ def draw(context: Context) -> Figure:
         "car": sdhj.Certified(cells=CAR_CELLS, parts=CAR_PARTS),
     }
     resting = sdhj.arm_case_study(nodes=context.nodes, target=RESTING)
-    robots = {"arm": context.problem, "car": car()}
+    robots, perfect = {"arm": context.problem, "car": car()}, dict[tuple[str, str], Promise]()
     figure = plotting.new_figure(7.0, 3.4)
     for ax, kind in zip(figure.subplots(1, 3, sharey=True), LABELS, strict=True):
         for robot, problem in robots.items():
@@ -146,7 +156,7 @@ def draw(context: Context) -> Figure:
             context.say(f"{robot}: sweeping {kind}")
             given = ERRORS[thinned] if kind == "error" else INTERVALS[kind][thinned]
             values = tuple(value * (1 if kind == "error" else problem.delta) for value in given)
-            draw_promises(ax, robot, given, sweep_sensing(problem, methods, kind, values))
+            draw_promises(ax, robot, given, sweep_sensing(problem, methods, kind, values, perfect))
         ax.set(xlabel=LABELS[kind], ylim=(0, None))
         ax.set_title("the arm's target at rest" if kind == "jitter" else " ")
         ax.grid(axis="y")

@@ -146,7 +146,9 @@ def small_car():
 def test_more_uncertainty_promises_less(small_car, kind):
     """Sets shrink, as `sdhj.prediction` says; the first value is that of the perfect robot."""
     methods = {"hji": "hji", "certified": sdhj.Certified(cells=(40, 40, 38), parts=2)}
-    found = sweep_sensing(small_car, methods, kind, (0.0, 0.02, 0.05))
+    perfect = {}
+    found = sweep_sensing(small_car, methods, kind, (0.0, 0.02, 0.05), perfect)
+    assert {(small_car.digest, name): promises[0] for name, promises in found.items()} == perfect
     for name, promises in found.items():
         shares = [promise.share for promise in promises]
         assert shares[0] > shares[-1] and shares == sorted(shares, reverse=True), name
