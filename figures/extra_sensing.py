@@ -41,7 +41,7 @@ LABELS = {
 }
 RESTING = Disk(Still((0.09, 0.18)), 0.06)  # the middle of the target's way
 ARM_CELLS = ((105, 105, 24, 24), (42, 42, 12, 12))  # the second for a quick look
-CAR_CELLS, CAR_PARTS = (100, 100, 76), 4
+CAR_CELLS, CAR_PARTS = ((100, 100, 76), (40, 40, 38)), 4
 HALVINGS = 5
 TOO_MUCH = "is known to within"  # in the words of the problem that refuses
 
@@ -143,7 +143,7 @@ def draw(context: Context) -> Figure:
     thinned = slice(None, None, 3 if context.coarse else 1)
     certified = {
         "arm": sdhj.Certified(cells=ARM_CELLS[context.coarse]),
-        "car": sdhj.Certified(cells=CAR_CELLS, parts=CAR_PARTS),
+        "car": sdhj.Certified(cells=CAR_CELLS[context.coarse], parts=CAR_PARTS),
     }
     resting = sdhj.arm_case_study(nodes=context.nodes, target=RESTING)
     robots, perfect = {"arm": context.problem, "car": car()}, dict[tuple[str, str], Promise]()
@@ -181,10 +181,10 @@ def told_limits(robots: Mapping[str, ReachAvoidProblem]) -> list[str]:
     lines = []
     for robot, problem in robots.items():
         for kind, unit, most in (("error", "m, rad", 0.2), ("delay", "s", problem.delta)):
-            (low, high), (less, more) = limits(problem, "hji", kind, most)
-            first = f"all of delta, {most:g}" if kind == "delay" and low == most else f"{low:.4f} to {high:.4f}"
-            lines.append(f"{robot}: the largest {kind} ({unit}) that leaves anything is {first};")
-            lines.append(f"     that leaves anything beyond the target within 2 steps: {less:.4f} to {more:.4f}")
+            ends = [f"{low:.4f}" if high - low < 1e-4 else f"{low:.4f} to {high:.4f}"
+                    for low, high in limits(problem, "hji", kind, most)]  # fmt: skip
+            lines.append(f"{robot}: the largest {kind} ({unit}) that leaves anything is {ends[0]},")
+            lines.append(f"     anything beyond the target within 2 steps {ends[1]} (delta is {problem.delta:g} s)")
     return lines
 
 
