@@ -38,8 +38,8 @@ def from_table(table: Any, within: int | None = None) -> TargetSet:
     problem = table.problem
 
     def step_at(t: float) -> int | None:
-        step = 0 if problem.timeless else round(t / problem.delta)
-        on_time = problem.timeless or abs(step * problem.delta - t) <= 1e-9 * problem.delta
+        step = 0 if problem.timeless else max(round((t - problem.time(0)) / problem.delta), 0)
+        on_time = problem.timeless or abs(problem.time(step) - t) <= 1e-9 * problem.delta
         return step if on_time and step <= table.steps else None
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
@@ -57,7 +57,8 @@ def from_table(table: Any, within: int | None = None) -> TargetSet:
         step = step_at(t0)
         if step is None:
             return np.ones(len(low)), np.ones(len(low))
-        every, some = table.over(low, high, start=step, within=most)
+        off = table.proof.unsure  # what is certified with sensing are predictions
+        every, some = table.over(low - off, high + off, start=step, within=most)
         return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
 
     if table.method == "certified":

@@ -1,5 +1,7 @@
 """The experiments of Sec. 6.1 on small grids: what they claim has to show in their data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from artists import axes, named
@@ -11,6 +13,7 @@ from extra_conservativeness import draw_entries
 from extra_evader import evading_target
 from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
 from extra_rules import compare_rules
+from extra_sensing import Promise, car, draw_promises, largest, limits, promised, sweep_sensing
 from extra_view_time import compare_view_times
 
 import sdhj
@@ -132,3 +135,43 @@ def test_curves_bars_and_entries():
     ax = axes()
     draw_fractions(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
     assert named(ax, "fraction-lax")[0].get_ydata().tolist() == [0.0, 0.2]
+
+
+@pytest.fixture(scope="module")
+def small_car():
+    return replace(car(), grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]), steps=2)
+
+
+@pytest.mark.parametrize("kind", ["error", "delay", "jitter"])
+def test_more_uncertainty_promises_less(small_car, kind):
+    """Sets shrink, as `sdhj.prediction` says; the first value is that of the perfect robot."""
+    methods = {"hji": "hji", "certified": sdhj.Certified(cells=(40, 40, 38), parts=2)}
+    perfect = {}
+    found = sweep_sensing(small_car, methods, kind, (0.0, 0.02, 0.05), perfect)
+    assert {(small_car.digest, name): promises[0] for name, promises in found.items()} == perfect
+    for name, promises in found.items():
+        shares = [promise.share for promise in promises]
+        assert shares[0] > shares[-1] and shares == sorted(shares, reverse=True), name
+        assert all(promise.beyond >= 0 for promise in promises)
+    plain = sdhj.solve(small_car, progress=False)
+    assert found["hji"][0].share == plain.fraction(start=0, within=2)
+
+
+def test_what_leaves_anything_is_found_by_halving(small_car):
+    """The target is a disk of radius 0.4: E is taken off twice, on both axes, around some node."""
+    assert [round(end, 3) for end in largest(lambda value: value < 0.3, 1.0, 10)] == [0.3, 0.301]
+    assert largest(lambda value: True, 0.25) == (0.25, 0.25)
+    (low, high), (less, more) = limits(small_car, "hji", "error", 0.5)
+    assert 0.4 / np.sqrt(8) - 0.15 < low <= high < 0.4 / np.sqrt(8) + 0.01  # the diagonal of 2 E; nodes are 0.2 apart
+    assert less <= more <= high
+    assert promised(small_car, "hji", "error", high) == Promise()
+    assert promised(small_car, "hji", "error", low).share > 0
+    with pytest.raises(ValueError, match="delay must be at most delta"):
+        promised(small_car, "hji", "delay", 1.0)
+
+
+def test_promises_are_drawn_by_robot_and_method():
+    ax = axes()
+    draw_promises(ax, "car", (0.0, 0.1), {"hji": [Promise(0.3, 0.1), Promise(0.2, 0.1)]})
+    (line,) = named(ax, "car-hji")
+    assert line.get_ydata().tolist() == [0.3, 0.2] and line.get_label() == "car, full"

@@ -1,6 +1,7 @@
 """What the functions in the cells of chapters say, and the widgets around them."""
 
 import ast
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -71,3 +72,33 @@ def test_the_scheme_of_chapter_2_is_monotone() -> None:
         assert np.allclose(flux(p, p, low, high), np.maximum(low * p, high * p))
         assert (flux(p, q + 0.1, low, high) >= flux(p, q, low, high)).all()
         assert (flux(p + 0.1, q, low, high) <= flux(p, q, low, high)).all()
+
+
+def test_the_sets_of_a_line_hold_every_end() -> None:
+    """K(u) of chapter 16 against every end that a dense set of times and pushes brings about."""
+    own = functions("16_the_robot_as_it_is.ipynb", "kept")
+    rng, later = np.random.default_rng(0), [(Fraction(-1), Fraction(-1, 5)), (Fraction(0), Fraction(1))]
+    for jitter in (Fraction(0), Fraction(1, 20), Fraction(1, 8)):
+        for u in (-1, 0, 1):
+            found = own["kept"](later, u, Fraction(6, 5), jitter)
+            assert found
+            ends = np.linspace(0.5 - 2 * float(jitter), 0.5 + 2 * float(jitter), 21)
+            for q in rng.uniform(-1.6, 1.6, 300):
+                speeds = u + np.linspace(-0.2, 0.2, 21)
+                to = q + np.outer(ends, speeds)
+                top = max(q, q + ends[-1] * speeds[-1])
+                stays = top <= 1.2 and any((low <= to).all() and (to <= high).all() for low, high in later)
+                assert stays == any(low <= q <= high for low, high in found), (jitter, u, q)
+
+
+def test_who_reckons_with_errors_does_not_lose() -> None:
+    """At the widget's own settings, by the chapter's own loop."""
+    own = functions("16_the_robot_as_it_is.ipynb", "cart", "drive")
+    sdhj, cart = own["sdhj"], own["cart"]
+    perfect = own["perfect"]
+    assert not own["drive"](perfect, sdhj.Sensing())[1].any()
+    for told in ({"error": 0.02, "delay": 0.1, "jitter": 0.02}, {"delay": 0.2}, {"error": 0.05}):
+        sensing = sdhj.Sensing(**told)
+        aware = sdhj.Controller(sdhj.solve(cart(sensing=sensing), progress=False))
+        assert own["drive"](aware, sensing)[1].mean() <= 0.005  # interpolated: what chapter 12 is about
+        assert own["drive"](perfect, sensing)[1].mean() >= 0.02

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -24,6 +25,7 @@ from chapter_12 import explore_interpolation
 from chapter_13 import explore_certified, explore_line
 from chapter_14 import explore_evader
 from chapter_15 import explore_car
+from chapter_16 import draw_line_sets, explore_sensing
 from checks_15 import reference_car
 from live_slices import slice_values, steps_image
 from matplotlib.axis import Tick
@@ -382,6 +384,48 @@ def test_car_at_the_corners(car_table: LookupTable) -> None:
         explorer.set(within=n, heading=0.0)["share of places for this heading"] for n in range(car_table.steps + 1)
     ]
     assert shares == sorted(shares) and shares[0] < shares[-1]
+
+
+def test_sensing_at_the_corners() -> None:
+    def drive(controller: Any, sensing: Any) -> tuple[Any, Any]:
+        paths = np.cumsum(np.full((60, 9, 2), 0.01), axis=1) + np.linspace(-0.5, 0.5, 60)[:, None, None]
+        return paths, np.arange(60) < 100 * sensing.error * (not controller.problem.sensing)
+
+    def goal(p: Any, t: float) -> Any:
+        return np.abs(p).max(axis=1) - 0.4
+
+    problem = replace(reference_robot(), target=sdhj.TargetSet((0, 1), goal))
+    explorer = explore_sensing(problem, drive)
+    for shown in visit_corners(explorer):
+        assert 0.0 < shown["promised, reckons with it"] <= shown["promised, does not"]
+    assert explorer.set(error=0.08)["lost, does not"] == pytest.approx(8 / 60)
+    assert explorer.numbers["lost, reckons with it"] == 0.0
+    assert (
+        explorer.set(error=0.0, delay=0.0, jitter=0.0)["promised, reckons with it"]
+        == (explorer.numbers["promised, does not"])
+    )
+
+
+def reference_robot() -> sdhj.ReachAvoidProblem:
+    """A point that two motors move, quickly solved."""
+    inputs = [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.5, -1.2], [1.5, 1.2], [25, 21]),
+        sdhj.Dynamics(inputs, inputs, np.eye(2), [0.05, 0.05]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.4),
+        [],
+        0.4,
+        2,
+    )
+
+
+def test_sets_of_a_line_are_drawn_where_they_are() -> None:
+    ax = Figure().subplots()
+    rows = [("above", [(Fraction(-1, 2), Fraction(1, 2))], "true"), ("below", [(-0.3, -0.1), (0.1, 0.3)], "known")]
+    draw_line_sets(ax, rows, 0.1)
+    bars = {(line.get_gid(), *line.get_xdata(), line.get_ydata()[0]) for line in ax.lines if line.get_gid() != "box"}
+    assert bars == {("above", -0.5, 0.5, 1), ("below", -0.3, -0.1, 0), ("below", 0.1, 0.3, 0)}
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["below", "above"]
 
 
 # ---- the explorer itself
