@@ -13,8 +13,8 @@ Each line is a sufficient condition for all states of a cell, so no state of a l
 does: in the first everything is bounded over the whole cell, with STATE_SLACK around it; in the second one v serves
 every state of the cell, and by induction all states of the image are lost. The target is asked about at n = 0 and then
 again in Lost^{n-1}. What has left over an unsafe end is lost, so of an image only the part between the ends is looked
-at, or the cell at the end that it has left by. The adversary's other choices, and what is hit between two sampling
-times, would only add cells: they are among the unknown. Without a target Lost_k^n is all of Lost_k^{n-1} and what is
+at, and nothing where all of it is past one by a cell. The adversary's other choices, and hits between two sampling
+times, would only add cells, now among the unknown. Without a target Lost_k^n is all of Lost_k^{n-1} and what is
 led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
 """
 
@@ -115,6 +115,9 @@ class LosingProof(GeneralProof):
     ) -> None:
         """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}."""
         (moves, _), inside = self._at(step), self.inside[min(step, len(self.inside) - 1)]
+        moves = moves._replace(
+            safe=np.stack(self.problem.grid.faces("unsafe"))
+        )  # past these nothing is asked of an image
         lose(cells, inside, following, moves, len(self.vertices), self.cells, self.problem.stays)
 
 
