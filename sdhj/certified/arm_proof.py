@@ -85,7 +85,7 @@ class ArmProof:
             images = own.image(*moved_bounds(problem, axis, j))
             first[axis, j, : own.count], number[axis, j, : own.count] = images
             if axis < 2:
-                moved = joint_moves(_ends(problem, axes, axis), *velocities[axis, j], length, pieces[j])
+                moved = joint_moves(_may_be(problem, axes, axis), *velocities[axis, j], length, pieces[j])
                 moves[axis, j, : own.count, : pieces[j]] = moved
         if allowed is None:
             instants = np.arange(2 ** (HALVINGS + 1) + 1) / 2 ** (HALVINGS + 1)
@@ -203,7 +203,7 @@ class ArmProof:
         """Cells inside the target and outside the unsafe set at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
-        still = [joint_moves(_ends(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)]
+        still = [joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)]
         if stage.target is None:
             tips_within(*still, stage.agent_radius, motion.arm, motion.agent, out)
         else:
@@ -223,7 +223,7 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
     return np.array([l1, l2, 1.0]) if stage.arm.kinematics == "relative" else np.array([l1, l1 + l2, 0.0])
 
 
-def _ends(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
+def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
     """Where the state may be on an axis whose prediction is in a cell, (n, 2)."""
     edges, off = axes[axis].edges(), float(unknown(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
@@ -246,7 +246,7 @@ def clear_of_obstacles(
             radii=np.array([disk.radius + stage.arm.half_width + disk.speed * jitter for disk in stage.obstacles]),
             speeds=np.array([disk.speed for disk in stage.obstacles]),
         )
-        cells_clear(*(_ends(problem, axes, axis) for axis in (0, 1)), velocities, disks, arm_numbers(stage), out)
+        cells_clear(*(_may_be(problem, axes, axis) for axis in (0, 1)), velocities, disks, arm_numbers(stage), out)
     return out
 
 

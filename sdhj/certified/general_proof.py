@@ -46,7 +46,7 @@ from sdhj.problem import ReachAvoidProblem
 if TYPE_CHECKING:
     from sdhj.certified.table import CertifiedTable
 
-OUTWARD = np.array([-1.0, 1.0])[:, None, None]
+SIDES = np.array([-1.0, 1.0])[:, None, None]
 TRIES = 12  # to find a box that the state stays in
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
@@ -238,7 +238,7 @@ class GeneralProof:
             np.where(carried, grid.upper, edges[1] + STATE_SLACK),
         )
         tubes, before = np.empty((len(places), self.parts, grid.ndim, 2)), np.zeros((2, len(places), grid.ndim))
-        moved = self._held(low, high, before + OUTWARD * self.unsure)
+        moved = self._held(low, high, before + SIDES * self.unsure)
         length, early = self.problem.sensing.held(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
@@ -255,7 +255,7 @@ class GeneralProof:
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
-        return tubes, np.moveaxis(self._held(low, high, last + OUTWARD * self.unsure), 0, 2)
+        return tubes, np.moveaxis(self._held(low, high, last + SIDES * self.unsure), 0, 2)
 
     def _piece(
         self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: Sequence[float]

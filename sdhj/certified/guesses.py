@@ -22,10 +22,10 @@ from sdhj.prediction import STRIDES
 from sdhj.problem import ReachAvoidProblem
 from sdhj.sensing import Sensing
 
-BOXES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
-FINEST = 1024  # on each axis; the checker cuts finer
-TRIES = 40
-OUTWARD = 1 + 1e-12
+PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
+PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
+GUESSES = 40
+ROUNDED = 1 + 1e-12
 
 
 def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
@@ -37,8 +37,8 @@ def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
         return np.array([float(unknown(problem, axis)) for axis in range(ndim)])
     error, spread = np.broadcast_to(np.array(sensing.error), (ndim,)), _Spread(problem, stated)
     box = error.copy()
-    for _ in range(TRIES if sensing.delay else 0):
-        wider = (error + sensing.delay * spread(box)) * OUTWARD
+    for _ in range(GUESSES if sensing.delay else 0):
+        wider = (error + sensing.delay * spread(box)) * ROUNDED
         if (wider <= box).all():
             return wider
         box = wider * (1 + 1e-3) + 1e-12
@@ -57,7 +57,7 @@ class _Spread:
         calm = replace(problem, dynamics=replace(problem.dynamics, bounds=still), sensing=Sensing())
         self.problem, self.any, self.calm = problem, Bounds(problem, stated), Bounds(calm, stated)
         grid, known = problem.grid, self.any.reads.any(axis=0)
-        pieces = np.where(known, min(int(BOXES ** (1 / max(known.sum(), 1))), FINEST), 1)
+        pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
         corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
         size = np.subtract(grid.upper, grid.lower) / pieces
         self.low, self.high = grid.lower + corners * size, grid.lower + (corners + 1) * size
@@ -69,7 +69,7 @@ class _Spread:
         nowhere = np.zeros(self.low[:1].shape)
         self.travel = [(nowhere, nowhere)] * (len(self.strides) * len(problem.inputs))
         fastest = zip(*self._ends(self.any, 0.0), strict=True)
-        stride = problem.sensing.delay / STRIDES * OUTWARD
+        stride = problem.sensing.delay / STRIDES * ROUNDED
         self.travel = [
             (np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest
         ]

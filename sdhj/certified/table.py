@@ -22,7 +22,7 @@ from sdhj.problem import ReachAvoidProblem
 from sdhj.table import entry, in_a_line
 
 SLAB = 2**16  # blocks that are unpacked at a time
-DRAWN = 1 << 18  # states, to estimate a share
+STATES_DRAWN = 1 << 18  # states, to estimate a share
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
@@ -222,7 +222,7 @@ class CertifiedTable:
         With `Sensing` that of 2^18 states drawn evenly for which `contains` says so.
         """
         if self.problem.sensing:
-            drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (DRAWN, self.grid.ndim))
+            drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
         return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))

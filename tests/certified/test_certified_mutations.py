@@ -132,11 +132,11 @@ MUTATIONS = {
     ),
     "error of the first measurement": (
         GENERAL,
-        "self._held(low, high, before + OUTWARD * self.unsure)",
+        "self._held(low, high, before + SIDES * self.unsure)",
         "before.copy()",
         SENSED,
     ),
-    "error of the next measurement": (GENERAL, "last + OUTWARD * self.unsure", "last", SENSED),
+    "error of the next measurement": (GENERAL, "last + SIDES * self.unsure", "last", SENSED),
     "an early end": (GENERAL, "if begin >= soonest:", "if False:", SENSED),
     "a prediction in the target": (
         GENERAL,

@@ -46,17 +46,26 @@ def test_the_closed_form(sensing):
         assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
 
 
-def test_states_are_promised_as_plain_loops_say(rng):
-    """Cell after cell that what is measured may be in; one cell of the heading is narrower."""
-    table = solved(Sensing((0.02, 0.15, 0.12)), (40, 40, 37))
-    sets, edges = table.bits(start=0, within=4), [axis.edges() for axis in table.axes]
-    states = rng.uniform([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi], (3000, 3))
-    promised = table.contains(states, start=0, within=4)
-    assert 0.05 < promised.mean() < 0.95 and len({float(length) for length in np.diff(edges[2]).round(9)}) == 2
+@pytest.mark.parametrize(
+    ("problem", "cells", "region"),
+    [
+        (replace(car(), sensing=Sensing((0.02, 0.15, 0.12))), (40, 40, 37), ([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi])),
+        (replace(toys.torus_problem(), sensing=Sensing((0.05, 0.2))), (60, 60), ([-3.2, -3.2], [3.2, 3.2])),
+    ],
+    ids=["car", "narrower cells"],
+)
+def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
+    """Cell after cell that what is measured may be in; where an angle closes a cell may be narrower."""
+    table, grid = sdhj.solve(problem, sdhj.Certified(cells), progress=False), problem.grid
+    sets, edges = table.bits(start=0, within=table.steps), [axis.edges() for axis in table.axes]
+    states = rng.uniform(*region, (3000, grid.ndim))
+    promised = table.contains(states, start=0, within=table.steps)
+    assert 0.05 < promised.mean() < 0.95
+    assert len(set(np.diff(edges[-1]).round(9))) == (1 if grid.ndim == 3 else 2)
     for state, told in zip(states, promised, strict=True):
         near = []
         for axis, (x, off) in enumerate(zip(state, table.proof.unsure, strict=True)):
-            laps = (-2 * np.pi, 0.0, 2 * np.pi) if axis == 2 else (0.0,)
+            laps = (-2 * np.pi, 0.0, 2 * np.pi) if grid.periodic[axis] else (0.0,)
             low, high = x - off + 1e-9, x + off - 1e-9
             met = [(edges[axis][:-1] + lap < high) & (low < edges[axis][1:] + lap) for lap in laps]
             near.append(np.flatnonzero(np.any(met, axis=0)))

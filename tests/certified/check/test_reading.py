@@ -38,10 +38,6 @@ def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
     off, late = Fraction(0), Fraction(0)
     if sensing:
         off, late = Fraction(2 - axis // 2, 100) + Fraction(3, 100) * push, Fraction(1, 50)
-        (Fraction(0), Fraction(0))
-        if not sensing
-        else (Fraction(2 - axis // 2, 100) + Fraction(3, 100) * push, Fraction(1, 50))
-    )
     size = 2 * PI[1] if axis == 0 else 2 * scene.box
     n, width = 23, size / 23 + Fraction(1, 10**4)
     file = SimpleNamespace(scene=scene, shape=(n,) * 4, widths=[width] * 4, extents=[(size, size)] * 4)
