@@ -46,11 +46,20 @@ def test_the_closed_form(sensing):
         assert table.contains([*places, *-places], start=0, within=n).tolist() == [True, False, True, False]
 
 
+def closing(sensing):
+    """Two angles, the target where the second closes."""
+
+    def target(p, t):
+        return np.hypot(p[:, 0] + 1, toys.wrapped(p[:, 1] - np.pi)) - 0.8
+
+    return replace(toys.torus_problem(), target=sdhj.TargetSet((0, 1), target), sensing=sensing)
+
+
 @pytest.mark.parametrize(
     ("problem", "cells", "region"),
     [
         (replace(car(), sensing=Sensing((0.02, 0.15, 0.12))), (40, 40, 37), ([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi])),
-        (replace(toys.torus_problem(), sensing=Sensing((0.05, 0.2))), (60, 60), ([-3.2, -3.2], [3.2, 3.2])),
+        (closing(Sensing((0.05, 0.2))), (60, 60), ([-1.8, 2.3], [-0.2, 4.0])),
     ],
     ids=["car", "narrower cells"],
 )
