@@ -35,17 +35,17 @@ def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
         return np.zeros(ndim)
     if problem.dynamics.constant:
         return np.array([float(unknown(problem, axis)) for axis in range(ndim)])
-    error, spread = np.broadcast_to(np.array(sensing.error), (ndim,)), _Spread(problem, stated)
-    box = error.copy()
-    for _ in range(GUESSES if sensing.delay else 0):
+    error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
+    if not sensing.delay:
+        return error
+    spread, box = _Spread(problem, stated), error
+    for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
         if (wider <= box).all():
             return wider
         box = wider * (1 + 1e-3) + 1e-12
         if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
             break
-    if not sensing.delay:
-        return error.copy()
     raise ValueError(f"after a delay of {sensing.delay:g} s nothing is known of the state: the dynamics are too fast")
 
 
