@@ -145,7 +145,6 @@ MUTATIONS = {
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
-    "how fast it is in a stride": (GUESSES, "np.minimum(a, 0).min(axis=0) * stride", "0.0 * stride", FARTHER),
     "push of the adversary meanwhile": (GUESSES, "self._ends(self.any, box)", "self._ends(self.calm, box)", FARTHER),
     "open sides of a jump": (INTERVALS, "np.where(some, np.minimum(a, c), c)", "c", SAMPLES),
 }
