@@ -251,7 +251,7 @@ def test_samples_and_seed_that_make_no_sense_are_refused(saved):
 
 
 def test_cells_that_do_not_cover_are_found(recipe):
-    scene = Scene.of(recipe)
+    scene = Scene.of(recipe, {})
     width = scene.box / 4
     fine = {"extents": [(2 * PI[0], 2 * PI[1])] * 2 + [(2 * scene.box,) * 2] * 2, "lowers": [-scene.box] * 4}
     fine |= {"scene": scene, "shape": (32, 32, 8, 8), "widths": [PI[1] / 16] * 2 + [width] * 2}
