@@ -6,7 +6,7 @@ from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
-from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
+from live_slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets_quickly, slice_values
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
@@ -52,8 +52,7 @@ def draw_gap(
     image[a <= 0], image[b <= 0], image[(b <= 0) & (a > 0)] = (
         to_rgba(colour) for colour in (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK)
     )
-    extent = (where.x[0], where.x[-1], where.y[0], where.y[-1])
-    draw_pixels(right, image, extent, "gap")
+    draw_pixels(right, image, around(where.x, where.y), "gap")
     draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
     right.set_title(f"light: {full.method}, dark: {inner.method}; within {within}")
     return {
@@ -151,7 +150,7 @@ def draw_turned(ax: Axes, body: Body, *, azimuth: float, elevation: float, colou
     image, heights = np.zeros((side, side, 4), dtype=np.uint8), np.full((side, side), -np.inf)
     paint(seen, np.round(255 * light[:, None] * to_rgb(colour)).astype(np.uint8), image, heights)
     smooth = np.asarray(Image.fromarray(image).reduce(FINE))
-    ax.imshow(smooth, extent=(-VIEW, VIEW, -VIEW, VIEW), interpolation="nearest", zorder=2.0, gid="surface")
+    draw_pixels(ax, smooth[::-1], (-VIEW, VIEW, -VIEW, VIEW), "surface", zorder=2.0)
     ends = turned(EDGES, azimuth, elevation)
     behind = ends[..., 2].mean(axis=1) < 0
     for edges, layer in ((ends[behind], 1.0), (ends[~behind], 3.0)):  # behind the body and in front of it

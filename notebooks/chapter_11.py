@@ -125,7 +125,6 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
         image, found[start] = row_image(table, state, start)
         images.insert(0, image)
         bottom = -(place + 1) * side
-        ax.text(-4, bottom + CELL / 2, f"k = {start}", ha="right", va="center")
         dot = (here(grid, state) - grid.lower[:2]) / (np.array(grid.upper[:2]) - grid.lower[:2]) * CELL
         columns = side * np.arange(table.steps - start + 1)
         looks = HERE | {"linestyle": "none", "markersize": 3.2, "markeredgewidth": 0.4}
@@ -134,10 +133,12 @@ def draw_rows(ax: Axes, table: Table, states: Mapping[int, Sequence[float]]) -> 
             looks = {"facecolor": "none", "edgecolor": OUTCOME_INK, "linewidth": 1.8, "gid": f"frame-{start}"}
             ax.add_patch(Rectangle((n * side, bottom), CELL, CELL, zorder=6.0, **looks))
     draw_pixels(ax, np.concatenate(images), (0, (table.steps + 1) * side, -len(images) * side, 0), "rows")
-    for n in range(table.steps + 1):
-        ax.text(n * side + CELL / 2, 3, f"n = {n}", ha="center", va="bottom")
-    ax.set(xlim=(-20, (table.steps + 1) * side), ylim=(-len(states) * side - 2, 18), aspect="equal")
-    ax.axis("off")
+    ax.set(xlim=(-1, (table.steps + 1) * side), ylim=(-len(states) * side - 2, 1), aspect="equal")
+    # labels of rows and columns as ticks, which a live figure draws once
+    ax.set_yticks(-side * np.arange(len(states)) - GAP - CELL / 2, [f"k = {start}" for start in states])
+    ax.set_xticks(side * np.arange(table.steps + 1) + CELL / 2, [f"n = {n}" for n in range(table.steps + 1)])
+    ax.tick_params(length=0, top=False, labeltop=True, labelbottom=False)
+    ax.spines[:].set_visible(False)
     return found
 
 

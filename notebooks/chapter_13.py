@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from live_slices import LIVE, POSTURE, draw_arm_live, draw_pixels, draw_sets_quickly
+from live_slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets_quickly
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ def draw_certified(
     said, proved = (where.shaped(t.contains(where.points, start=start, within=within)) > 0 for t in (table, certified))
     image = np.zeros((*said.shape, 4))
     image[said], image[proved] = to_rgba(FULL_LOOKS["facecolor"]), to_rgba(INNER_LOOKS["facecolor"])
-    draw_pixels(right, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "certified")
+    draw_pixels(right, image, around(where.x, where.y), "certified")
     draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
     right.set_title(f"dark: proved; light: interpolated only; within {within}")
     return {

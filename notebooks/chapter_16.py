@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from live_slices import LIVE, draw_pixels
+from live_slices import LIVE, around, draw_pixels
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -62,7 +62,7 @@ def draw_sensed(ax: Axes, table: Table, paths: FloatArray, lost: FloatArray) -> 
         (wall, "#f6bda8"),
     ):
         image[chosen] = to_rgba(colour)
-    draw_pixels(ax, image, (where.x[0], where.x[-1], where.y[0], where.y[-1]), "promised")
+    draw_pixels(ax, image, around(where.x, where.y), "promised")
     worst_last = np.concatenate([np.flatnonzero(~lost)[:SHOWN], np.flatnonzero(lost)[:SHOWN]])
     for path, bad in zip(paths[worst_last], lost[worst_last], strict=True):
         colour, width = (OUTCOME_INK, 1.3) if bad else (INNER_LOOKS["facecolor"], 0.7)

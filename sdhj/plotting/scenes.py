@@ -15,6 +15,8 @@ from sdhj.plotting.looks import FAINT, INK, PURSUER_LOOKS, ROBOT_LOOKS, TARGET_L
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
 FRAME_MARGIN = 0.02
 
+# Patches enter by `add_artist`: `frame_workspace` sets the limits, so nobody need look for those of each curve.
+
 
 def frame_workspace(ax: Axes, scene: ArmScene) -> None:
     """Equal axes over the square in which arm and agent move, in metres."""
@@ -29,7 +31,7 @@ def draw_arm(
     """The thick links at joint angles q (2,), with base, elbow and end-effector."""
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
-    ax.add_patch(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
+    ax.add_artist(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
     dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "alpha": alpha, "zorder": zorder + 0.1}
     ax.plot([0.0, elbow[0]], [0.0, elbow[1]], color="white", markeredgecolor=INK, markersize=3.0, gid="joints", **dots)
     ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
@@ -39,7 +41,7 @@ def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray) -> None:
     """A white arrow with a dark outline; nothing where it would have no length."""
     if np.allclose(start, end):
         return
-    ax.add_patch(
+    ax.add_artist(
         FancyArrowPatch(
             tuple(start),
             tuple(end),
@@ -62,14 +64,14 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
         return
     plain = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "linestyle": "-"}
     for t in times:
-        ax.add_patch(Circle(tuple(disk.centre(float(t))), disk.radius, alpha=0.55, zorder=1.5, gid=gid, **plain))
+        ax.add_artist(Circle(tuple(disk.centre(float(t))), disk.radius, alpha=0.55, zorder=1.5, gid=gid, **plain))
     fine = np.linspace(times[0], times[-1], 60)
     ax.plot(*disk.centre(fine).T, color=looks["edgecolor"], linestyle=":", linewidth=0.8, zorder=1.6)
 
 
 def draw_agent(ax: Axes, scene: ArmScene, centre: FloatArray) -> None:
     """The pursuer (or evader) as a bold dotted contour about its centre (2,)."""
-    ax.add_patch(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
+    ax.add_artist(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
     ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
 
 
@@ -101,7 +103,7 @@ def draw_workspace(
     for disk, looks, gid in known:
         if trail is not None:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
-        ax.add_patch(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
+        ax.add_artist(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
         if arrows:
             here, step = disk.centre(time), 1e-4
             velocity = (disk.centre(time + step) - disk.centre(time - step)) / (2 * step)
