@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 from live_slices import (
     HERE,
+    LIVE,
     POSTURE,
+    around,
     colours_of,
     draw_arm_live,
     draw_pixels,
     draw_sets_quickly,
     fewest_steps,
     here,
+    slice_values,
     steps_image,
 )
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from widgets import Explorer, Numbers, agent_sliders, angle, choice, played, slider
@@ -24,8 +28,9 @@ from widgets import Explorer, Numbers, agent_sliders, angle, choice, played, sli
 import sdhj
 from sdhj.arm.case_studies import scene
 from sdhj.grid import FloatArray
-from sdhj.plotting import draw_moment, draw_path, plane
-from sdhj.plotting.looks import OUTCOME_INK
+from sdhj.plotting import draw_path, plane
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
+from sdhj.plotting.trajectories import WAY
 from sdhj.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import Adversary, Moment
 from sdhj.simulation.runs import SUBSTEPS
@@ -53,10 +58,7 @@ def explore_run(
     def draw(figure: Figure, number: int, adversary: str, rule: str, seed: int, moment: float) -> Numbers:
         one, cost = run(number, adversary, rule, seed)
         index = round(moment / 100 * (len(one.times) - 1))
-        draw_moment(figure, table, one, index=index)
-        draw_way(figure, table.problem, one)
-        title = figure.axes[0].get_title(loc="left")
-        figure.axes[0].set_title(title.replace("$", ""))
+        draw_live_moment(figure.subplots(1, 2), table, one, index)
         return {
             "time (s)": float(one.times[index]),
             "outcome": one.outcome,
@@ -76,9 +78,32 @@ def explore_run(
     return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run")
 
 
-def draw_way(figure: Figure, problem: ReachAvoidProblem, run: Any, axes: Sequence[Axes] = ()) -> None:
+def draw_live_moment(axes: Sequence[Axes], table: Table, run: Any, index: int, *, tube: bool = True) -> None:
+    """As `sdhj.plotting.draw_moment`, without formulas and hatching; the whole run is there, faint."""
+    (left, right), problem = axes, table.problem
+    state, time = run.states[index], float(run.times[index])
+    step = min(int(time / problem.delta + 1e-6), max(len(run.inputs) - 1, 0))
+    n = int(run.steps_to_go[step]) if len(run.inputs) else 0
+    draw_arm_live(left, problem, state, time)
+    left.set_title(f"t = {time:.2f} s, step {step}")
+    if tube:
+        where = plane(problem.grid, state, resolution=LIVE)
+        goal = {"start": step + 1, "within": max(n - 1, 0)} if len(run.inputs) else {"start": 0, "within": 0}
+        inside = slice_values(problem.grid, table.values(**goal), state, (0, 1), where.x, where.y) <= 0
+        image = np.array([(1.0, 1.0, 1.0, 0.0), to_rgba(FULL_LOOKS["facecolor"])])[inside.astype(int)]
+        draw_pixels(right, image, around(where.x, where.y), "tube")
+    draw_sets_quickly(right, problem, through=state, step=time / problem.delta, resolution=81)
+    draw_way((left, right), problem, run)
+    done = run.states[: index + 1]
+    left.plot(*scene(problem).arm.tip(done[:, :2]).T, zorder=6, gid="tip-path", **WAY)
+    draw_path(right, problem.grid, done)
+    right.plot(*here(problem.grid, state), **HERE)
+    right.set_title(f"{n} step{'' if n == 1 else 's'} to go" if index < len(run.times) - 1 else run.outcome)
+
+
+def draw_way(axes: Sequence[Axes], problem: ReachAvoidProblem, run: Any) -> None:
     """The whole run, faint, over the pictures of one moment: which run it is shows at every moment."""
-    left, right = axes or figure.axes
+    left, right = axes
     tips = scene(problem).arm.tip(run.states[:, :2])
     looks = {"color": OUTCOME_INK, "linewidth": 0.8, "alpha": 0.45, "zorder": 5.5}
     left.plot(*tips.T, linestyle="-", gid="whole-tip-path", **looks)
@@ -191,12 +216,8 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
         grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 0.36))
         left, right, below = (figure.add_subplot(grid[place]) for place in ((0, 0), (0, 1), (1, slice(None))))
         state, time = one.states[index], float(one.times[index])
-        draw_arm_live(left, table.problem, state, time)
+        draw_live_moment((left, right), table, one, index, tube=False)
         left.plot(x, y, "x", color=OUTCOME_INK, markersize=7, zorder=7)
-        draw_sets_quickly(right, table.problem, through=state, step=time / table.problem.delta, resolution=81)
-        draw_way(figure, table.problem, one, (left, right))
-        right.plot(*here(table.grid, state), **HERE)
-        left.set_title(f"t = {time:.2f} s, step {step}")
         right.set_title("the joints' way (Fig. 12b)")
         measured = one.states[step * SUBSTEPS]
         found = draw_rows(below, table, {step: measured})

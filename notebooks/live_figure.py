@@ -57,7 +57,8 @@ class LiveFigure(Figure):
         self._forget_waiting()
         ax = super().add_subplot(*args, **kwargs)
         for axis in (ax.xaxis, ax.yaxis):
-            axis.reset_ticks = lambda: None  # what `clear` asks for
+            # What `clear` asks for. The ticks stay, and where they are clipped: to the axes, wherever these are.
+            axis.reset_ticks, axis.set_clip_path = (lambda: None), (lambda *_: None)
         self._laid_out = False
         return ax
 

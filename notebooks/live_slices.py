@@ -5,6 +5,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
+from contourpy import contour_generator
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
@@ -175,10 +176,10 @@ def draw_sets_quickly(
             image[values <= 0] = to_rgba(looks["facecolor"])
             draw_pixels(ax, image, extent, part.name, zorder=2.0 + place)
         if (filled or part is not problem.target) and values.min() < 0 < values.max():
-            edge = {"colors": [looks["edgecolor"]], "linewidths": looks["linewidth"]}
-            lines = ax.contour(where.x, where.y, values, levels=[0.0], zorder=5.0, **edge)
-            lines.set_linestyle([looks.get("linestyle", "-")])
-            lines.set_gid(f"{part.name}-edge")
+            lines = contour_generator(where.x, where.y, values).lines(0.0)
+            parted = np.concatenate([np.append(line, [[np.nan, np.nan]], axis=0) for line in lines])
+            edge = {key: looks.get(key, "-") for key in ("linewidth", "linestyle")}
+            ax.plot(*parted.T, color=looks["edgecolor"], zorder=5.0, gid=f"{part.name}-edge", **edge)
         elif part is not problem.target and values.max() <= 0:
             draw_full(ax, part.name)
     frame_live(ax, problem.grid, axes)
