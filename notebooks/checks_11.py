@@ -1,17 +1,20 @@
 """Checks of the exercises of chapter 11."""
 
+import warnings
 from functools import cache
 
 import numpy as np
 from exercises import exercise, expect, expect_close
 
 import sdhj
+from sdhj.resolution import ResolutionWarning
 from sdhj.simulation.runs import Z95
 
 
 @cache
 def _table():
-    return sdhj.solve(sdhj.arm_case_study(nodes=15), progress=False)
+    with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # rules read it; nobody drives by it
+        return sdhj.solve(sdhj.arm_case_study(nodes=15), progress=False)
 
 
 @cache
