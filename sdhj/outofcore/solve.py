@@ -141,7 +141,7 @@ def check_some_resolution(problem: ReachAvoidProblem) -> None:
     some = copy.copy(problem)
     kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
     some.__dict__["unsafe"] = kept
-    check_resolution(some, stacklevel=4)
+    check_resolution(some, stacklevel=5)
     problem.__dict__.pop("_static", None)  # what has been sampled is not sent to others
 
 
