@@ -275,10 +275,11 @@ class StoredSets:
 
     def _do(self, task: Task, name: str, lead: int) -> list[Any]:
         """Have a task done on all slabs where it is not; what those return."""
-        cut = name in ("tubes", "masks") or self.plan.cuts(task.kind)
-        axes = None if name in ("tubes", "masks") else self.plan.avoid_axes[task.kind]
-        slabs = range(self.plan.slabs if cut else 1)
-        todo = [slab for slab in slabs if not self.store.there(name, lead, self.plan.runs(slab, axes))]
+        axes = None if name == "tubes" else self.plan.avoid_axes[task.kind]
+        names = [name, "masks"] if name == "tubes" else [name]
+        slabs = range(self.plan.slabs if name == "tubes" or self.plan.cuts(task.kind) else 1)
+        runs = [self.plan.runs(slab, axes) for slab in slabs]
+        todo = [slab for slab in slabs if not all(self.store.there(one, lead, runs[slab]) for one in names)]
         self.tick(len(slabs) - len(todo))
         found = []
         for one in self.run([task._replace(slab=slab) for slab in todo]):

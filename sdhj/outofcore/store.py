@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.files import TableFileError, locks, unwritable
+from sdhj.files import TableFileError, locks, probed, unwritable
 from sdhj.grid import FloatArray
 
 STORE_FORMAT = 1
@@ -183,6 +183,7 @@ def create(path: Path, told: Mapping[str, Any], cuts: Mapping[str, tuple[int, in
         Where it cannot be written.
     """
     free_name(path)
+    probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
     packing = [codecs.BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
     try:
