@@ -154,7 +154,7 @@ class Grid:
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
         """All nodes that are one of `count` along an axis, from the node `first` on: see `window`."""
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
-        return self.window(*zip(*put, strict=True))  # type: ignore[arg-type]
+        return self.window(*zip(*put, strict=True))
 
     def pieces(self) -> "list[Grid]":
         """The grid, or windows along its first axis that are small enough to sample functions in, in their order."""
@@ -297,8 +297,8 @@ class Window(Grid):
         The window's first node on each axis.
     """
 
-    whole: Grid
-    first: tuple[int, ...]
+    whole: Any = None
+    first: tuple[int, ...] = ()
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
         for name in ("lower", "upper", "periodic", "names", "ends", "rim"):

@@ -4,6 +4,7 @@ A method has a name and `sets(problem, progress)`, which returns what `sdhj.recu
 own is an object with these two, given to `solve` in place of one from here.
 """
 
+import importlib
 import os
 import time
 from collections.abc import Sequence
@@ -171,11 +172,8 @@ def solve(
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     if store is not None:
-        from sdhj.files import imported
-
-        stored: Table = imported("sdhj.outofcore:solve_stored")(
-            problem, method, store, progress=progress, resume=resume, client=client, memory=memory
-        )
+        solve_stored: Any = importlib.import_module("sdhj.outofcore").solve_stored
+        stored: Table = solve_stored(problem, method, store, progress, resume, client, memory)
         return stored
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory are for a store; give one, as store='table.zarr'")

@@ -22,7 +22,9 @@ def assert_bit_equal(stored, table) -> None:
     """A table in a store has every bit of the one in memory."""
     loaded = stored.loaded()
     for part, whole in ((loaded, table), (loaded.avoid, table.avoid)):
-        for name in ("index", "tubes", "masks") if part is loaded else ("static_axes", "static", "moving_axes", "moving"):
+        for name in (
+            ("index", "tubes", "masks") if part is loaded else ("static_axes", "static", "moving_axes", "moving")
+        ):
             one, other = (np.asarray(getattr(of, name)) for of in (part, whole))
             assert (one.dtype, one.shape) == (other.dtype, other.shape), name
             assert one.tobytes() == other.tobytes(), name

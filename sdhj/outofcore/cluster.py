@@ -1,7 +1,7 @@
 """Slabs as tasks of Dask's distributed scheduler: tasks and yes or no go through it, arrays through the store.
 
-Every worker has to see the store under the same path. A worker that dies leaves nothing half written, and what it had in
-hand goes to another.
+Every worker has to see the store under the same path. A worker that dies leaves nothing half written, and what it had
+in hand goes to another.
 """
 
 import importlib
@@ -27,8 +27,8 @@ def shared_out(client: Any, plan: Plan, tasks: list[Task]) -> Iterator[Any]:
             yield future.result()
     except distributed.KilledWorker as error:
         raise RuntimeError(
-            f"a slab of {plan.path} has ended one worker after the other, as where it takes more memory than they have; "
-            "give less as memory=, and solve anew"
+            f"a slab of {plan.path} has ended one worker after the other, as where it takes more memory than they "
+            "have; give them more, and solve with resume=True"
         ) from error
     finally:
-        client.cancel(futures)
+        client.cancel([future for future in futures if not future.done()])

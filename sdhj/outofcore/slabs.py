@@ -1,13 +1,13 @@
 """Slabs of a grid, and what is done to one.
 
-How far one interval reaches, in nodes along the axis that is cut: a time step of the Runge-Kutta scheme has some stages,
-and each reads `order` nodes to either side, so what is d nodes away from where a window ends is right after
+How far one interval reaches, in nodes along the axis that is cut: a time step of the Runge-Kutta scheme has some
+stages, and each reads `order` nodes to either side, so what is d nodes away from where a window ends is right after
 floor(d / order) stages. After K time steps of S stages a node is right that is
 
     h = order * S * K     nodes inside.
 
-A shift by c cells, or the Hopf-Lax maximum over a box of them, reads floor(c) + 2 more: the node behind the last one for
-the limited second difference. K is that of the whole grid, from its fastest velocity: a slab with a time step of its own
+A shift by c cells, or the Hopf-Lax maximum over a box of them, reads floor(c) + 2 more: the last of them for the
+limited second difference. K is that of the whole grid, from its fastest velocity: a slab with a time step of its own
 would be right too, and other bits. A periodic axis is gone around; where a window would meet itself it is the grid.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 from sdhj.avoid import Danger
 from sdhj.games import Axes, HJIGames, HopfLaxGames
 from sdhj.grid import FloatArray, Grid
-from sdhj.outofcore.store import Runs, Stored
+from sdhj.outofcore.store import Runs, TableStore
 from sdhj.problem import ReachAvoidProblem
 from sdhj.recursion import InputRows, add_input
 from sdhj.schemes import STAGES
@@ -124,14 +124,16 @@ def crossed(cells: float) -> int:
 
 
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
-    """The time steps for each input, of games on some axes of the whole grid; nothing where each slab finds the same."""
+    """Time steps for each input, of games on some axes of the whole grid; nothing where each slab finds the same."""
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
     most = np.zeros(len(problem.inputs), np.int64)
     for piece in problem.pieces():
         games = method.on(piece)
         grid, cfl = piece.grid.subgrid(axes), method.scheme.cfl
-        most = np.maximum(most, [games.velocities(j, axes, 0).steps(grid, games.duration, cfl) for j in range(len(most))])
+        most = np.maximum(
+            most, [games.velocities(j, axes, 0).steps(grid, games.duration, cfl) for j in range(len(most))]
+        )
     return {axes: most.tolist()}
 
 
@@ -185,8 +187,8 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
 
 
 @lru_cache(maxsize=4)
-def _opened_store(path: Path, token: str) -> Stored:
-    return Stored(path)
+def _opened_store(path: Path, token: str) -> TableStore:
+    return TableStore(path)
 
 
 def work(plan: Plan, task: Task) -> Any:
@@ -198,7 +200,7 @@ def work(plan: Plan, task: Task) -> Any:
         return (_extend if task.kind == "extend" else _avoid)(plan, store, task)
 
 
-def _goal(plan: Plan, store: Stored, task: Task) -> None:
+def _goal(plan: Plan, store: TableStore, task: Task) -> None:
     runs, problem = plan.runs(task.slab), plan.problem
     window, _ = around(problem.grid, plan.axis, plan.span(task.slab), 0)
     values = problem.on(window).goal(task.step).astype(store.arrays["tubes"].dtype)
@@ -206,7 +208,7 @@ def _goal(plan: Plan, store: Stored, task: Task) -> None:
     store.write("tubes", task.place, runs, values)
 
 
-def _avoid(plan: Plan, store: Stored, task: Task) -> list[bool]:
+def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
     """The avoid tubes of one slab, or of all where they know nothing of the cut: see `sdhj.avoid.avoid_tubes`.
 
     Returns of each game whether any node is in danger.
@@ -234,7 +236,7 @@ def _avoid(plan: Plan, store: Stored, task: Task) -> list[bool]:
     return felt
 
 
-def _extend(plan: Plan, store: Stored, task: Task) -> bool:
+def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     """As `GridSets.extend`, on one slab. Returns whether the tube is the one before."""
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
@@ -259,8 +261,8 @@ def _extend(plan: Plan, store: Stored, task: Task) -> bool:
     return np.array_equal(tube, before)
 
 
-def read_window(store: Stored, name: str, lead: int, window: Grid | None) -> FloatArray:
-    """What a store holds at the nodes of a window along one axis, around the end of a periodic one; None: of no axes."""
+def read_window(store: TableStore, name: str, lead: int, window: Grid | None) -> FloatArray:
+    """What a store holds at the nodes of a window along one axis, around a periodic end too; None: of no axes."""
     if window is None:
         return store.read(name, lead, ())
     first = getattr(window, "first", (0,) * window.ndim)

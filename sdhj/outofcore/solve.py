@@ -25,7 +25,7 @@ from sdhj.games import KEPT
 from sdhj.memory import available, require
 from sdhj.methods import HJI, HopfLax, method_of
 from sdhj.outofcore.slabs import Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import STORE_FORMAT, Stored, alone, create, free_name, room_for
+from sdhj.outofcore.store import STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
 from sdhj.problem import ReachAvoidProblem
 from sdhj.recursion import recursion
@@ -40,7 +40,6 @@ def solve_stored(
     problem: ReachAvoidProblem,
     method: Any,
     path: str | os.PathLike[str],
-    *,
     progress: bool | None = None,
     resume: bool = False,
     client: Any = None,
@@ -51,7 +50,7 @@ def solve_stored(
     refuse(problem, method)
     with announced(progress):
         if resume and path.exists():
-            told = Stored(path).told
+            told = TableStore(path).told
             plan = replace(planned(problem, method, cut_told(path, told, problem, method)), path=path)
         else:
             free_name(path)
@@ -61,7 +60,7 @@ def solve_stored(
             create(path, told, _cuts(plan))
         plan = replace(plan, token=uuid.uuid4().hex)
         with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
-            sets = StoredSets(plan, Stored(path), runner(plan, client), bar.update)
+            sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
 
@@ -130,8 +129,8 @@ def planned(
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
-            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {halo} beside it on either side, "
-            f"and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
+            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {halo} beside it on either "
+            f"side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
         )
     return plan
 
@@ -159,8 +158,11 @@ def task_bytes(plan: Plan) -> int:
         solved += item * grid.ndim * (3 + dynamics.adversaries) * window.size
     tubes = [0]
     for kind, games in plan.avoid.items():
-        own = [around(game.danger.problem.grid, game.axis, plan.span(0), game.halo)[0] for game in games if game.axis is not None]
-        tubes += [item * count * part.subgrid(range(part.ndim)).size for part in own]
+        for game in games:
+            part = game.danger.problem.grid
+            if game.axis is not None:
+                part, _ = around(part, game.axis, plan.span(0), game.halo)
+            tubes.append(item * count * part.subgrid([*range(part.ndim)]).size)
         kept = grid.subgrid(plan.avoid_axes[kind]).size if plan.avoid_axes[kind] else 1
         tubes.append(item * count * (kept // grid.shape[plan.axis] * plan.width if plan.cuts(kind) else kept))
     written = slab * (4 * item + 2 * -(-count // 8))
@@ -177,7 +179,10 @@ def _tasks(plan: Plan) -> int:
 
 def _cuts(plan: Plan) -> Mapping[str, tuple[int, int | None, int]]:
     """As `store.create` takes them."""
-    cuts: dict[str, tuple[int, int | None, int]] = {"tubes": (1, plan.axis, plan.width), "masks": (2, plan.axis, plan.width)}
+    cuts: dict[str, tuple[int, int | None, int]] = {
+        "tubes": (1, plan.axis, plan.width),
+        "masks": (2, plan.axis, plan.width),
+    }
     for kind, axes in plan.avoid_axes.items():
         cuts[f"avoid_{kind}"] = (2, axes.index(plan.axis) if plan.cuts(kind) else None, plan.width)
     return cuts
@@ -225,12 +230,12 @@ class StoredSets:
     Parameters
     ----------
     plan : Plan
-    store : Stored
+    store : TableStore
     run : callable (tasks) -> iterator of what `slabs.work` returns, in their order
     tick : callable (slabs), for progress
     """
 
-    def __init__(self, plan: Plan, store: Stored, run: Any, tick: Callable[[int], Any]) -> None:
+    def __init__(self, plan: Plan, store: TableStore, run: Any, tick: Callable[[int], Any]) -> None:
         self.plan, self.store, self.run, self.tick = plan, store, run, tick
         self.problem, self.timeless, self.shared = plan.problem, plan.problem.timeless, 0
         none, index = np.empty(0), LookupTable.places(plan.problem)
@@ -255,8 +260,9 @@ class StoredSets:
         pair = self._place(step, within), self._place(step, within - 1)
         if pair not in self.same:  # of an earlier solve
             runs = map(self.plan.runs, range(self.plan.slabs))
+            read = self.store.read
             self.same[pair] = pair[0] == pair[1] or all(
-                np.array_equal(*(self.store.read("tubes", place, run) for place in pair)) for run in runs
+                np.array_equal(read("tubes", pair[0], run), read("tubes", pair[1], run)) for run in runs
             )
         return self.same[pair]
 
@@ -268,7 +274,7 @@ class StoredSets:
     def finish(self, details: Mapping[str, Any]) -> StoredTable:
         told = self.plan.method.told | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
         self.store.finish(self.table.index, told)
-        return StoredTable(self.problem, Stored(self.store.path))
+        return StoredTable(self.problem, TableStore(self.store.path))
 
     def _place(self, step: int, within: int) -> int:
         return int(self.table.index[self.table.entry(step, within)])
@@ -295,4 +301,3 @@ class StoredSets:
         for game, felt in zip(self.plan.avoid[kind], np.any(found, axis=0), strict=True):
             if not felt and any(game.danger.part is part for part in self.problem.unsafe):
                 warnings.warn(never_felt(game.danger.part), stacklevel=5)
-

@@ -5,9 +5,10 @@
     avoid_static  (1, L, *subgrid)         avoid tubes, as `AvoidTubes`
     avoid_moving  (N, L, *subgrid)
 
-Its attributes tell the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is one file, a *shard*, which holds compressed chunks, each with its CRC-32C, small enough for a
-controller to read. A file appears under its name when it is whole, so what is there is finished: this is all that
-going on after a crash needs. Zarr takes what is missing for empty; here it is an error.
+Its attributes tell the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
+one file, a *shard*, which holds compressed chunks, each with its CRC-32C, small enough for a controller to read. A file
+appears under its name when it is whole, so what is there is finished: this is all that going on after a crash needs.
+Zarr takes what is missing for empty; here it is an error.
 """
 
 import hashlib
@@ -30,7 +31,7 @@ from sdhj.files import TableFileError, locks, probed, unwritable
 from sdhj.grid import FloatArray
 
 STORE_FORMAT = 1
-CHUNK = 2**16  # nodes of a chunk, about: what is read for a state at the least
+CHUNK_NODES = 2**16  # nodes of a chunk, about: what is read for a state at the least
 THICK = 16  # nodes of a chunk along the axis that is cut
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
@@ -40,7 +41,7 @@ zarr: Any = importlib.import_module("zarr")
 codecs: Any = importlib.import_module("zarr.codecs")
 
 
-class Stored:
+class TableStore:
     """An open store.
 
     Parameters
@@ -161,7 +162,7 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
     size = [max(c for c in range(1, THICK + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
     parts = [n // c for n, c in zip(most, size, strict=True)]
     others = [axis for axis in range(len(most)) if axis != cut]
-    while others and each * math.prod(size) > CHUNK and (n := max(size[axis] for axis in others)) > 1:
+    while others and each * math.prod(size) > CHUNK_NODES and (n := max(size[axis] for axis in others)) > 1:
         axis = max(others, key=lambda axis: size[axis])
         parts[axis] += 1
         while (n := -(-most[axis] // parts[axis])) == size[axis]:

@@ -1,7 +1,7 @@
 """A table that stays in its store: what is asked for is read, and some of it kept.
 
-States are looked up by the code of `LookupTable`, on windows of the grid that hold the nodes around them, so answers are
-those of the table in memory.
+States are looked up by the code of `LookupTable`, on windows of the grid that hold the nodes around them, so answers
+are those of the table in memory.
 """
 
 import hashlib
@@ -10,7 +10,6 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from functools import cached_property, partial
 from itertools import product
 from typing import Any
@@ -25,7 +24,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.identity import alike, identity
 from sdhj.memory import require
 from sdhj.outofcore.slabs import around, read_window
-from sdhj.outofcore.store import Stored
+from sdhj.outofcore.store import TableStore
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable, entry, in_a_line
 
@@ -36,7 +35,7 @@ LOOKED_UP = 2**23  # values that are looked up in at a time
 def digests(problem: ReachAvoidProblem, cut: tuple[int, int]) -> tuple[str, list[list[float]]]:
     """As `identity.identity`, of a grid that is sampled slab by slab; `cut`: along which axis, and how thick."""
     (axis, width), n, timeless = cut, problem.grid.shape[cut[0]], problem.timeless
-    digest, sums = hashlib.sha256(), 0.0
+    digest, sums = hashlib.sha256(), np.zeros(1)
     for begin in range(0, n, width):
         part = problem.on(around(problem.grid, axis, (begin, min(begin + width, n)), 0)[0])
         part.__dict__["timeless"] = timeless
@@ -61,7 +60,7 @@ def same_problem(path: Any, told: Mapping[str, Any], problem: ReachAvoidProblem)
 
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
-    store = Stored(path)
+    store = TableStore(path)
     given = problem_told(path, believed(store.told), problem)
     same_problem(path, store.told, given)
     return StoredTable(given, store)
@@ -85,7 +84,7 @@ class StoredTable:
         Where the store is not finished; of any method where a chunk that it asks for is damaged or missing.
     """
 
-    def __init__(self, problem: ReachAvoidProblem, store: Stored) -> None:
+    def __init__(self, problem: ReachAvoidProblem, store: TableStore) -> None:
         if "index" not in store.told:
             raise TableFileError(f"{store.path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
         self.problem, self.store, self.path = problem, store, store.path
@@ -136,9 +135,10 @@ class StoredTable:
     def loaded(self) -> LookupTable:
         """The table in memory; MemoryError where there is no room for it."""
         require(self.nbytes, "the table", "leave it in its store")
+        grids = [self.grid.subgrid(axes) if axes else None for axes in self._axes]
         tubes, masks, static, moving = (
-            np.stack([read_window(self.store, name, lead, self.grid.subgrid(axes) if axes else None) for lead in range(array.shape[0])])
-            for (name, array), axes in zip(self.store.arrays.items(), self._axes, strict=True)
+            np.stack([read_window(self.store, name, lead, grid) for lead in range(array.shape[0])])
+            for (name, array), grid in zip(self.store.arrays.items(), grids, strict=True)
         )
         avoid = AvoidTubes(self.avoid_axes["static"], static[0], self.avoid_axes["moving"], moving)
         masks = masks.reshape(*masks.shape[:2], -1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import toys
-from slabbed import assert_bit_equal, rough_problem, room
+from slabbed import assert_bit_equal, room, rough_problem
 
 import sdhj
 from sdhj.avoid import dangers
@@ -98,14 +98,22 @@ def sorted_by_input(found):
 
 SCHEMES = [
     sdhj.Scheme(order=order, integrator=integrator, frame=frame)
-    for order, integrator, frame in ((1, "euler", "fixed"), (2, "rk2", "fixed"), (3, "rk3", "fixed"), (2, "rk2", "moving"))
+    for order, integrator, frame in (
+        (1, "euler", "fixed"),
+        (2, "rk2", "fixed"),
+        (3, "rk3", "fixed"),
+        (2, "rk2", "moving"),
+    )
 ]
 
 
 @pytest.mark.parametrize("state", [False, True])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: f"{scheme.order} {scheme.integrator} {scheme.frame}")
 def test_one_node_less_is_too_few(scheme, state):
-    method, problem = sdhj.HJI(scheme=scheme), rough_problem(72, state=state, gain=0.05, drift=0.6, delta=0.006 if state else 0.05)
+    method, problem = (
+        sdhj.HJI(scheme=scheme),
+        rough_problem(72, state=state, gain=0.05, drift=0.6, delta=0.006 if state else 0.05),
+    )
     halo = reach_halo(method.on(problem), 0, time_steps(method, problem, (0, 1)))
     assert 2 * halo + 4 < 72
     assert np.array_equal(*played(method, problem, halo, np.random.default_rng(0)))
@@ -144,9 +152,11 @@ def test_avoid_tubes_need_what_they_say(method):
 
 def test_a_time_step_of_its_own_would_give_other_bits(tmp_path, monkeypatch):
     problem = toys.unicycle_problem(nodes=(41, 9, 8), steps=1)
-    fast = sdhj.Dynamics(
-        [[1.0]], lambda q, u: np.stack([1.0 + 2.0 * (q[:, 0] > 0.5), 0 * q[:, 0], 0 * q[:, 0]], axis=1), np.zeros((3, 1)), [0.0]
-    )
+
+    def faster(q, u):
+        return np.stack([1.0 + 2.0 * (q[:, 0] > 0.5), 0 * q[:, 0], 0 * q[:, 0]], axis=1)
+
+    fast = sdhj.Dynamics([[1.0]], faster, np.zeros((3, 1)), [0.0])
     problem = sdhj.ReachAvoidProblem(problem.grid, fast, problem.target, (), 0.2, 1)
     table = sdhj.solve(problem)
     assert_bit_equal(sdhj.solve(problem, store=tmp_path / "a.zarr", memory=room(problem, width=5)), table)

@@ -20,7 +20,7 @@ import sdhj
 from sdhj.outofcore import slabs as slabs_module
 from sdhj.outofcore import solve as solve_module
 from sdhj.outofcore import store as store_module
-from sdhj.outofcore.store import Stored, alone, chunked
+from sdhj.outofcore.store import TableStore, alone, chunked
 
 SCRIPT = """
 import sys
@@ -133,7 +133,9 @@ def test_a_full_disk(problem, memory, table, tmp_path, monkeypatch):
         return as_it_is(path, value, **options)
 
     monkeypatch.setattr(_local, "_put", full)
-    with pytest.raises(OSError, match=r"cannot write in .*: No space left on device; what is finished stays: make room"):
+    with pytest.raises(
+        OSError, match=r"cannot write in .*: No space left on device; what is finished stays: make room"
+    ):
         sdhj.solve(problem, store=tmp_path / "t.zarr", memory=memory)
     monkeypatch.undo()
     assert list((tmp_path / "t.zarr").rglob("*.partial"))
@@ -160,7 +162,9 @@ def test_every_flipped_byte_of_a_chunk_is_found(problem, store, table):
         whole = file.read_bytes()
         for place in [0, len(whole) - 1, *rng.integers(0, len(whole), 10)]:
             file.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-            with pytest.raises(sdhj.TableFileError, match=f"{name}.* is damaged .*; delete it and solve with resume=True"):
+            with pytest.raises(
+                sdhj.TableFileError, match=f"{name}.* is damaged .*; delete it and solve with resume=True"
+            ):
                 sdhj.load(store, problem=problem).loaded()
         for length in (0, 1, len(whole) // 2, len(whole) - 1):
             file.write_bytes(whole[:length])
@@ -201,12 +205,18 @@ def test_a_store_that_tells_something_else(problem, store):
 
 
 def test_a_store_of_another_problem_is_refused(problem, store):
+    round_target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*p.T) - 0.8)
     others = {
         "nodes": toys.torus_problem(nodes=41),
         "steps": toys.torus_problem(nodes=40, steps=4),
         "view_time": toys.torus_problem(nodes=40, view_time="sampled"),
         "values": sdhj.ReachAvoidProblem(
-            problem.grid, problem.dynamics, sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*p.T) - 0.8), problem.unsafe, 0.2, 3
+            problem.grid,
+            problem.dynamics,
+            round_target,
+            problem.unsafe,
+            0.2,
+            3,
         ),
     }
     for other in others.values():
@@ -214,19 +224,19 @@ def test_a_store_of_another_problem_is_refused(problem, store):
             sdhj.solve(other, store=store, resume=True)
         with pytest.raises(sdhj.TableFileError, match="belongs to another problem"):
             sdhj.load(store, problem=other)
-    with pytest.raises(sdhj.TableFileError, match="is being solved by method 'hji' with .* and this is 'lax'"):
+    with pytest.raises(sdhj.TableFileError, match=r"is being solved by method 'hji' with .* and this is 'lax'"):
         sdhj.solve(problem, "lax", store=store, resume=True)
     with pytest.raises(sdhj.TableFileError, match="give it as load"):
         sdhj.load(store)
 
 
 def test_two_processes_on_one_store(problem, memory, store):
-    with alone(store), pytest.raises(BlockingIOError, match="another process is writing .*; wait for it"):
+    with alone(store), pytest.raises(BlockingIOError, match=r"another process is writing .*; wait for it"):
         sdhj.solve(problem, store=store, memory=memory, resume=True)
 
 
 def test_a_folder_that_cannot_be_written(problem, memory, tmp_path, monkeypatch):
-    with pytest.raises(OSError, match="cannot write in .*; choose a folder that exists and can be written"):
+    with pytest.raises(OSError, match=r"cannot write in .*; choose a folder that exists and can be written"):
         sdhj.solve(problem, store=tmp_path / "nowhere" / "deep" / "t.zarr", memory=memory)
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write in"):
@@ -264,7 +274,9 @@ def test_what_is_not_solved_out_of_core_is_refused(problem, tmp_path):
             solve(given, method)
     with pytest.raises(ValueError, match="resume, client and memory are for a store"):
         sdhj.solve(problem, resume=True)
-    with pytest.raises(MemoryError, match=r"a slab of one node along axis 0 takes .* are allowed; give more as memory="):
+    with pytest.raises(
+        MemoryError, match=r"a slab of one node along axis 0 takes .* are allowed; give more as memory="
+    ):
         solve(problem, memory=1000)
     with pytest.raises(ValueError, match="memory must be a whole number"):
         solve(problem, memory=0)
@@ -290,7 +302,7 @@ def test_chunks_and_shards(shape, width):
         assert all(s % c == 0 for s, c in zip(shards, chunks, strict=True))
         assert cut is None or shards[cut] == min(width, shape[cut])
         assert all(s >= n for axis, (s, n) in enumerate(zip(shards, shape, strict=True)) if axis != cut)
-        assert 4 * np.prod(chunks) <= store_module.CHUNK or len(shape) == 1
+        assert 4 * np.prod(chunks) <= store_module.CHUNK_NODES or len(shape) == 1
 
 
 def test_progress_counts_slabs(problem, memory, tmp_path, capsys):
@@ -298,4 +310,4 @@ def test_progress_counts_slabs(problem, memory, tmp_path, capsys):
         warnings.simplefilter("ignore")
         stored = sdhj.solve(problem, store=tmp_path / "t.zarr", memory=memory, progress=True)
     assert f"/{10 * stored.details['slabs'] + 1 + 3 * stored.details['slabs']} [" in capsys.readouterr().err
-    assert Stored(tmp_path / "t.zarr").told["cut"] == [0, 10]
+    assert TableStore(tmp_path / "t.zarr").told["cut"] == [0, 10]
