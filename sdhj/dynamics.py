@@ -357,20 +357,18 @@ class Interval:
         pushes = np.zeros((len(dynamics.inputs), ndim, dynamics.adversaries), np.bool_)
         if dynamics.stateless:
             return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0), pushes
-        pieces, everything = self.grid.pieces(), range(ndim)
+        # neighbours share a node, so what varies along the first axis does so within one of them
+        pieces, everything = self.grid.pieces(overlap=1), range(ndim)
         need = self.sampling_bytes // self.grid.size * pieces[0].size
         require(need, f"sampling the velocities on {pieces[0].size:.1e} nodes")
-        begins: dict[Any, FloatArray] = {}  # the velocities where the first axis begins, in the first piece
         for piece in pieces:
             points = piece.points()
             for j, t in product(range(len(dynamics.inputs)), instants.tolist()):
                 sampled = self._sampled(j, everything, t, piece, points)
                 speeds = np.maximum(speeds, np.abs(sampled).sum(axis=1).reshape(ndim, -1).max(axis=1))
                 pushes[j] |= sampled[:, 1:].any(axis=tuple(range(2, sampled.ndim)))
-                if len(pieces) > 1 and (j, t) not in begins:
-                    begins[j, t] = sampled.take([0], axis=2)
                 for k in everything:
-                    varies = sampled != (sampled.take([0], axis=2 + k) if k or len(pieces) == 1 else begins[j, t])
+                    varies = sampled != sampled.take([0], axis=2 + k)
                     reads[:, k] |= varies.any(axis=tuple(range(1, varies.ndim)))
         return reads, speeds, pushes
 

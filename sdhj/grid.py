@@ -156,10 +156,11 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
-    def pieces(self) -> "list[Grid]":
+    def pieces(self, overlap: int = 0) -> "list[Grid]":
         """The grid, or windows along its first axis that are small enough to sample functions in, in their order."""
         rows, some = self.shape[0], max(1, PIECE // (self.size // self.shape[0]))
-        return [self.stretch(0, row, min(some, rows - row)) for row in range(0, rows, some)]
+        spans = [(max(row - overlap, 0), min(row + some, rows)) for row in range(0, rows, some)]
+        return [self.stretch(0, begin, end - begin) for begin, end in spans]
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""

@@ -10,7 +10,10 @@ from typing import Any
 
 from sdhj.outofcore.slabs import Plan, Task, work
 
-distributed: Any = importlib.import_module("distributed")
+try:
+    distributed: Any = importlib.import_module("distributed")
+except ImportError as missing:
+    raise ImportError("a client needs Dask: pip install 'sdhj[dask]'") from missing
 
 
 def shared_out(client: Any, plan: Plan, tasks: list[Task]) -> Iterator[Any]:

@@ -5,6 +5,7 @@ import importlib
 import json
 import math
 import os
+import reprlib
 import time
 import uuid
 import warnings
@@ -46,6 +47,8 @@ def solve_stored(
     memory: int | None = None,
 ) -> StoredTable:
     """As `sdhj.solve` with a store: see there."""
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     method, started, path = method_of(method), time.perf_counter(), Path(os.path.abspath(path))
     refuse(problem, method)
     with announced(progress):

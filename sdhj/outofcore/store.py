@@ -37,8 +37,11 @@ NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
 
-zarr: Any = importlib.import_module("zarr")
-codecs: Any = importlib.import_module("zarr.codecs")
+try:
+    zarr: Any = importlib.import_module("zarr")
+    codecs: Any = importlib.import_module("zarr.codecs")
+except ImportError as missing:
+    raise ImportError("a store needs Zarr: pip install 'sdhj[outofcore]'") from missing
 
 
 class TableStore:

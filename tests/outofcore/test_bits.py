@@ -6,6 +6,7 @@ import toys
 from slabbed import assert_bit_equal, room, rough_problem
 
 import sdhj
+from sdhj import grid as grid_module
 from sdhj.avoid import dangers
 from sdhj.outofcore import solve
 from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
@@ -164,3 +165,34 @@ def test_a_time_step_of_its_own_would_give_other_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(solve, "reach_halo", lambda *_: 20)
     other = sdhj.solve(problem, store=tmp_path / "b.zarr", memory=room(problem, width=5))
     assert not np.array_equal(other.values(start=0, within=1), table.values(start=0, within=1))
+
+
+def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
+    """Large grids are gone through in pieces, whose size does not matter."""
+    make = {"car": lambda: toys.unicycle_problem(nodes=(17, 9, 8)), "rough": lambda: rough_problem(24, state=True)}
+    for build in make.values():
+        at_once = build()
+        monkeypatch.setattr(grid_module, "PIECE", 100)
+        in_pieces = build()
+        assert len(in_pieces.grid.pieces()) > 3
+        for one, other in zip(in_pieces.interval(0)._survey, at_once.interval(0)._survey, strict=True):
+            assert np.array_equal(one, other)
+        assert in_pieces.timeless == at_once.timeless
+        monkeypatch.undo()
+
+
+def test_a_window_has_the_nodes_of_its_grid():
+    grid = sdhj.Grid([-1.0, 0.1, -np.pi], [1.0, 0.7, np.pi], [9, 12, 10], [False, False, True])
+    window = grid.window([2, 3, 7], [5, 4, 6])
+    product = np.stack(np.meshgrid(*map(window.nodes, range(3)), indexing="ij"), -1)
+    assert np.array_equal(window.points(), product.reshape(-1, 3))
+    assert window.nodes(2).tolist() == grid.nodes(2)[[7, 8, 9, 0, 1, 2]].tolist()
+    assert window.spacing == grid.spacing
+    assert window.subgrid([0, 2]).nodes(1).tolist() == window.nodes(2).tolist()
+    assert window.subgrid([0]) == grid.subgrid([0]).window([2], [5])
+    whole, parts = grid.weights, [grid.stretch(1, begin, 4) for begin in (0, 4, 8)]
+    assert np.array_equal(np.concatenate([part.weights for part in parts], axis=1), whole)
+    values = np.random.default_rng(0).normal(size=grid.shape)
+    some = values[np.ix_(*map(window.places, range(3)))]
+    points = np.random.default_rng(1).uniform([-0.4, 0.3, 2.0], [0.4, 0.4, 4.0], (50, 3))
+    assert np.array_equal(window.interpolate(some, points), grid.interpolate(values, points))

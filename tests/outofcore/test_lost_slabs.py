@@ -278,6 +278,8 @@ def test_what_is_not_solved_out_of_core_is_refused(problem, tmp_path):
         MemoryError, match=r"a slab of one node along axis 0 takes .* are allowed; give more as memory="
     ):
         solve(problem, memory=1000)
+    with pytest.raises(ValueError, match="store must be the name of a folder, got 5"):
+        sdhj.solve(problem, store=5)
     with pytest.raises(ValueError, match="memory must be a whole number"):
         solve(problem, memory=0)
     assert not list(tmp_path.iterdir())
