@@ -191,6 +191,12 @@ def _opened_store(path: Path, token: str) -> TableStore:
     return TableStore(path)
 
 
+@lru_cache(maxsize=1)
+def _static_tubes(path: Path, token: str, runs: Runs) -> FloatArray:
+    """The static avoid tubes of a slab; where it is the only one it need not be read each time."""
+    return _opened_store(path, token).read("avoid_static", 0, runs)
+
+
 def work(plan: Plan, task: Task) -> Any:
     """Do a task and write what comes of it; returns what `_extend` and `_avoid` do."""
     with ONE_AT_A_TIME:
@@ -247,7 +253,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
     axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
-    static = store.read("avoid_static", 0, plan.runs(task.slab, axes[0]))
+    static = _static_tubes(plan.path, plan.token, tuple(plan.runs(task.slab, axes[0])))
     moving = store.read("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))

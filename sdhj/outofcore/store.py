@@ -31,7 +31,7 @@ from sdhj.files import TableFileError, locks, probed, unwritable
 from sdhj.grid import FloatArray
 
 STORE_FORMAT = 1
-CHUNK_NODES = 2**16  # nodes of a chunk, about: what is read for a state at the least
+CHUNK_NODES = 2**18  # values of a chunk at most: what is read for a state at the least
 THICK = 16  # nodes of a chunk along the axis that is cut
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
