@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+import sdhj
 from sdhj.avoid import dangers, never_felt
 from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
@@ -217,6 +218,11 @@ def _told_of(plan: Plan) -> dict[str, Any]:
 
 def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
     """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
+    if told["sdhj_version"] != sdhj.__version__:
+        raise TableFileError(
+            f"{path} was begun by sdhj {told['sdhj_version']}, and this is {sdhj.__version__}, which may round "
+            "otherwise; solve it anew"
+        )
     options = json.loads(json.dumps(method.told))
     if told["method"] != method.name or told["options"] != options:
         its = f"method {told['method']!r} with {told['options']}"

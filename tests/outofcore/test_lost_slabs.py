@@ -230,6 +230,13 @@ def test_a_store_of_another_problem_is_refused(problem, store):
         sdhj.load(store)
 
 
+def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):
+    monkeypatch.setattr(sdhj, "__version__", "9.9")
+    with pytest.raises(sdhj.TableFileError, match=r"was begun by sdhj .*, and this is 9\.9, which may round otherwise"):
+        sdhj.solve(problem, store=store, resume=True)
+    sdhj.load(store, problem=problem)  # to be read it need not be the same
+
+
 def test_two_processes_on_one_store(problem, memory, store):
     with alone(store), pytest.raises(BlockingIOError, match=r"another process is writing .*; wait for it"):
         sdhj.solve(problem, store=store, memory=memory, resume=True)
