@@ -73,17 +73,21 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
                     np.maximum(total[j], problem.grid.subgrid(kept).lift(tube, at), out=total[j])
     for part in problem.unsafe:
         if id(part) not in felt:
-            warnings.warn(
-                f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
-                "between the nodes (use more, or enlarge it), or is out of reach",
-                stacklevel=5,
-            )
+            warnings.warn(never_felt(part), stacklevel=5)
     for kept, tubes in zip(axes, (static[None], moving), strict=True):
         for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
             tube[:] = shrunk(problem, tube, kept)
     inner = [tuple(problem.grid.inner[axis] for axis in own) for own in axes]
     static, moving = static[(slice(None), *inner[0])], moving[(slice(None), slice(None), *inner[1])]
     return AvoidTubes(axes[0], np.ascontiguousarray(static), axes[1], np.ascontiguousarray(moving))
+
+
+def never_felt(part: UnsafeSet) -> str:
+    """What to say of an unsafe set that no node is in danger of."""
+    return (
+        f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
+        "between the nodes (use more, or enlarge it), or is out of reach"
+    )
 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:

@@ -10,12 +10,13 @@ import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.checks import ARGUMENTS, arguments, ask, finite_array
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray, Grid, Window
 from sdhj.memory import require
 from sdhj.schemes import Velocities
 
@@ -348,23 +349,34 @@ class Interval:
         return self._survey[1]
 
     @cached_property
-    def _survey(self) -> tuple[FloatArray, FloatArray]:
-        """`reads` and `speeds`, from the velocities sampled once."""
+    def _survey(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`reads`, `speeds` and which component of the adversary moves which axis, (L, ndim, D) bool, sampled once."""
         ndim, dynamics = self.grid.ndim, self.dynamics
         instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.timed else INSTANTS[:1])
         reads, speeds = np.zeros((ndim, ndim), np.bool_), np.zeros(ndim)
+        pushes = np.zeros((len(dynamics.inputs), ndim, dynamics.adversaries), np.bool_)
         if dynamics.stateless:
-            return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0)
-        require(self.sampling_bytes, f"sampling the velocities on {self.grid.size:.1e} nodes")
-        points, everything = self.grid.points(), range(ndim)
-        for j in range(len(dynamics.inputs)):
-            for t in instants:
-                sampled = self._sampled(j, everything, t, self.grid, points)
+            return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0), pushes
+        # neighbours share a node, so what varies along the first axis does so within one of them
+        pieces, everything = self.grid.pieces(overlap=1), range(ndim)
+        need = self.sampling_bytes // self.grid.size * pieces[0].size
+        require(need, f"sampling the velocities on {pieces[0].size:.1e} nodes")
+        for piece in pieces:
+            points = piece.points()
+            for j, t in product(range(len(dynamics.inputs)), instants.tolist()):
+                sampled = self._sampled(j, everything, t, piece, points)
                 speeds = np.maximum(speeds, np.abs(sampled).sum(axis=1).reshape(ndim, -1).max(axis=1))
+                pushes[j] |= sampled[:, 1:].any(axis=tuple(range(2, sampled.ndim)))
                 for k in everything:
                     varies = sampled != sampled.take([0], axis=2 + k)
                     reads[:, k] |= varies.any(axis=tuple(range(1, varies.ndim)))
-        return reads, speeds
+        return reads, speeds, pushes
+
+    def on(self, grid: Grid) -> "Interval":
+        """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
+        part = replace(self, grid=grid)
+        part.__dict__["_survey"] = self._survey
+        return part
 
     def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
@@ -394,7 +406,10 @@ class Interval:
         lower, upper = f - spread, f + spread
         hull = lower.min(axis=0), upper.max(axis=0)
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
-        coupled = (np.count_nonzero(b.any(axis=(0, *range(3, b.ndim))), axis=0) > 1).any()
+        pushed = b.any(axis=(0, *range(3, b.ndim)))
+        if isinstance(self.grid, Window) and not (dynamics.timed or dynamics.stateless):
+            pushed = self._survey[2][j][list(axes)]  # elsewhere on the grid perhaps
+        coupled = (np.count_nonzero(pushed, axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _modes(self, j: int, axes: Sequence[int], t: float) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ import re
 import reprlib
 import stat
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from io import BufferedReader
@@ -179,7 +179,8 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
     OSError
         Where the folder does not exist or cannot be written, or the disk is full.
     """
-    text = json.dumps(_told(table) | told, sort_keys=True).encode() + b"\n"
+    about = table_told(table.problem, table.method, table.details, table.problem.digest)
+    text = json.dumps(about | told, sort_keys=True).encode() + b"\n"
     if len(text) > MOST_TOLD:
         raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and {MOST_TOLD:,} are allowed")
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
@@ -202,16 +203,16 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
         raise OSError(f"{error}; the table takes {size:.0f} MB, and is still in memory: save it elsewhere") from error
 
 
-def _told(table: "Table") -> dict[str, Any]:
-    problem = table.problem
+def table_told(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
+    """What is told of a table beside its arrays."""
     return {
         "sdhj_version": sdhj.__version__,
         "convention": CONVENTION,
         "problem": problem.name,
-        "digest": problem.digest,
+        "digest": digest,
         "recipe": dict(problem.recipe),
-        "method": table.method,
-        "details": dict(table.details),
+        "method": method,
+        "details": dict(details),
         "delta": problem.delta,
         "steps": problem.steps,
         "view_time": problem.view_time,
@@ -266,23 +267,38 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     """
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
+    if isinstance(path, str | os.PathLike) and os.path.isfile(os.path.join(path, "zarr.json")):
+        found: Table = imported("sdhj.outofcore:load_stored")(path, problem)
+        return found
     with _opened(path) as (told, file):
-        if problem is None:
-            recipe = told["recipe"]
-            if (rebuild := RECIPES.get(str(recipe.get("builder")))) is None:
-                raise TableFileError(
-                    f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
-                )
-            problem = imported(rebuild)(recipe)
-            problem = replace(problem, sensing=told["sensing"]) if told["sensing"] else problem
+        problem = problem_told(path, told, problem)
         if problem.steps is None and told["details"].get("endless"):
             problem = replace(problem, steps=told["steps"])  # as many as it took
-        if problem.digest != told["digest"] and (other := _what_differs(told, file, problem)):
+        sums = problem.identity[1]
+        if problem.digest != told["digest"] and (
+            other := what_differs(
+                told, problem, lambda: alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums)
+            )
+        ):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {told['digest'][:12]}..., that of "
                 f"{problem.name!r} is {problem.digest[:12]}...; {other}"
             )
         return imported(TABLES.get(told["method"], "sdhj.table:LookupTable")).read(told, file, problem)
+
+
+def problem_told(
+    path: str | os.PathLike[str], told: Mapping[str, Any], problem: ReachAvoidProblem | None
+) -> ReachAvoidProblem:
+    """The problem given, or the case study that a table tells of."""
+    if problem is not None:
+        return problem
+    if (rebuild := RECIPES.get(str(told["recipe"].get("builder")))) is None:
+        raise TableFileError(
+            f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
+        )
+    built: ReachAvoidProblem = imported(rebuild)(told["recipe"])
+    return replace(built, sensing=told["sensing"]) if told["sensing"] else built
 
 
 def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> FloatArray:
@@ -329,7 +345,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py
     with stream:
         text = _whole(path, stream)
         try:
-            told = _believed(json.loads(text))
+            told = believed(json.loads(text))
             with h5py.File(stream, "r") as file:
                 yield told, file
         except TableFileError:
@@ -362,7 +378,7 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
     return stream.readline(MOST_TOLD)
 
 
-def _believed(told: Any) -> dict[str, Any]:
+def believed(told: Any) -> dict[str, Any]:
     """What a file tells with its numbers checked; what an error is raised for makes no sense."""
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(told[name], str) for name in words) or not isinstance(told["recipe"], dict):
@@ -380,8 +396,8 @@ def _believed(told: Any) -> dict[str, Any]:
     }
 
 
-def _what_differs(told: dict[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> str:
-    """What of a problem is not as the file says, beyond rounding; its functions are known by their values alone."""
+def what_differs(told: Mapping[str, Any], problem: ReachAvoidProblem, same_values: Callable[[], bool]) -> str:
+    """What of a problem is not as told, beyond rounding; its functions are known by their values alone."""
     pairs = {name: (told[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
     layout = (name for name in LAYOUT if name != "names")  # which are labels
     pairs |= {name: (getattr(told["grid"], name), getattr(problem.grid, name)) for name in layout}
@@ -389,8 +405,7 @@ def _what_differs(told: dict[str, Any], file: h5py.File, problem: ReachAvoidProb
         pairs["recipe"] = told["recipe"], json.loads(json.dumps(dict(problem.recipe)))
     pairs = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
     if not pairs:
-        sums = problem.identity[1]
-        if alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums):
+        if same_values():
             return ""
         if not np.array_equal(told["inputs"], problem.inputs):
             pairs["inputs"] = told["inputs"].tolist(), problem.inputs.tolist()

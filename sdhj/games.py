@@ -10,7 +10,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 (Prop. 1) instead; the two agree up to scheme error.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Protocol
@@ -96,6 +96,8 @@ class HJIGames(_OnAxes):
         super().__init__(problem, axes)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
+        # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
+        self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
         if self.moving_frame:
             drift = np.asarray(problem.dynamics.drift)[:, self.axes]
@@ -122,7 +124,8 @@ class HJIGames(_OnAxes):
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
         velocities = self.velocities(j, self.axes, step, drift)
-        steps = self.steps(self.axes, step) if callable(velocities) else None
+        known = self.counted.get(self.axes)
+        steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
@@ -178,6 +181,8 @@ class HJIGames(_OnAxes):
 
     def steps(self, axes: Axes, step: int) -> int:
         """Time steps of an interval that are enough for every input."""
+        if axes in self.counted:
+            return max(1, *self.counted[axes])
         key = axes, step if self.problem.dynamics.timed else 0
         if key not in self._steps:
             grid, delta, cfl = self.problem.grid.subgrid(axes), self.duration, self.scheme.cfl

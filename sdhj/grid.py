@@ -25,6 +25,7 @@ MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
 SMALL = 2**20  # nodes for which there is always room
+PIECE = 2**22  # nodes at which functions are sampled at a time, where that is enough
 
 
 @dataclass(frozen=True)
@@ -141,10 +142,25 @@ class Grid:
             points[..., axis] = self.lift(self.nodes(axis), [axis])
         return points.reshape(self.size, self.ndim)
 
-    def require_room(self) -> None:
-        """Raise MemoryError where functions cannot be sampled at all nodes."""
+    def require_room(self, each: int = 0) -> None:
+        """Raise MemoryError where there is no room for `each` bytes a node, by default to sample functions at all."""
         if self.size > SMALL:
-            require(self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+            require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+
+    def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
+        """Some consecutive nodes of each axis, a periodic one may be gone around: a `Window`, the grid where all."""
+        return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
+
+    def stretch(self, axis: int, first: int, count: int) -> "Grid":
+        """All nodes that are one of `count` along an axis, from the node `first` on: see `window`."""
+        put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
+        return self.window(*zip(*put, strict=True))
+
+    def pieces(self, overlap: int = 0) -> "list[Grid]":
+        """The grid, or windows along its first axis that are small enough to sample functions in, in their order."""
+        rows, some = self.shape[0], max(1, PIECE // (self.size // self.shape[0]))
+        spans = [(max(row - overlap, 0), min(row + some, rows)) for row in range(0, rows, some)]
+        return [self.stretch(0, begin, end - begin) for begin, end in spans]
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""
@@ -212,6 +228,8 @@ class Grid:
             least - slack,
             most + slack,
             np.array([low - slack, high + slack]),
+            np.zeros(self.ndim, np.int64),
+            np.array(self.shape, dtype=np.int64),
         )
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
@@ -250,13 +268,62 @@ class Grid:
     def weights(self) -> FloatArray:
         """The share of the volume that each node stands for, shape `shape`; the end of a bounded axis: half a cell."""
         total = np.ones(())
-        for n, periodic in zip(self.shape, self.periodic, strict=True):
-            share = np.ones(n)
-            if not periodic:
-                share[[0, -1]] = 0.5
-            total = total[..., None] * (share / share.sum())
+        for axis in range(self.ndim):
+            total = total[..., None] * self.shares(axis)
         return total
+
+    def shares(self, axis: int) -> FloatArray:
+        """The share of an axis's length that each of its nodes stands for, (shape[axis],)."""
+        share = np.ones(self.shape[axis])
+        if not self.periodic[axis]:
+            share[[0, -1]] = 0.5
+        return share / share.sum()
 
     def fraction(self, inside: FloatArray) -> float:
         """Share of the grid's volume where the boolean array `inside` holds."""
         return float(np.sum(self.weights, where=inside))
+
+
+@dataclass(frozen=True, init=False)
+class Window(Grid):
+    """Some consecutive nodes of each axis of a grid, on which functions are sampled and games played as on the whole.
+
+    Ends, periodicity and spacing are those of the whole grid, and a node has its very coordinates there. Where a window
+    ends and the grid does not, nothing is known of what lies beyond: what is computed close to there is wrong.
+
+    Attributes
+    ----------
+    whole : Grid
+    first : tuple of int
+        The window's first node on each axis.
+    """
+
+    whole: Any = None
+    first: tuple[int, ...] = ()
+
+    def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
+        for name in ("lower", "upper", "periodic", "names", "ends", "rim"):
+            object.__setattr__(self, name, getattr(whole, name))
+        object.__setattr__(self, "shape", tuple(shape))
+        object.__setattr__(self, "whole", whole)
+        object.__setattr__(self, "first", tuple(first))
+        self.__dict__["spacing"] = whole.spacing
+
+    def places(self, axis: int) -> FloatArray:
+        """Which nodes of the whole grid those on one axis are, (shape[axis],)."""
+        return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
+
+    def nodes(self, axis: int) -> FloatArray:
+        return self.whole.nodes(axis)[self.places(axis)]
+
+    def shares(self, axis: int) -> FloatArray:
+        return self.whole.shares(axis)[self.places(axis)]
+
+    def subgrid(self, axes: Sequence[int]) -> Grid:
+        first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
+        return self.whole.subgrid(axes).window(first, shape)
+
+    @cached_property
+    def arrays(self) -> Lattice:
+        first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
+        return self.whole.arrays._replace(first=first, extent=extent)

@@ -28,7 +28,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.compiling import kernel
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray, Grid, Window
 from sdhj.rim import out_of_danger
 from sdhj.stages import MATH, raise_to
 
@@ -98,8 +98,13 @@ def maximum_of_intervals(values, taps, weight, between, point, out):
 
 
 @lru_cache(maxsize=256)  # the recursion asks for the same few intervals hundreds of times
-def intervals(nodes: int, periodic: bool, low: float, high: float, limited: bool, dtype: str) -> Intervals:
-    """The intervals [x + low, x + high], in cells, of an axis's nodes."""
+def intervals(
+    nodes: int, periodic: bool, low: float, high: float, limited: bool, dtype: str, some: tuple[int, int] | None = None
+) -> Intervals:
+    """The intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it: its first node, how many.
+
+    To the last bit it does not matter which: what is farther off than the window's ends is taken from there.
+    """
     x = np.arange(nodes)[:, None] + np.array([low, high])
     if not periodic:
         x = np.clip(x, 0.0, nodes - 1.0)
@@ -112,8 +117,14 @@ def intervals(nodes: int, periodic: bool, low: float, high: float, limited: bool
     between = np.stack([np.ceil(x[:, 0]), np.floor(x[:, 1]) + 1], axis=1).astype(np.int64)
     if periodic:  # once around is enough
         between[:, 1] = np.minimum(between[:, 1], between[:, 0] + nodes)
-    taps = taps % nodes if periodic else np.clip(taps, 0, nodes - 1)
-    return Intervals(taps, np.stack([t, bend], axis=-1).astype(dtype), between, low == high)
+    weight = np.stack([t, bend], axis=-1).astype(dtype)
+    if some is None:
+        return Intervals(taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, low == high)
+    first, count = some
+    places = (first + np.arange(count)) % nodes
+    shift = (np.arange(count) - places)[:, None]
+    taps = np.clip(taps[places] + shift[..., None], 0, count - 1)
+    return Intervals(taps, weight[places], np.clip(between[places] + shift, 0, count), low == high)
 
 
 def maximum_over_interval(
@@ -122,7 +133,9 @@ def maximum_over_interval(
     """max over y in [x + low, x + high] along one axis of a grid function; shape and dtype as `values`."""
     n, spacing = grid.shape[axis], grid.spacing[axis]
     limited = interpolation == "limited"
-    where = intervals(n, grid.periodic[axis], low / spacing, high / spacing, limited, values.dtype.str)
+    nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
+    some = None if some == (0, nodes) else some
+    where = intervals(nodes, grid.periodic[axis], low / spacing, high / spacing, limited, values.dtype.str, some)
     after = int(np.prod(grid.shape[axis + 1 :]))
     view = np.asarray(values).reshape(-1, n, after)
     turned = after < SHORT

@@ -13,7 +13,10 @@ FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it i
 
 
 class Lattice(NamedTuple):
-    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, as `Grid` names them."""
+    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, as `Grid` names them.
+
+    What is looked up may hold some of the nodes only, `extent` of each axis from the node `first` on (`Window`).
+    """
 
     lower: Any
     spacing: Any
@@ -22,6 +25,8 @@ class Lattice(NamedTuple):
     least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
     most: Any
     left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2, ndim)
+    first: Any
+    extent: Any
 
 
 @kernel()
@@ -69,11 +74,11 @@ def corners(point, axes, lattice, tiny, index, weight):
             right = 0.0
         elif right < tiny:
             right = 0.0
-        here = left % nodes
-        there = (left + 1) % nodes
+        here = (left - lattice.first[axis]) % nodes
+        there = (left + 1 - lattice.first[axis]) % nodes
         more = count
         for c in range(count):
-            start = index[c] * nodes
+            start = index[c] * lattice.extent[axis]
             if right > 0.0:
                 index[more] = start + there
                 weight[more] = weight[c] * right

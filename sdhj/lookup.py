@@ -109,11 +109,11 @@ def _gather(values, state, reach, own, lattice, room):
         axis = reach.order[a]
         nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
-            stride *= lattice.shape[later]
+            stride *= lattice.extent[later]
         begin, _ = locate(state[axis] + reach.lowest[own, axis], axis, lattice)
         end, _ = locate(state[axis] + reach.highest[own, axis], axis, lattice)
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
-            node = (begin + i) % nodes
+            node = (begin + i - lattice.first[axis]) % nodes
             for c in range(size):
                 offsets[i * size + c] = offsets[c] + node * stride
         room.begin[a], rest[a] = begin, (end + 2 - begin) * size

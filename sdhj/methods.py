@@ -4,6 +4,8 @@ A method has a name and `sets(problem, progress)`, which returns what `sdhj.recu
 own is an object with these two, given to `solve` in place of one from here.
 """
 
+import importlib
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -124,7 +126,16 @@ def method_of(method: str | Method) -> Method:
     return method
 
 
-def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress: bool | None = None) -> Table:
+def solve(
+    problem: ReachAvoidProblem,
+    method: str | Method = "hji",
+    *,
+    progress: bool | None = None,
+    store: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    client: Any = None,
+    memory: int | None = None,
+) -> Table:
     """Compute every S_k^i and the inputs that are guaranteed to make progress there (Algorithm 1).
 
     Parameters
@@ -135,20 +146,37 @@ def solve(problem: ReachAvoidProblem, method: str | Method = "hji", *, progress:
         `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
+    store : path, optional
+        A folder, as "table.zarr", in which the table is made slab by slab, for tables larger than memory (extra
+        `outofcore`). Methods "hji" and "lax"; tubes are equal to the last bit to those made in memory.
+    resume : bool
+        Go on with a store that an earlier solve of the same problem left unfinished, or begin where there is none.
+    client : distributed.Client, optional
+        Whose workers solve the slabs, for a store that all of them see under its path (extra `dask`).
+    memory : int, optional
+        Bytes that a slab may take, by default half of what is available: the grid is cut into slabs that take less.
 
     Returns
     -------
-    LookupTable, or CertifiedTable for a certified method
+    LookupTable, StoredTable where there is a store, or CertifiedTable for a certified method
 
     Raises
     ------
     ValueError
-        For an unknown option, or a method that does not fit the problem.
+        For an unknown option, or a method that does not fit the problem or a store.
     MemoryError
         Where less memory is available than is needed; before anything is solved.
+    OSError, TableFileError
+        Where a store cannot be written, is there already, belongs to another problem or is damaged.
     """
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    if store is not None:
+        solve_stored: Any = importlib.import_module("sdhj.outofcore").solve_stored
+        stored: Table = solve_stored(problem, method, store, progress, resume, client, memory)
+        return stored
+    if resume or client is not None or memory is not None:
+        raise ValueError("resume, client and memory are for a store; give one, as store='table.zarr'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
         sets, steps = method.sets(problem, progress), problem.most_steps

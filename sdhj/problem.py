@@ -7,8 +7,8 @@ that a `ReachAvoidProblem` samples on its grid.
 import importlib
 import json
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from functools import cached_property, reduce
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from sdhj.checks import Asked, ascending, finite_array, number, option, points_array, whole
 from sdhj.dynamics import Dynamics, Interval
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray, Grid, Window
 from sdhj.resolution import least_in_cells
 from sdhj.rim import with_rim
 from sdhj.sensing import Sensing, half_widths
@@ -176,7 +176,7 @@ class ReachAvoidProblem:
 
     def __post_init__(self) -> None:
         self._check_parts()
-        self.grid.require_room()
+        self.grid.require_room(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
         if self.steps is not None:
@@ -288,7 +288,24 @@ class ReachAvoidProblem:
         """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the safe target."""
         if self.dynamics.timed or any(part.moving for part in self.unsafe):
             return False
-        return all(np.array_equal(self.goal(k), self.goal(0)) for k in range(1, (self.steps or SUBSAMPLES) + 1))
+        steps = range(1, (self.steps or SUBSAMPLES) + 1)
+        return all(np.array_equal(part.goal(k), part.goal(0)) for part in self.pieces() for k in steps)
+
+    def on(self, grid: Grid) -> "ReachAvoidProblem":
+        """The problem on a window of its grid; what depends on the whole grid is as there."""
+        if grid is self.grid:
+            return self
+        part = object.__new__(ReachAvoidProblem)  # its functions have been tried
+        part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
+        if not (self.dynamics.timed or self.dynamics.stateless):
+            part._intervals[0] = self.interval(0).on(grid)
+        if "timeless" in self.__dict__:
+            part.__dict__["timeless"] = self.timeless
+        return part
+
+    def pieces(self) -> "Iterator[ReachAvoidProblem]":
+        """The problem on windows that are small enough to sample functions on: see `Grid.pieces`."""
+        return map(self.on, self.grid.pieces())
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
@@ -335,9 +352,10 @@ class ReachAvoidProblem:
 
     def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
         if part.sampling == "cell":
-            return least_in_cells(
-                self.grid.subgrid(part.axes), lambda points: self._checked(function(points), part.name)
-            )
+            grid = self.grid.subgrid(part.axes)
+            whole = grid.whole if isinstance(grid, Window) else grid
+            least = least_in_cells(whole, lambda points: self._checked(function(points), part.name))
+            return least[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else least
         values = self.sample(part.axes, function, part.name)
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 

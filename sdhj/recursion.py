@@ -112,7 +112,7 @@ def _add_row(tube, mask, reach, wall, level, bit):
         tube[i] = value if value < tube[i] else tube[i]
 
 
-class _Rows:
+class InputRows:
     """Avoid tubes as `add_input` reads them: the grid in rows of its last axes, of which each tube has all or none.
 
     What a tube says of a row is then one value, or a row of its own that other rows of the grid may share.
@@ -190,7 +190,7 @@ class GridSets:
         self.joint = getattr(self.games, "joint", False) and not any(
             np.isfinite(face).any() for face in problem.grid.faces("unsafe")
         )
-        self.rows = _Rows(problem.grid, tubes)
+        self.rows = InputRows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared = 0
 

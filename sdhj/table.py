@@ -138,13 +138,18 @@ class LookupTable:
         There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
         takes no memory.
         """
-        start, index = entries(problem.most_steps).T.copy()
-        if not problem.timeless:  # one behind the other as they are filled in
-            index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
-        room = cls.rooms(problem)
+        index, room = cls.places(problem), cls.rooms(problem)
         tubes = np.empty((room, *problem.grid.shape), dtype)
         masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
         return cls(problem, method, index, tubes, masks, avoid, {})
+
+    @staticmethod
+    def places(problem: ReachAvoidProblem) -> FloatArray:
+        """The index of a table in which every tube has a place of its own."""
+        start, index = entries(problem.most_steps).T.copy()
+        if not problem.timeless:  # one behind the other as they are filled in
+            index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
+        return index
 
     @staticmethod
     def rooms(problem: ReachAvoidProblem) -> int:

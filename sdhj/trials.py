@@ -110,7 +110,7 @@ def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
 
 def _try_goals(problem: "ReachAvoidProblem") -> None:
     steps = range((problem.steps or 0) + 1)
-    if any((problem.goal(step) <= 0).any() for step in steps):
+    if any((part.goal(step) <= 0).any() for part in problem.pieces() for step in steps):
         return
     if problem.stays:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")

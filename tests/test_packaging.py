@@ -193,6 +193,7 @@ def test_no_dependency_is_for_nothing() -> None:
         assert Requirement(text).name in imported("sdhj/**/*.py")
     tools = {"jupyterlab", "nbval", "pytest-benchmark", "pytest-xdist"}  # used without an import
     tools |= {"myst-nb", "pydata-sphinx-theme", "sphinx", "sphinx-mathjax-offline"}  # named in notebooks/site/conf.py
+    tools |= {"dask"}  # which brings distributed
     for requirement in requirements(*PROJECT["optional-dependencies"]):
         assert requirement.name.replace("-", "_") in everywhere or requirement.name in tools, requirement.name
 
@@ -207,7 +208,7 @@ def test_the_front_door_opens_the_core_only() -> None:
     run = fresh("import sys, sdhj; print(*sys.modules)")
     modules = set(run.stdout.split())
     assert "sdhj.recursion" in modules, run.stderr
-    later = {"arm", "certified", "cli", "files", "maps", "plotting", "shield", "simulation"}
+    later = {"arm", "certified", "cli", "files", "maps", "outofcore", "plotting", "shield", "simulation"}
     assert not modules & {f"sdhj.{name}" for name in later}
     assert not modules & {"IPython", "PIL", "click", "gymnasium", "h5py", "ipywidgets", "matplotlib"}
     assert not modules & {"scipy.ndimage", "scipy.optimize", "shapely"}

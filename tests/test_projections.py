@@ -12,7 +12,7 @@ import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.games import HJIGames
 from sdhj.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
-from sdhj.recursion import _Rows, add_input, avoid_tubes
+from sdhj.recursion import InputRows, add_input, avoid_tubes
 from sdhj.table import AvoidTubes
 
 DOUBLE = Scheme(dtype="float64")
@@ -198,7 +198,7 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
         return random(*leading, *shape) if axes else np.full(leading, -np.inf, dtype)
 
     tubes = AvoidTubes(static, walls(static, count), moving, walls(moving, steps, count))
-    rows, tube, mask = _Rows(grid, tubes), random(*grid.shape), np.zeros((2, grid.size), np.uint8)
+    rows, tube, mask = InputRows(grid, tubes), random(*grid.shape), np.zeros((2, grid.size), np.uint8)
     expected, reach = tube.astype(float), random(count, *grid.shape)
     member = np.zeros((count, *grid.shape), bool)
     for j in range(count):

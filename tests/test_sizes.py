@@ -57,9 +57,9 @@ def defined(path: Path) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("what", "paths", "most"),
     [
-        ("the package", FILES, 14_815),
-        ("the core, which `import sdhj` runs", CORE, 4_920),
-        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_230),
+        ("the package", FILES, 16_200),
+        ("the core, which `import sdhj` runs", CORE, 5_100),
+        ("its central files", [PACKAGE / f"{name}.py" for name in CENTRAL], 2_300),
     ],
 )
 def test_a_ring_stays_small(what: str, paths: list[Path], most: int) -> None:

@@ -1,0 +1,282 @@
+"""Slabs of a grid, and what is done to one.
+
+How far one interval reaches, in nodes along the axis that is cut: a time step of the Runge-Kutta scheme has some
+stages, and each reads `order` nodes to either side, so what is d nodes away from where a window ends is right after
+floor(d / order) stages. After K time steps of S stages a node is right that is
+
+    h = order * S * K     nodes inside.
+
+A shift by c cells, or the Hopf-Lax maximum over a box of them, reads floor(c) + 2 more: the last of them for the
+limited second difference. K is that of the whole grid, from its fastest velocity: a slab with a time step of its own
+would be right too, and other bits. A periodic axis is gone around; where a window would meet itself it is the grid.
+"""
+
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdhj.avoid import Danger
+from sdhj.games import Axes, HJIGames, HopfLaxGames
+from sdhj.grid import FloatArray, Grid
+from sdhj.outofcore.store import Runs, TableStore
+from sdhj.problem import ReachAvoidProblem
+from sdhj.recursion import InputRows, add_input
+from sdhj.schemes import STAGES
+from sdhj.stages import REACH
+from sdhj.table import AvoidTubes
+
+ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
+
+
+class AvoidGame(NamedTuple):
+    """An avoid game in slabs.
+
+    danger : as `avoid.dangers` says.
+    axis : which axis of the danger's grid is cut, or None where the game knows nothing of that axis.
+    begin : where the problem's first node lies on it.
+    halo : nodes beside a slab.
+    counted : as `HJIGames.counted`.
+    """
+
+    danger: Danger
+    axis: int | None
+    begin: int
+    halo: int
+    counted: Mapping[Axes, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What whoever solves a slab needs to know; it is sent to other processes.
+
+    Attributes
+    ----------
+    axis, width, halo : int
+        Which axis is cut, nodes of a slab, nodes beside it in the games of being in a set.
+    counted : mapping
+        As `HJIGames.counted`.
+    static, moving : tuple of AvoidGame
+    static_axes, moving_axes : of the avoid tubes.
+    """
+
+    problem: ReachAvoidProblem
+    method: Any
+    path: Path
+    token: str
+    axis: int
+    width: int
+    halo: int
+    counted: Mapping[Axes, Any]
+    avoid: Mapping[str, tuple[AvoidGame, ...]]
+    avoid_axes: Mapping[str, Axes]
+
+    @property
+    def slabs(self) -> int:
+        return -(-self.problem.grid.shape[self.axis] // self.width)
+
+    def span(self, slab: int) -> tuple[int, int]:
+        """The first node of a slab and the one behind its last."""
+        return slab * self.width, min((slab + 1) * self.width, self.problem.grid.shape[self.axis])
+
+    def runs(self, slab: int, axes: Axes | None = None) -> Runs:
+        """Begin and end of a slab on each axis of the grid, or on some axes."""
+        shape = self.problem.grid.shape
+        axes = tuple(range(len(shape))) if axes is None else axes
+        return [self.span(slab) if axis == self.axis else (0, shape[axis]) for axis in axes]
+
+    def cuts(self, kind: str) -> bool:
+        """Whether the avoid tubes of a kind differ from slab to slab."""
+        return self.axis in self.avoid_axes[kind]
+
+
+class Task(NamedTuple):
+    """A slab to be worked on.
+
+    kind : "goal", "extend", "static" or "moving".
+    place, before, after : of the tubes (step, within), (step, within - 1) and (step + 1, within - 1) in the store.
+    """
+
+    kind: str
+    slab: int
+    step: int = 0
+    place: int = 0
+    before: int = 0
+    after: int = 0
+
+
+# ---- how wide a halo is
+
+
+def depth(scheme: Any) -> int:
+    """Nodes that a time step of a scheme reads to each side."""
+    return min(scheme.order, REACH) * len(STAGES[scheme.integrator])
+
+
+def crossed(cells: float) -> int:
+    """Nodes that a shift by up to so many cells reads to each side; none where nothing moves."""
+    return math.floor(cells + 1e-9) + 2 if cells else 0
+
+
+def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
+    """Time steps for each input, of games on some axes of the whole grid; nothing where each slab finds the same."""
+    if method.name != "hji" or problem.dynamics.stateless:
+        return {}
+    most = np.zeros(len(problem.inputs), np.int64)
+    for piece in problem.pieces():
+        games = method.on(piece)
+        grid, cfl = piece.grid.subgrid(axes), method.scheme.cfl
+        most = np.maximum(
+            most, [games.velocities(j, axes, 0).steps(grid, games.duration, cfl) for j in range(len(most))]
+        )
+    return {axes: most.tolist()}
+
+
+def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
+    """Nodes beside a slab that `games.reach` needs."""
+    problem = games.problem
+    if isinstance(games, HopfLaxGames):
+        return crossed(float(games.cells[axis]))
+    if games.moving_frame:
+        steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
+        drift = np.abs(np.asarray(problem.dynamics.drift)[:, axis]).max()
+        return depth(games.scheme) * steps + crossed(float(drift) * games.duration / games.grid.spacing[axis])
+    return depth(games.scheme) * _most(games, games.axes, counted)
+
+
+def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
+    """Nodes beside a slab that `games.avoid` needs, on some axes."""
+    if isinstance(games, HopfLaxGames) or games.moving_frame:
+        speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
+        return crossed(float(speed) * games.duration / games.problem.grid.spacing[axis])
+    return depth(games.scheme) * _most(games, axes, counted)
+
+
+def _most(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
+    """Time steps of the input that needs most."""
+    return max(1, *counted[axes]) if axes in counted else games.steps(axes, 0)
+
+
+def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
+    """An avoid game of a problem in slabs of an axis of its grid."""
+    if axis not in danger.axes:
+        return AvoidGame(danger, None, 0, 0, {})
+    whole, place = danger.problem, danger.axes.index(axis)
+    own, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
+    counted = time_steps(method, whole, axes)
+    halo = avoid_halo(method.on(whole), axes, own, counted)
+    return AvoidGame(danger, own, danger.inside[place].start or 0, halo, counted)
+
+
+def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
+    """The window of a slab with its halo, and where in it the slab is."""
+    (begin, end), n = (span[0] - halo, span[1] + halo), grid.shape[axis]
+    if not grid.periodic[axis]:
+        begin, end = max(begin, 0), min(end, n)
+    if end - begin >= n:
+        begin, end = 0, n
+    return grid.stretch(axis, begin % n, end - begin), slice(span[0] - begin, span[1] - begin)
+
+
+# ---- what is done to a slab
+
+
+@lru_cache(maxsize=4)
+def _opened_store(path: Path, token: str) -> TableStore:
+    return TableStore(path)
+
+
+@lru_cache(maxsize=1)
+def _static_tubes(path: Path, token: str, runs: Runs) -> FloatArray:
+    """The static avoid tubes of a slab; where it is the only one it need not be read each time."""
+    return _opened_store(path, token).read("avoid_static", 0, runs)
+
+
+def work(plan: Plan, task: Task) -> Any:
+    """Do a task and write what comes of it; returns what `_extend` and `_avoid` do."""
+    with ONE_AT_A_TIME:
+        store = _opened_store(plan.path, plan.token)
+        if task.kind == "goal":
+            return _goal(plan, store, task)
+        return (_extend if task.kind == "extend" else _avoid)(plan, store, task)
+
+
+def _goal(plan: Plan, store: TableStore, task: Task) -> None:
+    runs, problem = plan.runs(task.slab), plan.problem
+    window, _ = around(problem.grid, plan.axis, plan.span(task.slab), 0)
+    values = problem.on(window).goal(task.step).astype(store.arrays["tubes"].dtype)
+    store.write("masks", task.place, runs, np.zeros((store.arrays["masks"].shape[1], *window.shape), np.uint8))
+    store.write("tubes", task.place, runs, values)
+
+
+def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
+    """The avoid tubes of one slab, or of all where they know nothing of the cut: see `sdhj.avoid.avoid_tubes`.
+
+    Returns of each game whether any node is in danger.
+    """
+    kept, problem = plan.avoid_axes[task.kind], plan.problem
+    runs, window = plan.runs(task.slab, kept), problem.grid
+    if kept:
+        window = window.subgrid(kept).window(*zip(*((begin, end - begin) for begin, end in runs), strict=True))
+    dtype, felt = store.arrays["tubes"].dtype, []
+    total = np.full((len(problem.inputs), *(end - begin for begin, end in runs)), -np.inf, dtype)
+    for game in plan.avoid[task.kind]:
+        danger, cut = game.danger, [slice(None), *game.danger.inside]
+        playing = danger.problem
+        if game.axis is not None:
+            span = [game.begin + node for node in plan.span(task.slab)]
+            part, inner = around(playing.grid, game.axis, (span[0], span[1]), game.halo)
+            playing, cut[1 + danger.axes.index(plan.axis)] = playing.on(part), inner
+        games = plan.method.on(playing)
+        games.counted = game.counted
+        found = games.avoid(danger.part, task.step)[tuple(cut)]
+        felt.append(bool(found.max() > 0))
+        for j, tube in enumerate(found):
+            np.maximum(total[j], window.lift(tube, [kept.index(i) for i in danger.axes]), out=total[j])
+    store.write(f"avoid_{task.kind}", task.step, runs, total)
+    return felt
+
+
+def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
+    """As `GridSets.extend`, on one slab. Returns whether the tube is the one before."""
+    problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
+    window, kept = around(problem.grid, plan.axis, span, plan.halo)
+    keep = tuple(kept if axis == plan.axis else slice(None) for axis in range(window.ndim))
+    games = plan.method.on(problem.on(window))
+    games.counted = plan.counted
+    before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
+    tube = np.full_like(before, np.inf) if problem.stays else before.copy()
+    mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
+    axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
+    static = _static_tubes(plan.path, plan.token, tuple(plan.runs(task.slab, axes[0])))
+    moving = store.read("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
+    slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
+    rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))
+    for j, phi in games.reach(values, task.step):
+        reach = np.ascontiguousarray(phi[keep])
+        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *rows.walls(0, j), np.uint8(1 << j % 8))
+    if problem.stays:
+        np.maximum(tube, before, out=tube)
+    store.write("masks", task.place, runs, mask)
+    store.write("tubes", task.place, runs, tube)  # behind the marks: with it the slab is finished
+    return np.array_equal(tube, before)
+
+
+def read_window(store: TableStore, name: str, lead: int, window: Grid | None) -> FloatArray:
+    """What a store holds at the nodes of a window along one axis, around a periodic end too; None: of no axes."""
+    if window is None:
+        return store.read(name, lead, ())
+    first = getattr(window, "first", (0,) * window.ndim)
+    whole = getattr(window, "whole", window).shape
+    runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
+    for axis, (begin, end) in enumerate(runs):
+        if end > whole[axis]:
+            parts = ((begin, whole[axis]), (0, end - whole[axis]))
+            found = [store.read(name, lead, [*runs[:axis], part, *runs[axis + 1 :]]) for part in parts]
+            return np.concatenate(found, axis=axis - window.ndim)
+    return store.read(name, lead, runs)

@@ -1,0 +1,312 @@
+"""Theorem 2 on slabs: the recursion of `sdhj.recursion`, whose sets are in a store."""
+
+import copy
+import importlib
+import json
+import math
+import os
+import reprlib
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import sdhj
+from sdhj.avoid import dangers, never_felt
+from sdhj.checks import whole
+from sdhj.compiling import announced, hidden
+from sdhj.files import TableFileError, table_told
+from sdhj.games import KEPT
+from sdhj.memory import available, require
+from sdhj.methods import HJI, HopfLax, method_of
+from sdhj.outofcore.slabs import Plan, Task, around, in_slabs, reach_halo, time_steps, work
+from sdhj.outofcore.store import STORE_FORMAT, TableStore, alone, create, free_name, room_for
+from sdhj.outofcore.table import StoredTable, digests, same_problem
+from sdhj.problem import ReachAvoidProblem
+from sdhj.recursion import recursion
+from sdhj.resolution import check_resolution
+from sdhj.table import AvoidTubes, LookupTable
+
+LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
+LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
+
+
+def solve_stored(
+    problem: ReachAvoidProblem,
+    method: Any,
+    path: str | os.PathLike[str],
+    progress: bool | None = None,
+    resume: bool = False,
+    client: Any = None,
+    memory: int | None = None,
+) -> StoredTable:
+    """As `sdhj.solve` with a store: see there."""
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
+    method, started, path = method_of(method), time.perf_counter(), Path(os.path.abspath(path))
+    refuse(problem, method)
+    with announced(progress):
+        if resume and path.exists():
+            told = TableStore(path).told
+            plan = replace(planned(problem, method, cut_told(path, told, problem, method)), path=path)
+        else:
+            free_name(path)
+            plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
+            told = _told_of(plan)
+            room_for(path, sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in told["arrays"].values()))
+            create(path, told, _cuts(plan))
+        plan = replace(plan, token=uuid.uuid4().hex)
+        with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
+            sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
+            recursion(sets, problem.steps, lambda: None)
+            return sets.finish({"seconds": time.perf_counter() - started})
+
+
+def runner(plan: Plan, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
+    """What does tasks: this process, or the workers of a Dask client."""
+    if client is None:
+        return lambda tasks: (work(plan, task) for task in tasks)
+    shared_out: Any = importlib.import_module("sdhj.outofcore.cluster").shared_out
+    return lambda tasks: shared_out(client, plan, tasks)
+
+
+def refuse(problem: ReachAvoidProblem, method: Any) -> None:
+    """Raise ValueError for what is not solved out of core."""
+    dynamics = problem.dynamics
+    reasons = {
+        f"method {method.name!r}, but sdhj.HJI and sdhj.HopfLax": not isinstance(method, HJI | HopfLax),
+        'games="joint"': isinstance(method, HJI) and method.games == "joint",
+        "steps=None": problem.steps is None,
+        "sensing": bool(problem.sensing),
+        "dynamics that depend on time": dynamics.timed,
+        "safe ends": any(np.isfinite(face).any() for face in problem.grid.faces("safe")),
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise ValueError(f"a store does not take {reason}; leave store= out to solve in memory")
+
+
+# ---- the plan
+
+
+def room_of(memory: int | None, client: Any) -> int:
+    """Bytes that a slab may take: what is given, or half of what is available here and of what a worker may use."""
+    if memory is not None:
+        return whole("memory", memory, least=1)
+    free = available()
+    workers = [one["memory_limit"] for one in client.scheduler_info()["workers"].values()] if client else []
+    return min([free[0] // 2 if free else LEAST_ROOM, *(limit // 2 for limit in workers if limit)])
+
+
+def planned(
+    problem: ReachAvoidProblem, method: Any, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
+) -> Plan:
+    """The axis along which slabs need least beside them, cut as thick as there is room for; or a `cut` made before.
+
+    Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
+    vector loops of the kernels otherwise than those of the whole grid.
+    """
+    check_some_resolution(problem)
+    counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
+    games, shape = method.on(problem), problem.grid.shape
+    axes: Any = [cut[0]] if cut else range(max(1, problem.grid.ndim - 2))
+    halo, axis = min(
+        ((reach_halo(games, axis, counted), axis) for axis in axes), key=lambda one: (one[0] / shape[one[1]], one[1])
+    )
+    found = dangers(problem)
+    plays = {
+        kind: tuple(in_slabs(method, problem, danger, axis) for danger in found if danger.moves == moves)
+        for kind, moves in (("static", False), ("moving", True))
+    }
+    kept = {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in plays.items()}
+    width = cut[1] if cut else shape[axis]
+    plan = Plan(problem, method, Path(), "", axis, width, halo, counted, plays, kept)
+    while not cut and plan.width > 1 and task_bytes(plan) > room:
+        plan = replace(plan, width=-(-plan.width // 2))
+    require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
+    if not cut and needed > room:
+        raise MemoryError(
+            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {halo} beside it on either "
+            f"side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
+        )
+    return plan
+
+
+def check_some_resolution(problem: ReachAvoidProblem) -> None:
+    """As `check_resolution`, of the unsafe sets that fit into memory on the axes that they depend on."""
+    some = copy.copy(problem)
+    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
+    some.__dict__["unsafe"] = kept
+    check_resolution(some, stacklevel=5)
+    problem.__dict__.pop("_static", None)  # what has been sampled is not sent to others
+
+
+def task_bytes(plan: Plan) -> int:
+    """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
+    problem, dynamics = plan.problem, plan.problem.dynamics
+    item, count, grid = np.dtype(plan.method.told["dtype"]).itemsize, len(problem.inputs), problem.grid
+    window, _ = around(grid, plan.axis, plan.span(0), plan.halo)
+    slab = plan.width * (grid.size // grid.shape[plan.axis])
+    sampled = window.sampling_bytes // (1 if not dynamics.stateless else 2)
+    solved = 12 * item * window.size
+    if not dynamics.stateless:
+        velocities = 8 * grid.ndim * (2 * dynamics.adversaries + 6) * window.size
+        sampled += velocities + min(KEPT, count * velocities)
+        solved += item * grid.ndim * (3 + dynamics.adversaries) * window.size
+    tubes = [0]
+    for kind, games in plan.avoid.items():
+        for game in games:
+            part = game.danger.problem.grid
+            if game.axis is not None:
+                part, _ = around(part, game.axis, plan.span(0), game.halo)
+            tubes.append(item * count * part.subgrid([*range(part.ndim)]).size)
+        kept = grid.subgrid(plan.avoid_axes[kind]).size if plan.avoid_axes[kind] else 1
+        tubes.append(item * count * (kept // grid.shape[plan.axis] * plan.width if plan.cuts(kind) else kept))
+    written = slab * (4 * item + 2 * -(-count // 8))
+    return sampled + solved + 2 * sum(tubes) + written
+
+
+def _tasks(plan: Plan) -> int:
+    """Slabs that are worked on at most."""
+    steps = plan.problem.steps
+    tubes = steps + 1 if plan.problem.timeless else (steps + 1) * (steps + 2) // 2
+    static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in ("static", "moving"))
+    return tubes * plan.slabs + static + steps * moving
+
+
+def _cuts(plan: Plan) -> Mapping[str, tuple[int, int | None, int]]:
+    """As `store.create` takes them."""
+    cuts: dict[str, tuple[int, int | None, int]] = {
+        "tubes": (1, plan.axis, plan.width),
+        "masks": (2, plan.axis, plan.width),
+    }
+    for kind, axes in plan.avoid_axes.items():
+        cuts[f"avoid_{kind}"] = (2, axes.index(plan.axis) if plan.cuts(kind) else None, plan.width)
+    return cuts
+
+
+# ---- which problem it is
+
+
+def _told_of(plan: Plan) -> dict[str, Any]:
+    """What a store tells of its problem, its method and its arrays."""
+    problem, method, (digest, samples) = plan.problem, plan.method, digests(plan.problem, (plan.axis, plan.width))
+    shape, count, steps = problem.grid.shape, len(problem.inputs), problem.steps
+    rooms, dtype = LookupTable.rooms(problem), method.told["dtype"]
+    arrays: dict[str, Any] = {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]}
+    for kind, lead in (("static", 1), ("moving", steps)):
+        arrays[f"avoid_{kind}"] = [[lead, count, *(shape[axis] for axis in plan.avoid_axes[kind])], dtype]
+    told = table_told(problem, method.name, {}, digest) | {
+        "store": STORE_FORMAT,
+        "options": method.told,
+        "cut": [plan.axis, plan.width],
+        "halo": plan.halo,
+        "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
+        "samples": samples,
+        "arrays": arrays,
+    }
+    found: dict[str, Any] = json.loads(json.dumps(told))
+    return found
+
+
+def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
+    """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
+    if told["sdhj_version"] != sdhj.__version__:
+        raise TableFileError(
+            f"{path} was begun by sdhj {told['sdhj_version']}, and this is {sdhj.__version__}, which may round "
+            "otherwise; solve it anew"
+        )
+    options = json.loads(json.dumps(method.told))
+    if told["method"] != method.name or told["options"] != options:
+        its = f"method {told['method']!r} with {told['options']}"
+        raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
+    return same_problem(path, told, problem)
+
+
+# ---- the recursion
+
+
+class StoredSets:
+    """S_k with n steps to go in a store: `recursion.Sets`, a slab at a time.
+
+    Parameters
+    ----------
+    plan : Plan
+    store : TableStore
+    run : callable (tasks) -> iterator of what `slabs.work` returns, in their order
+    tick : callable (slabs), for progress
+    """
+
+    def __init__(self, plan: Plan, store: TableStore, run: Any, tick: Callable[[int], Any]) -> None:
+        self.plan, self.store, self.run, self.tick = plan, store, run, tick
+        self.problem, self.timeless, self.shared = plan.problem, plan.problem.timeless, 0
+        none, index = np.empty(0), LookupTable.places(plan.problem)
+        avoid = AvoidTubes((), none, (), none)
+        self.table = LookupTable(plan.problem, plan.method.name, index, none, none, avoid, {})  # its index alone
+        self.same: dict[tuple[int, int], bool] = {}
+        for kind, steps in (("static", 1), ("moving", self.problem.steps)):
+            found = [self._do(Task(kind, 0, step), f"avoid_{kind}", step) for step in range(steps)]
+            self._warn_unless_felt(kind, list(chain(*found)))
+
+    def goal(self, step: int) -> None:
+        self._do(Task("goal", 0, step, self._place(step, 0)), "tubes", self._place(step, 0))
+
+    def extend(self, step: int, within: int) -> None:
+        place, before = self._place(step, within), self._place(step, within - 1)
+        after = self._place(step + 1, within - 1)
+        found = self._do(Task("extend", 0, step, place, before, after), "tubes", place)
+        if len(found) == self.plan.slabs:
+            self.same[place, before] = all(found)
+
+    def stopped(self, step: int, within: int) -> bool:
+        pair = self._place(step, within), self._place(step, within - 1)
+        if pair not in self.same:  # of an earlier solve
+            runs = map(self.plan.runs, range(self.plan.slabs))
+            read = self.store.read
+            self.same[pair] = pair[0] == pair[1] or all(
+                np.array_equal(read("tubes", pair[0], run), read("tubes", pair[1], run)) for run in runs
+            )
+        return self.same[pair]
+
+    def share(self, step: int, within: int) -> None:
+        self.table.share(step, within)
+        self.shared += 1
+        self.tick(self.plan.slabs)
+
+    def finish(self, details: Mapping[str, Any]) -> StoredTable:
+        told = self.plan.method.told | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
+        self.store.finish(self.table.index, told)
+        return StoredTable(self.problem, TableStore(self.store.path))
+
+    def _place(self, step: int, within: int) -> int:
+        return int(self.table.index[self.table.entry(step, within)])
+
+    def _do(self, task: Task, name: str, lead: int) -> list[Any]:
+        """Have a task done on all slabs where it is not; what those return."""
+        axes = None if name == "tubes" else self.plan.avoid_axes[task.kind]
+        names = [name, "masks"] if name == "tubes" else [name]
+        slabs = range(self.plan.slabs if name == "tubes" or self.plan.cuts(task.kind) else 1)
+        runs = [self.plan.runs(slab, axes) for slab in slabs]
+        todo = [slab for slab in slabs if not all(self.store.there(one, lead, runs[slab]) for one in names)]
+        self.tick(len(slabs) - len(todo))
+        found = []
+        for one in self.run([task._replace(slab=slab) for slab in todo]):
+            found.append(one)
+            self.tick(1)
+        return found
+
+    def _warn_unless_felt(self, kind: str, found: list[list[bool]]) -> None:
+        """As `avoid.avoid_tubes` warns, of what this solve has looked at from end to end."""
+        slabs = (self.plan.slabs if self.plan.cuts(kind) else 1) * (self.problem.steps if kind == "moving" else 1)
+        if len(found) < slabs:
+            return
+        for game, felt in zip(self.plan.avoid[kind], np.any(found, axis=0), strict=True):
+            if not felt and any(game.danger.part is part for part in self.problem.unsafe):
+                warnings.warn(never_felt(game.danger.part), stacklevel=5)

@@ -1,0 +1,254 @@
+"""The store of a table: a Zarr group (version 3) in a folder, written slab by slab.
+
+    tubes         (T, *shape)              level-set functions, as `LookupTable.tubes`
+    masks         (T, bytes, *shape)       the inputs marked, as `LookupTable.masks`
+    avoid_static  (1, L, *subgrid)         avoid tubes, as `AvoidTubes`
+    avoid_moving  (N, L, *subgrid)
+
+Its attributes tell the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
+one file, a *shard*, which holds compressed chunks, each with its CRC-32C, small enough for a controller to read. A file
+appears under its name when it is whole, so what is there is finished: this is all that going on after a crash needs.
+Zarr takes what is missing for empty; here it is an error.
+"""
+
+import hashlib
+import importlib
+import itertools
+import json
+import math
+import os
+import shutil
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdhj.files import TableFileError, locks, probed, unwritable
+from sdhj.grid import FloatArray
+
+STORE_FORMAT = 1
+CHUNK_NODES = 2**18  # values of a chunk at most: what is read for a state at the least
+THICK = 16  # nodes of a chunk along the axis that is cut
+NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
+
+Runs = Sequence[tuple[int, int]]
+
+try:
+    zarr: Any = importlib.import_module("zarr")
+    codecs: Any = importlib.import_module("zarr.codecs")
+except ImportError as missing:
+    raise ImportError("a store needs Zarr: pip install 'sdhj[outofcore]'") from missing
+
+
+class TableStore:
+    """An open store.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    FileNotFoundError, TableFileError
+        Where there is none, or one that is damaged or of another version.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        if not (self.path / "zarr.json").is_file():
+            raise FileNotFoundError(f"no store {self.path}; write one with sdhj.solve(problem, store=...)")
+        try:
+            self.group = zarr.open_group(str(self.path), mode="r+" if os.access(self.path, os.W_OK) else "r")
+            text = self.group.attrs["sdhj"]
+            if hashlib.sha256(text.encode()).hexdigest() != self.group.attrs["sha256"]:
+                raise ValueError("what it tells of itself has another digest")
+            self.told: dict[str, Any] = json.loads(text)
+            if self.told["store"] != STORE_FORMAT:
+                raise ValueError(f"it has store version {self.told['store']}, and this sdhj reads {STORE_FORMAT}")
+            # what is all zero is written too, or it would be missing
+            self.arrays = {name: self.group[name].with_config({"write_empty_chunks": True}) for name in NAMES}
+            for name, (shape, dtype) in self.told["arrays"].items():
+                array = self.arrays[name]
+                if list(array.shape[1:]) != shape[1:] or array.shape[0] > shape[0] or array.dtype != np.dtype(dtype):
+                    raise ValueError(f"its array {name} is {array.dtype} of {array.shape}")
+        except Exception as error:  # whatever Zarr makes of files that are not what they were
+            raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
+
+    # ---- its slabs
+
+    def files(self, name: str, lead: int, runs: Runs) -> Iterator[tuple[Path, Any, tuple[slice, ...]]]:
+        """The files that hold some of `array[lead]`, where in it that is, and where in what is asked for."""
+        array = self.arrays[name]
+        shards = array.shards[array.ndim - len(runs) :]
+        ranges = [range(begin // n, -(-end // n)) for (begin, end), n in zip(runs, shards, strict=True)]
+        between = array.ndim - len(runs) - 1  # axes of which a shard has all
+        for place in itertools.product(*ranges):
+            parts = [
+                (max(begin, i * n), min(end, (i + 1) * n))
+                for i, n, (begin, end) in zip(place, shards, runs, strict=True)
+            ]
+            there = tuple(slice(*part) for part in parts)
+            here = tuple(slice(low - begin, high - begin) for (low, high), (begin, _) in zip(parts, runs, strict=True))
+            file = self.path.joinpath(name, "c", *map(str, (lead, *[0] * between, *place)))
+            yield file, (lead, *[slice(None)] * between, *there), (*[slice(None)] * between, *here)
+
+    def there(self, name: str, lead: int, runs: Runs) -> bool:
+        """Whether `array[lead]` has been written from begin to end of each axis of the grid."""
+        return all(file.is_file() for file, _, _ in self.files(name, lead, runs))
+
+    def read(self, name: str, lead: int, runs: Runs) -> FloatArray:
+        """`array[lead]` from begin to end of each axis of the grid.
+
+        Raises
+        ------
+        TableFileError
+            Where a chunk is damaged or missing, with what to do about it.
+        """
+        array = self.arrays[name]
+        between = array.shape[1 : array.ndim - len(runs)]
+        out = np.empty((*between, *(end - begin for begin, end in runs)), array.dtype)
+        for file, there, here in self.files(name, lead, runs):
+            try:
+                if not file.stat().st_size:
+                    raise ValueError("it is empty")
+                out[here] = array[there]
+            except OSError as error:
+                what = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
+                raise TableFileError(f"{file} {what}; solve with resume=True, which makes it anew") from error
+            except Exception as error:  # of a codec, by what it stumbled over
+                raise TableFileError(
+                    f"{file} is damaged ({type(error).__name__}); delete it and solve with resume=True, which makes "
+                    "it anew"
+                ) from error
+        return out
+
+    def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
+        """Write `array[lead]` from begin to end of each axis of the grid, whole shards.
+
+        Raises
+        ------
+        OSError
+            Where it cannot be written, with what to do about it.
+        """
+        try:
+            between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
+            self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
+        except OSError as error:
+            raise OSError(
+                f"cannot write in {self.path}: {error.strerror or error}; what is finished stays: make room, or see "
+                "who may write there, and solve with resume=True"
+            ) from error
+
+    def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
+        """Say which entry is which tube, and that all are there."""
+        try:
+            self.arrays["tubes"].resize((int(index.max()) + 1, *self.arrays["tubes"].shape[1:]))
+            self.arrays["masks"].resize((int(index.max()) + 1, *self.arrays["masks"].shape[1:]))
+            self.group.update_attributes(attributes(self.told | {"index": index.tolist(), "details": dict(details)}))
+        except OSError as error:
+            raise OSError(f"cannot write in {self.path}: {error.strerror}; solve with resume=True") from error
+
+
+def attributes(told: Mapping[str, Any]) -> dict[str, str]:
+    """What a store tells, and the digest of that."""
+    text = json.dumps(told, sort_keys=True)
+    return {"sdhj": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+
+
+def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tuple[list[int], list[int]]:
+    """Chunks and shards of the nodes of a (sub)grid, with `each` values a node, in slabs of the axis that is cut."""
+    most = [min(width, n) if axis == cut else n for axis, n in enumerate(shape)]
+    size = [max(c for c in range(1, THICK + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
+    parts = [n // c for n, c in zip(most, size, strict=True)]
+    others = [axis for axis in range(len(most)) if axis != cut]
+    while others and each * math.prod(size) > CHUNK_NODES and (n := max(size[axis] for axis in others)) > 1:
+        axis = max(others, key=lambda axis: size[axis])
+        parts[axis] += 1
+        while (n := -(-most[axis] // parts[axis])) == size[axis]:
+            parts[axis] += 1
+        size[axis] = n
+    return size, [c * p for c, p in zip(size, parts, strict=True)]
+
+
+def create(path: Path, told: Mapping[str, Any], cuts: Mapping[str, tuple[int, int | None, int]]) -> None:
+    """Make an empty store; the folder appears when it is whole.
+
+    cuts : for each array how many leading axes it has before the grid's, which of the grid's is cut, and how thick.
+
+    Raises
+    ------
+    FileExistsError
+        Where there is something of that name.
+    OSError
+        Where it cannot be written.
+    """
+    free_name(path)
+    probed(path.parent)
+    temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
+    packing = [codecs.BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
+    try:
+        group = zarr.create_group(str(temporary), attributes=attributes(told))
+        for name, (shape, dtype) in told["arrays"].items():
+            lead, cut, width = cuts[name]
+            ahead = (1, *shape[1:lead])
+            chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead))
+            blocks = {"chunks": (*ahead, *chunks), "shards": (*ahead, *shards)}
+            group.create_array(name, shape=tuple(shape), dtype=dtype, compressors=packing, fill_value=0, **blocks)
+        os.rename(temporary, path)
+    except OSError as error:
+        free_name(path)
+        raise unwritable(path.parent, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def free_name(path: Path) -> None:
+    """Raise FileExistsError where there is something of that name."""
+    if os.path.lexists(path):
+        raise FileExistsError(
+            f"{path} is there already; go on with it by resume=True, remove it, or choose another name"
+        )
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold a store for this process; what a killed one left half written is gone.
+
+    Raises
+    ------
+    OSError
+        Where another process holds it.
+    """
+    try:
+        folder = os.open(path, os.O_RDONLY)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    try:
+        if locks:
+            try:
+                locks.flock(folder, locks.LOCK_EX | locks.LOCK_NB)
+            except OSError:
+                raise BlockingIOError(
+                    f"another process is writing {path}; wait for it, or choose another name"
+                ) from None
+        for left in path.rglob("*.partial"):
+            with suppress(OSError):
+                left.unlink()
+        yield
+    finally:
+        os.close(folder)
+
+
+def room_for(path: Path, needed: int) -> None:
+    """Warn where a disk may not hold what is to be written, which is known before compression only."""
+    with suppress(OSError):
+        if needed > (free := shutil.disk_usage(path.parent).free):
+            warnings.warn(
+                f"{path} takes up to {needed / 1e9:.3g} GB, less what compression saves, and {free / 1e9:.3g} GB are "
+                "free; where the disk is full the solve ends, and goes on with resume=True",
+                stacklevel=4,
+            )

@@ -1,0 +1,301 @@
+"""A table that stays in its store: what is asked for is read, and some of it kept.
+
+States are looked up by the code of `LookupTable`, on windows of the grid that hold the nodes around them, so answers
+are those of the table in memory.
+"""
+
+import hashlib
+import math
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from functools import cached_property, partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.ahead import ROOM, LookAhead, look_ahead
+from sdhj.batches import Batch, batched
+from sdhj.checks import real_array, states_array, whole
+from sdhj.files import TableFileError, believed, problem_told, what_differs
+from sdhj.grid import FloatArray, Grid
+from sdhj.identity import alike, identity
+from sdhj.memory import require
+from sdhj.outofcore.slabs import around, read_window
+from sdhj.outofcore.store import TableStore
+from sdhj.problem import ReachAvoidProblem
+from sdhj.table import AvoidTubes, LookupTable, entry, in_a_line
+
+CACHED = 2**27  # bytes of chunks that are kept
+LOOKED_UP = 2**23  # values that are looked up in at a time
+
+
+def digests(problem: ReachAvoidProblem, cut: tuple[int, int]) -> tuple[str, list[list[float]]]:
+    """As `identity.identity`, of a grid that is sampled slab by slab; `cut`: along which axis, and how thick."""
+    (axis, width), n, timeless = cut, problem.grid.shape[cut[0]], problem.timeless
+    digest, sums = hashlib.sha256(), np.zeros(1)
+    for begin in range(0, n, width):
+        part = problem.on(around(problem.grid, axis, (begin, min(begin + width, n)), 0)[0])
+        part.__dict__["timeless"] = timeless
+        own, numbers = identity(part)
+        digest.update(own.encode())
+        sums = sums + numbers
+    return digest.hexdigest(), np.asarray(sums).tolist()
+
+
+def same_problem(path: Any, told: Mapping[str, Any], problem: ReachAvoidProblem) -> tuple[int, int]:
+    """How the store of a problem is cut; TableFileError where it is one of another problem."""
+    axis, width = (whole("cut", one, least=0) for one in told["cut"])
+
+    def same_values() -> bool:
+        digest, sums = digests(problem, (axis, width))
+        return digest == told["digest"] or alike(np.array(told["samples"]), np.array(sums))
+
+    if other := what_differs(believed(told), problem, same_values):
+        raise TableFileError(f"{path} belongs to another problem than {problem.name!r}; {other}")
+    return axis, width
+
+
+def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
+    """As `sdhj.load`, of a store."""
+    store = TableStore(path)
+    given = problem_told(path, believed(store.told), problem)
+    same_problem(path, store.told, given)
+    return StoredTable(given, store)
+
+
+class StoredTable:
+    """Every tube of a problem, in a store: a `Table` that reads what is asked for.
+
+    Made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its methods answer as those of a `LookupTable` do.
+
+    Attributes
+    ----------
+    problem, method, details
+    path : Path
+    index : (entries,) int64
+        As of a `LookupTable`.
+
+    Raises
+    ------
+    TableFileError
+        Where the store is not finished; of any method where a chunk that it asks for is damaged or missing.
+    """
+
+    def __init__(self, problem: ReachAvoidProblem, store: TableStore) -> None:
+        if "index" not in store.told:
+            raise TableFileError(f"{store.path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
+        self.problem, self.store, self.path = problem, store, store.path
+        self.method: str = store.told["method"]
+        self.details: Mapping[str, Any] = store.told["details"]
+        self.index = np.array(store.told["index"], dtype=np.int64)
+        self.avoid_axes = {kind: tuple(axes) for kind, axes in store.told["avoid_axes"].items()}
+        self._chunks: OrderedDict[Any, FloatArray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __repr__(self) -> str:
+        return in_a_line(self)
+
+    @property
+    def grid(self) -> Grid:
+        return self.problem.grid
+
+    @property
+    def steps(self) -> int:
+        return self.problem.most_steps
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the arrays would take in memory."""
+        return sum(math.prod(array.shape) * array.dtype.itemsize for array in self.store.arrays.values())
+
+    # ---- whole tubes
+
+    def values(self, *, start: int, within: int) -> FloatArray:
+        """Level-set function of a tube on the whole grid, shape grid.shape."""
+        return self._whole("tubes", start, within)
+
+    def inputs(self, *, start: int, within: int) -> FloatArray:
+        """Which inputs are safe and make progress at each node: bool, grid.shape + (L,)."""
+        count = len(self.problem.inputs)
+        require(count * self.grid.size, "the marks of all nodes", "ask for the states of interest with batch()")
+        bits = np.unpackbits(self._whole("masks", start, within), axis=0, count=count, bitorder="little")
+        return np.moveaxis(bits, 0, -1).astype(bool)
+
+    def fraction(self, *, start: int, within: int) -> float:
+        """Share of the grid's volume inside a tube."""
+        (axis, width), total, place = self.store.told["cut"], 0.0, self._place(start, within)
+        for begin in range(0, self.grid.shape[axis], width):
+            window = self.grid.stretch(axis, begin, min(width, self.grid.shape[axis] - begin))
+            total += window.fraction(read_window(self.store, "tubes", place, window) <= 0)
+        return total
+
+    def loaded(self) -> LookupTable:
+        """The table in memory; MemoryError where there is no room for it."""
+        require(self.nbytes, "the table", "leave it in its store")
+        grids = [self.grid.subgrid(axes) if axes else None for axes in self._axes]
+        tubes, masks, static, moving = (
+            np.stack([read_window(self.store, name, lead, grid) for lead in range(array.shape[0])])
+            for (name, array), grid in zip(self.store.arrays.items(), grids, strict=True)
+        )
+        avoid = AvoidTubes(self.avoid_axes["static"], static[0], self.avoid_axes["moving"], moving)
+        masks = masks.reshape(*masks.shape[:2], -1)
+        return LookupTable(self.problem, self.method, self.index, tubes, masks, avoid, self.details)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """As `LookupTable.save`: one file in place of the store, for a table that fits into memory."""
+        self.loaded().save(path)
+
+    def _place(self, start: int, within: int) -> int:
+        start = whole("start", start, least=0, most=self.steps)
+        return int(self.index[entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))])
+
+    def _whole(self, name: str, start: int, within: int) -> FloatArray:
+        array = self.store.arrays[name]
+        require(array.dtype.itemsize * math.prod(array.shape[1:]), "a whole tube", "ask for states with contains()")
+        return read_window(self.store, name, self._place(start, within), self.grid)
+
+    # ---- states
+
+    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
+        """Whether each row of points (M, ndim) is in a tube: bool (M,)."""
+        points, place = np.atleast_2d(real_array("points", points)), self._place(start, within)
+        if np.isnan(points).any():
+            raise ValueError("points has a NaN; every coordinate must be a number")
+        found = np.empty(len(points), np.bool_)
+        for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
+            found[rows] = window.interpolate(self._read("tubes", place, window), points[rows]) <= 0
+        return found
+
+    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
+        """Steps to go, safe inputs and margins of states (M, ndim) at one step: see `LookupTable.batch`."""
+        return batched(self.problem, states, step, partial(self._answer, within=within))
+
+    def hazards(self, states: FloatArray, step: int) -> FloatArray:
+        """Interpolated avoid tube of every input at states (M, ndim) over the interval from `step`: (M, L)."""
+        states, count = states_array("states", states, self.grid.ndim), len(self.problem.inputs)
+        out = np.empty((len(states), count))
+        for rows, window in self._windows(states, np.zeros((2, 1, self.grid.ndim)), 2 * count):
+            out[rows] = self._part(window, step, []).hazards(states[rows], step)
+        return out
+
+    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Interpolated values at points (M, V, ndim) of the tubes (step, within[m]): see `LookupTable.values_at`."""
+        points, within = real_array("points", points), np.asarray(within)
+        if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
+            raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")
+        flat, out = points.reshape(-1, self.grid.ndim), np.empty(points.shape[:2])
+        wanted, first = np.clip(np.repeat(within, points.shape[1]), 0, self.steps - step), entry(self.steps, step, 0)
+        asked = [first + n for n in np.unique(wanted).tolist()]
+        for rows, window in self._windows(flat, np.zeros((2, 1, self.grid.ndim)), len(asked)):
+            part = self._part(window, None, asked)
+            out.reshape(-1)[rows] = part.values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
+        return out
+
+    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
+        steps, step, states = self.steps, batch.step, batch.states
+        with self._lock:
+            if 0 not in self._ahead:
+                self._ahead[0] = look_ahead(self.problem.interval(0), ROOM)
+        reach = self._ahead[0](states, rows)
+        following = steps - step if step < steps else 0
+        asked = [entry(steps, step, n) for n in range(steps - step + 1)]
+        asked += [entry(steps, step + 1, n) for n in range(following)]
+        each = len(asked) + 2 * len(self.problem.inputs)
+        for some, window in self._windows(states[rows], np.array([reach.lowest, reach.highest]), each):
+            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], within)
+
+    @cached_property
+    def _ahead(self) -> dict[int, LookAhead]:
+        return {}
+
+    # ---- windows
+
+    @property
+    def _axes(self) -> list[tuple[int, ...]]:
+        """The axes of the grid that each array of the store has."""
+        everything = tuple(range(self.grid.ndim))
+        return [everything, everything, self.avoid_axes["static"], self.avoid_axes["moving"]]
+
+    def _windows(self, states: FloatArray, boxes: FloatArray, each: int) -> Iterator[tuple[FloatArray, Grid]]:
+        """Rows of states (M, ndim), and windows with the nodes around them and in their boxes (2, 1 or M, ndim).
+
+        Windows are as small as it takes for `each` values a node to be no more than `LOOKED_UP`.
+        """
+        grid, shape, periodic = self.grid, np.array(self.grid.shape), np.array(self.grid.periodic)
+        with np.errstate(invalid="ignore"):
+            at = (grid.wrapped(np.nan_to_num(states)) - np.array(grid.lower)) / np.array(grid.spacing)
+        at = np.where(periodic, at, np.clip(at, 0.0, shape - 1.0))
+        low, high = (np.minimum(boxes[0], 0.0), np.maximum(boxes[1], 0.0)) / np.array(grid.spacing)
+        begin, end = np.floor(at + low).astype(np.int64) - 1, np.floor(at + high).astype(np.int64) + 3
+        begin, end = (np.where(periodic, one, np.clip(one, 0, shape)) for one in (begin, end))
+        waiting = [np.arange(len(states))] if len(states) else []
+        while waiting:
+            rows = waiting.pop()
+            first, size = begin[rows].min(axis=0), end[rows].max(axis=0) - begin[rows].min(axis=0)
+            if len(rows) > 1 and float(np.prod(np.minimum(size, shape), dtype=float)) * each > LOOKED_UP:
+                order = rows[np.argsort(at[rows, int(np.argmax(size))], kind="stable")]
+                waiting += [order[len(order) // 2 :], order[: len(order) // 2]]
+                continue
+            around_it = size >= shape
+            yield rows, grid.window(np.where(around_it, 0, first % shape).tolist(), np.minimum(size, shape).tolist())
+
+    def _part(self, window: Grid, step: int | None, asked: list[int]) -> LookupTable:
+        """The table on a window: entries `asked`, and the avoid tubes of a step."""
+        places = np.unique(self.index[asked]) if asked else np.zeros(0, np.int64)
+        index, count = np.zeros_like(self.index), len(self.problem.inputs)
+        index[asked] = np.searchsorted(places, self.index[asked])
+        rooms = max(len(places), 1)  # what is not asked for is never looked at, nor takes memory
+        tubes = np.empty((rooms, *window.shape), self.store.arrays["tubes"].dtype)
+        masks = np.empty((rooms, self.store.arrays["masks"].shape[1], window.size), np.uint8)
+        for row, place in enumerate(places.tolist()):
+            tubes[row] = self._read("tubes", place, window)
+            if step is not None:
+                masks[row] = self._read("masks", place, window).reshape(masks.shape[1:])
+        axes = self.avoid_axes["static"], self.avoid_axes["moving"]
+        parts = [window.subgrid(own) if own else None for own in axes]
+        static, moving = (
+            np.empty((*lead, *(part.shape if part else ())), tubes.dtype)
+            for lead, part in zip(((count,), (self.steps, count)), parts, strict=True)
+        )
+        if step is not None:
+            static[:] = self._read("avoid_static", 0, parts[0])
+            moving[step] = self._read("avoid_moving", step, parts[1])
+        avoid = AvoidTubes(axes[0], static, axes[1], moving)
+        part = LookupTable(self.problem.on(window), self.method, index, tubes, masks, avoid, {})
+        part.__dict__["_ahead"] = self._ahead
+        return part
+
+    def _read(self, name: str, lead: int, window: Grid | None) -> FloatArray:
+        """What the store holds at the nodes of a window, chunk by chunk; None: where there are no axes."""
+        if window is None:
+            return self._chunk(name, lead, ())
+        array = self.store.arrays[name]
+        chunks = array.chunks[array.ndim - window.ndim :]
+        whole_shape = getattr(window, "whole", window).shape
+        first = getattr(window, "first", (0,) * window.ndim)
+        nodes = [(f + np.arange(n)) % m for f, n, m in zip(first, window.shape, whole_shape, strict=True)]
+        between = array.shape[1 : array.ndim - window.ndim]
+        out = np.empty((*between, *window.shape), array.dtype)
+        owners = [np.unique(own // n).tolist() for own, n in zip(nodes, chunks, strict=True)]
+        for place in product(*owners):
+            runs = [(i * n, min((i + 1) * n, m)) for i, n, m in zip(place, chunks, whole_shape, strict=True)]
+            inside = [np.flatnonzero((own >= b) & (own < e)) for own, (b, e) in zip(nodes, runs, strict=True)]
+            at = [own[one] - b for own, one, (b, _) in zip(nodes, inside, runs, strict=True)]
+            found = self._chunk(name, lead, tuple(runs))
+            ahead = [np.arange(n) for n in between]
+            out[np.ix_(*ahead, *inside)] = found[np.ix_(*ahead, *at)]
+        return out
+
+    def _chunk(self, name: str, lead: int, runs: tuple[tuple[int, int], ...]) -> FloatArray:
+        """A chunk of the store, one of those kept or read."""
+        with self._lock:
+            key = name, lead, runs
+            if key not in self._chunks:
+                self._chunks[key] = self.store.read(name, lead, runs)
+                while sum(one.nbytes for one in self._chunks.values()) > CACHED and len(self._chunks) > 1:
+                    self._chunks.popitem(last=False)
+            self._chunks.move_to_end(key)
+            return self._chunks[key]

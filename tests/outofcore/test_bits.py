@@ -1,0 +1,198 @@
+"""What is solved in slabs is what is solved in memory, to the last bit, and one node less beside a slab is too few."""
+
+import numpy as np
+import pytest
+import toys
+from slabbed import assert_bit_equal, room, rough_problem
+
+import sdhj
+from sdhj import grid as grid_module
+from sdhj.avoid import dangers
+from sdhj.outofcore import solve
+from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
+from sdhj.outofcore.solve import planned
+
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.resolution.ResolutionWarning")
+ROUGHEST = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler", frame="fixed"))
+EXACT = sdhj.HJI(scheme=sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64"))
+
+
+def staying_problem():
+    """No target; ends that are unsafe on the axis that is cut, and a speed that depends on the state."""
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1.0, -2.0], [1.0, 2.0], [41, 15], ends=["unsafe", "wall"]),
+        dynamics=sdhj.Dynamics(
+            [[-2.0], [2.0]], lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1), [[0.0], [1.0]], [0.3]
+        ),
+        target=None,
+        unsafe=[sdhj.UnsafeSet((1,), lambda p, t: 1.9 - np.abs(p[:, 0]), name="fast")],
+        delta=0.1,
+        steps=4,
+    )
+
+
+def half_coupled_problem():
+    """The adversary moves both axes at once on one half of the grid only: elsewhere a slab would take another flux."""
+
+    def gain(q):
+        both = np.where(q[:, 0] > 0.3, 0.2, 0.0)
+        return np.stack([np.full(len(q), 0.3), both], axis=1)[:, :, None]
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [40, 15], ends="wall"),
+        dynamics=sdhj.Dynamics([[1.0], [-1.0]], [[1.0, 0.0], [-1.0, 0.0]], gain, [1.0]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.4),
+        unsafe=[],
+        delta=0.1,
+        steps=3,
+    )
+
+
+CASES = {
+    "a line": (lambda: toys.interval_problem(nodes=161, rate=0.1, steps=2), "hji", 60),
+    "a torus, gone around": (lambda: toys.torus_problem(nodes=60, steps=2), "hji", 10),
+    "a torus, by Hopf and Lax": (lambda: toys.torus_problem(nodes=40), "lax", 10),
+    "a torus, at each time": (lambda: toys.torus_problem(nodes=40, view_time="instantaneous", steps=2), ROUGHEST, 10),
+    "rough values": (lambda: rough_problem(48), ROUGHEST, 8),
+    "third order": (lambda: rough_problem(24, state=True), EXACT, 8),
+    "a car, three axes": (lambda: toys.unicycle_problem(nodes=(41, 9, 8), steps=2), "hji", 12),
+    "staying, unsafe ends": (staying_problem, "hji", 8),
+    "coupled here and there": (half_coupled_problem, "hji", 8),
+    "the arm, four axes": (lambda: sdhj.arm_case_study(nodes=(20, 7, 7, 7), steps=2), "hji", 5),
+    "the arm, by Hopf and Lax": (lambda: sdhj.arm_case_study(nodes=9, steps=2), "lax", 3),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_slabs_give_every_bit(case, tmp_path):
+    make, method, width = CASES[case]
+    problem = make()
+    stored = sdhj.solve(problem, method, store=tmp_path / "t.zarr", memory=room(problem, method, width))
+    assert stored.details["slabs"] > 2
+    assert_bit_equal(stored, sdhj.solve(problem, method))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1, 2, 3, 7, 16])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_however_the_grid_is_cut(width, axis, tmp_path, monkeypatch):
+    """Also along axes that are not chosen by themselves."""
+    problem = toys.unicycle_problem(nodes=(24, 24, 16), steps=2)
+    monkeypatch.setattr(solve, "planned", lambda problem, method, **_: planned(problem, method, (axis, width)))
+    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t.zarr"), sdhj.solve(problem))
+
+
+def played(method, problem, halo, rng):
+    """Reach sets of rough values on the whole grid, and on a slab with a halo: both on the slab."""
+    values, axes = rng.uniform(-1.0, 1.0, problem.grid.shape).astype(np.float32), (0, 1)
+    window, kept = around(problem.grid, 0, (20, 24), halo)
+    part = method.on(problem.on(window))
+    part.counted = time_steps(method, problem, axes)
+    cut = values.take(window.places(0), axis=0)
+    whole = np.stack([phi.copy() for _, phi in sorted_by_input(method.on(problem).reach(values, 0))])
+    return whole[:, 20:24], np.stack([phi.copy() for _, phi in sorted_by_input(part.reach(cut, 0))])[:, kept]
+
+
+def sorted_by_input(found):
+    return sorted(((j, phi.copy()) for j, phi in found), key=lambda pair: pair[0])
+
+
+SCHEMES = [
+    sdhj.Scheme(order=order, integrator=integrator, frame=frame)
+    for order, integrator, frame in (
+        (1, "euler", "fixed"),
+        (2, "rk2", "fixed"),
+        (3, "rk3", "fixed"),
+        (2, "rk2", "moving"),
+    )
+]
+
+
+@pytest.mark.parametrize("state", [False, True])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: f"{scheme.order} {scheme.integrator} {scheme.frame}")
+def test_one_node_less_is_too_few(scheme, state):
+    method, problem = (
+        sdhj.HJI(scheme=scheme),
+        rough_problem(72, state=state, gain=0.05, drift=0.6, delta=0.006 if state else 0.05),
+    )
+    halo = reach_halo(method.on(problem), 0, time_steps(method, problem, (0, 1)))
+    assert 2 * halo + 4 < 72
+    assert np.array_equal(*played(method, problem, halo, np.random.default_rng(0)))
+    seeds = [np.random.default_rng(seed) for seed in range(20)]
+    assert not all(np.array_equal(*played(method, problem, halo - 1, rng)) for rng in seeds)
+
+
+def test_one_node_less_is_too_few_for_hopf_and_lax():
+    method, problem = sdhj.HopfLax(), rough_problem(72, gain=0.05)
+    halo = reach_halo(method.on(problem), 0, {})
+    assert np.array_equal(*played(method, problem, halo, np.random.default_rng(0)))
+    assert not np.array_equal(*played(method, problem, halo - 1, np.random.default_rng(0)))
+
+
+def test_what_a_time_step_reads():
+    assert [depth(scheme) for scheme in SCHEMES] == [1, 4, 9, 4]
+
+
+@pytest.mark.parametrize("method", [ROUGHEST, sdhj.HJI(), sdhj.HopfLax()], ids=["fixed", "moving", "lax"])
+def test_avoid_tubes_need_what_they_say(method):
+    problem = rough_problem(72, gain=0.05)
+    (game,) = (in_slabs(method, problem, one, 0) for one in dangers(problem))
+    whole = method.on(problem).avoid(game.danger.part, 0)[:, 20:24]
+
+    def on_a_slab(halo):
+        window, kept = around(problem.grid, 0, (20, 24), halo)
+        games = method.on(problem.on(window))
+        games.counted = game.counted
+        return games.avoid(game.danger.part, 0)[:, kept]
+
+    assert game.halo == avoid_halo(method.on(problem), (0, 1), 0, game.counted)
+    assert np.array_equal(on_a_slab(game.halo), whole)
+    less = game.halo - 1 if method is ROUGHEST else game.halo - 2  # Hopf-Lax: a node to each side is to spare
+    assert not np.array_equal(on_a_slab(less), whole)
+
+
+def test_a_time_step_of_its_own_would_give_other_bits(tmp_path, monkeypatch):
+    problem = toys.unicycle_problem(nodes=(41, 9, 8), steps=1)
+
+    def faster(q, u):
+        return np.stack([1.0 + 2.0 * (q[:, 0] > 0.5), 0 * q[:, 0], 0 * q[:, 0]], axis=1)
+
+    fast = sdhj.Dynamics([[1.0]], faster, np.zeros((3, 1)), [0.0])
+    problem = sdhj.ReachAvoidProblem(problem.grid, fast, problem.target, (), 0.2, 1)
+    table = sdhj.solve(problem)
+    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "a.zarr", memory=room(problem, width=5)), table)
+    monkeypatch.setattr(solve, "time_steps", lambda *_: {})
+    monkeypatch.setattr(solve, "reach_halo", lambda *_: 20)
+    other = sdhj.solve(problem, store=tmp_path / "b.zarr", memory=room(problem, width=5))
+    assert not np.array_equal(other.values(start=0, within=1), table.values(start=0, within=1))
+
+
+def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
+    """Large grids are gone through in pieces, whose size does not matter."""
+    make = {"car": lambda: toys.unicycle_problem(nodes=(17, 9, 8)), "rough": lambda: rough_problem(24, state=True)}
+    for build in make.values():
+        at_once = build()
+        monkeypatch.setattr(grid_module, "PIECE", 100)
+        in_pieces = build()
+        assert len(in_pieces.grid.pieces()) > 3
+        for one, other in zip(in_pieces.interval(0)._survey, at_once.interval(0)._survey, strict=True):
+            assert np.array_equal(one, other)
+        assert in_pieces.timeless == at_once.timeless
+        monkeypatch.undo()
+
+
+def test_a_window_has_the_nodes_of_its_grid():
+    grid = sdhj.Grid([-1.0, 0.1, -np.pi], [1.0, 0.7, np.pi], [9, 12, 10], [False, False, True])
+    window = grid.window([2, 3, 7], [5, 4, 6])
+    product = np.stack(np.meshgrid(*map(window.nodes, range(3)), indexing="ij"), -1)
+    assert np.array_equal(window.points(), product.reshape(-1, 3))
+    assert window.nodes(2).tolist() == grid.nodes(2)[[7, 8, 9, 0, 1, 2]].tolist()
+    assert window.spacing == grid.spacing
+    assert window.subgrid([0, 2]).nodes(1).tolist() == window.nodes(2).tolist()
+    assert window.subgrid([0]) == grid.subgrid([0]).window([2], [5])
+    whole, parts = grid.weights, [grid.stretch(1, begin, 4) for begin in (0, 4, 8)]
+    assert np.array_equal(np.concatenate([part.weights for part in parts], axis=1), whole)
+    values = np.random.default_rng(0).normal(size=grid.shape)
+    some = values[np.ix_(*map(window.places, range(3)))]
+    points = np.random.default_rng(1).uniform([-0.4, 0.3, 2.0], [0.4, 0.4, 4.0], (50, 3))
+    assert np.array_equal(window.interpolate(some, points), grid.interpolate(values, points))

@@ -1,0 +1,74 @@
+"""Slabs as tasks of Dask's scheduler: the same bits, also where workers die."""
+
+import os
+import signal
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+import toys
+from slabbed import assert_bit_equal, files_of, room
+
+import sdhj
+from sdhj.methods import method_of
+from sdhj.outofcore.cluster import shared_out
+from sdhj.outofcore.slabs import Task
+from sdhj.outofcore.solve import planned
+
+cloudpickle = pytest.importorskip("cloudpickle")
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with (
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            dashboard_address=None,
+            local_directory=str(tmp_path_factory.mktemp("dask")),
+            worker_class=distributed.Nanny,
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def test_workers_give_every_bit_though_one_is_killed(client, tmp_path):
+    problem, store = toys.torus_problem(nodes=40), tmp_path / "t.zarr"
+    victim = next(iter(client.run(os.getpid).values()))
+
+    def kill():
+        while not store.exists() or len(files_of(store, "tubes")) < 5:
+            time.sleep(0.005)
+        os.kill(victim, signal.SIGKILL)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    stored = sdhj.solve(problem, store=store, client=client, memory=room(problem, width=4))
+    thread.join(timeout=10)
+    assert not thread.is_alive()
+    assert victim not in client.run(os.getpid).values()
+    assert stored.details["slabs"] > 8
+    assert_bit_equal(stored, sdhj.solve(problem))
+
+
+def test_an_error_in_a_worker_is_told(client, tmp_path):
+    problem = toys.torus_problem(nodes=40)
+    sdhj.solve(problem, store=tmp_path / "t.zarr", memory=room(problem, width=10))
+    for file in files_of(tmp_path / "t.zarr", "avoid_moving"):
+        file.unlink()
+    plan = planned(problem, method_of("hji"), (0, 10))
+    with pytest.raises(sdhj.TableFileError, match="is missing"):
+        list(shared_out(client, replace(plan, path=tmp_path / "t.zarr"), [Task("extend", 0, 2, 2, 1, 0)]))
+
+
+def test_no_array_goes_through_the_scheduler(tmp_path):
+    """A task is a few kilobytes, whatever the size of the grid."""
+    sizes = []
+    for nodes in (40, 400):
+        problem = toys.torus_problem(nodes=nodes)
+        sizes.append(len(cloudpickle.dumps((planned(problem, method_of("hji"), (0, 10)), Task("goal", 0)))))
+    assert max(sizes) < 50_000
+    assert abs(sizes[1] - sizes[0]) < 100

@@ -1,0 +1,61 @@
+"""Solving in slabs as thick as a test wants them, and comparing what comes of it to the last bit."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import sdhj
+from sdhj.methods import method_of
+from sdhj.outofcore.solve import planned, task_bytes
+from sdhj.problem import ReachAvoidProblem
+
+
+def room(problem: ReachAvoidProblem, method="hji", width=8, axis=0) -> int:
+    """Bytes that make slabs at most `width` nodes thick."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return task_bytes(planned(problem, method_of(method), (axis, width)))
+
+
+def assert_bit_equal(stored, table) -> None:
+    """A table in a store has every bit of the one in memory."""
+    loaded = stored.loaded()
+    for part, whole in ((loaded, table), (loaded.avoid, table.avoid)):
+        for name in (
+            ("index", "tubes", "masks") if part is loaded else ("static_axes", "static", "moving_axes", "moving")
+        ):
+            one, other = (np.asarray(getattr(of, name)) for of in (part, whole))
+            assert (one.dtype, one.shape) == (other.dtype, other.shape), name
+            assert one.tobytes() == other.tobytes(), name
+
+
+def rough_problem(nodes=24, *, gain=0.4, drift=1.0, ends="wall", state=False, steps=2, delta=0.1) -> ReachAvoidProblem:
+    """A torus and a line: values from node to node as they come, so what reaches too little is seen to."""
+    rng = np.random.default_rng(3)
+    table = rng.uniform(-1.0, 1.0, (nodes, nodes))
+    lower, upper = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+
+    def level_set(points, t):
+        x = (points[:, 0] - lower[0]) / (upper[0] - lower[0]) * nodes
+        y = (points[:, 1] - lower[1]) / (upper[1] - lower[1]) * (nodes - 1)
+        return table[np.round(x).astype(int) % nodes, np.clip(np.round(y).astype(int), 0, nodes - 1)]
+
+    levels = np.array([[drift, 0.0], [-drift / 2, 0.0]])
+
+    def moved(points, u):
+        return np.stack([u[0] * np.cos(3 * points[:, 1]), np.sin(points[:, 0] * np.pi)], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid(lower.tolist(), upper.tolist(), [nodes, nodes], [True, False], ends=ends),
+        dynamics=sdhj.Dynamics(levels, moved if state else levels, gain * np.eye(2), [1.0, 1.0]),
+        target=sdhj.TargetSet((0, 1), level_set),
+        unsafe=(sdhj.UnsafeSet((0, 1), lambda p, t: level_set(-p, t) + 0.5, name="rough"),),
+        delta=delta,
+        steps=steps,
+    )
+
+
+def files_of(store: Path, name: str) -> list[Path]:
+    """The shards of an array of a store."""
+    return sorted(file for file in (store / name / "c").rglob("*") if file.is_file())
