@@ -301,10 +301,11 @@ def problem_told(
     return replace(built, sensing=told["sensing"]) if told["sensing"] else built
 
 
-def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> FloatArray:
+def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...]) -> FloatArray:
     """An array of a file, read once it is what it has to be: numbers of its own, of one of some kinds, of that shape.
 
-    A length of None may be any. What a file can be forged with is refused: links, data in other files, text.
+    A length of None may be any, one of a set must be in it. What a file can be forged with is refused: links, data in
+    other files, text.
 
     Raises
     ------
@@ -318,7 +319,8 @@ def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]
     if data.is_virtual or data.external is not None or not filters <= FILTERS:
         raise ValueError(f"its array {name} lies in another file or is packed in another way")
     fits = len(data.shape or ()) == len(shape) and all(
-        one in (None, other) for one, other in zip(shape, data.shape, strict=True)
+        one is None or other in (one if isinstance(one, set) else {one})
+        for one, other in zip(shape, data.shape, strict=True)
     )
     if not fits or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")

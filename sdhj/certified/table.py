@@ -277,10 +277,8 @@ class CertifiedTable:
         axes = tuple(told_axis(problem.grid, axis, width, count) for axis, width, count in widths)
         proof = PROOFS[cells["kind"]].load(told["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
-        index = stored(file, "index", "uint32", (None, rows))
-        one_for_all = problem.timeless and len(index) in (1, problem.steps + 1)
-        if len(index) != entry(problem.steps, problem.steps, 0) + 1 and not one_for_all:
-            raise ValueError(f"it has {len(index)} sets, which does not fit {problem.steps} steps")
+        one_for_all = {1, problem.steps + 1} if problem.timeless else set()
+        index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
