@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
+from sdhj.compiling import kernel
 from sdhj.grid import FloatArray, Grid
 from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS, State
 from sdhj.table import Table
@@ -40,42 +41,48 @@ def isosurface(values: FloatArray, coordinates: Sequence[FloatArray]) -> FloatAr
         Linear between the corners of each tetrahedron; the surface is watertight inside the box.
     coordinates : three arrays (X,), (Y,), (Z,)
     """
-    inside = values <= 0
-    shape = np.array(values.shape)
-    offsets = np.array([[c >> 2 & 1, c >> 1 & 1, c & 1] for c in range(8)])
-    corners = [inside[tuple(slice(o, n - 1 + o) for o, n in zip(offset, shape, strict=True))] for offset in offsets]
-    mixed = np.argwhere(np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners))
-    index = mixed[:, None, :] + offsets  # (M, 8, 3)
-    at = tuple(np.moveaxis(index, -1, 0))
-    positions = np.stack([np.asarray(c)[i] for c, i in zip(coordinates, at, strict=True)], axis=-1)
-    cells, points = values[at][:, TETRAHEDRA].reshape(-1, 4), positions[:, TETRAHEDRA].reshape(-1, 4, 3)
-    code = (cells <= 0) @ np.array([1, 2, 4, 8])
-    found = [_cut(cells[code == c], points[code == c], c) for c in range(1, 15)]
-    return np.concatenate(found)
+    x, y, z = (np.asarray(c, dtype=np.float64) for c in coordinates)
+    triangles = np.empty((2 * len(TETRAHEDRA) * values.size, 3, 3))  # what is not written takes no memory
+    return triangles[: march(np.ascontiguousarray(values, np.float64), x, y, z, TETRAHEDRA, triangles)].copy()
 
 
-def _cut(values: FloatArray, points: FloatArray, code: int) -> FloatArray:
-    """Triangles in tetrahedra (M, 4) whose vertices in the bits of `code` are inside."""
-    within = [v for v in range(4) if code >> v & 1]
-    without = [v for v in range(4) if v not in within]
-
-    def crossing(a: int, b: int) -> FloatArray:
-        share = values[:, a] / (values[:, a] - values[:, b])
-        return points[:, a] + share[:, None] * (points[:, b] - points[:, a])
-
-    if len(within) == 2:  # a quadrilateral, as two triangles
-        (a, b), (c, d) = within, without
-        ring = [crossing(a, c), crossing(a, d), crossing(b, d), crossing(b, c)]
-        triangles = [np.stack([ring[0], ring[1], ring[2]], axis=1), np.stack([ring[0], ring[2], ring[3]], axis=1)]
-    else:
-        triangles = [np.stack([crossing(a, b) for a in within for b in without], axis=1)]
-    outward = points[:, without].mean(axis=1) - points[:, within].mean(axis=1)
-    cut = []
-    for triangle in triangles:
-        flip = np.einsum("ij,ij->i", normals(triangle), outward) < 0
-        triangle[flip] = triangle[flip][:, ::-1]
-        cut.append(triangle)
-    return np.concatenate(cut)
+@kernel()
+def march(values: Any, x: Any, y: Any, z: Any, tetrahedra: Any, triangles: Any) -> int:
+    """Write the triangles of all tetrahedra of all cells, and return how many there are."""
+    count, points, at = 0, np.empty((4, 3)), np.empty(4)
+    ring = np.empty((4, 3))
+    for i in range(len(x) - 1):
+        for j in range(len(y) - 1):
+            for k in range(len(z) - 1):
+                for t in range(len(tetrahedra)):
+                    first, last = 0, 4  # vertices inside come first, those outside last
+                    for corner in tetrahedra[t]:
+                        a, b, c = i + (corner >> 2), j + (corner >> 1 & 1), k + (corner & 1)
+                        if values[a, b, c] <= 0.0:
+                            place, first = first, first + 1
+                        else:
+                            last -= 1
+                            place = last
+                        at[place], points[place] = values[a, b, c], (x[a], y[b], z[c])
+                    for corner in range(4 if first == 2 else 3 if first % 4 else 0):
+                        inside = corner >> 1 if first == 2 else corner % first
+                        outside = 2 + (corner + 1 >> 1 & 1) if first == 2 else first + corner % (4 - first)
+                        share = at[inside] / (at[inside] - at[outside])
+                        for d in range(3):
+                            ring[corner, d] = points[inside, d] + share * (points[outside, d] - points[inside, d])
+                    for one in range(2 if first == 2 else 1 if first % 4 else 0):
+                        outwards = 0.0
+                        for d in range(3):
+                            e, f = (d + 1) % 3, (d + 2) % 3
+                            normal = (ring[one + 1, e] - ring[0, e]) * (ring[one + 2, f] - ring[0, f])
+                            normal -= (ring[one + 1, f] - ring[0, f]) * (ring[one + 2, e] - ring[0, e])
+                            outwards += normal * (points[3, d] - points[0, d])
+                        b, c = (one + 1, one + 2) if outwards >= 0.0 else (one + 2, one + 1)
+                        for d in range(3):
+                            triangles[count, 0, d] = ring[0, d]
+                            triangles[count, 1, d], triangles[count, 2, d] = ring[b, d], ring[c, d]
+                        count += 1
+    return count
 
 
 def normals(triangles: FloatArray) -> FloatArray:
