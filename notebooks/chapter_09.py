@@ -181,4 +181,4 @@ def explore_surface(tables: Mapping[str, Table]) -> Explorer:
         "elevation": slider("from above (degrees)", -90, 90, 6, 24),
         "py": slider("pursuer y (m)", -0.36, 0.36, 0.01, 0.24),
     }
-    return Explorer(draw, controls, size=(7.4, 3.6), alt="Two tubes in three axes, turned")
+    return Explorer(draw, controls, size=(6.4, 3.2), alt="Two tubes in three axes, turned")

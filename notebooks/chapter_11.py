@@ -237,4 +237,4 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
         "disturbance": choice("disturbance of the joints", ("none", "random", "steady"), "random"),
         "moment": played(slider("progress of the run (%)", 0, 100, 4, 48)),
     }
-    return Explorer(draw, controls, size=(7.0, 4.5), alt="A run with the pursuer where you send it, and its table row")
+    return Explorer(draw, controls, size=(6.4, 4.1), alt="A run with the pursuer where you send it, and its table row")
