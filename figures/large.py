@@ -9,8 +9,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import click
 import judge
@@ -55,8 +57,14 @@ class Worked:
     slices: tuple[tuple[float, ...], ...]
 
 
-def distance(points: FloatArray, centre: FloatArray | tuple[float, ...]) -> FloatArray:
-    return np.asarray(np.linalg.norm(points - np.asarray(centre), axis=1))
+def distance(points: FloatArray, centre: Any) -> Any:
+    """Of points (M, n) from a place: n coordinates, numbers or (M,)."""
+    return reduce(np.hypot, (points[:, axis] - x for axis, x in enumerate(centre)))
+
+
+def confined(places: FloatArray, velocity: FloatArray, box: float) -> FloatArray:
+    """The velocity (M, 2) of a pursuer that cannot pass the walls of its box: it stops 10 ms before them."""
+    return np.where(np.abs(places + 0.01 * velocity) > box, 0.0, velocity)
 
 
 # ---- a car, a pursuer and a disk that crosses its way: (x, y, heading, px, py)
@@ -69,7 +77,8 @@ def crossing(t: float) -> tuple[float, float]:
 
 
 def car_velocity(q: FloatArray, u: FloatArray, signs: FloatArray, t: float) -> FloatArray:
-    return np.column_stack([np.cos(q[:, 2]), np.sin(q[:, 2]), u[:, 0], PURSUER_SPEED * signs])
+    pursuer = confined(q[:, 3:], PURSUER_SPEED * signs, 2.0)
+    return np.column_stack([np.cos(q[:, 2]), np.sin(q[:, 2]), u[:, 0], pursuer])
 
 
 def car(nodes: int) -> sdhj.ReachAvoidProblem:
@@ -84,7 +93,9 @@ def car(nodes: int) -> sdhj.ReachAvoidProblem:
         sdhj.Dynamics([[-1.5], [0.0], [1.5]], drift, np.eye(5)[:, 3:], [PURSUER_SPEED] * 2),
         sdhj.TargetSet((0, 1), lambda p, t: distance(p, GOAL) - 0.5),
         [
-            sdhj.UnsafeSet((0, 1, 3, 4), lambda p, t: distance(p[:, :2], p[:, 2:]) - CAPTURE, name="pursuer"),
+            sdhj.UnsafeSet(
+                (0, 1, 3, 4), lambda p, t: distance(p, (p[:, 2], p[:, 3])) - CAPTURE, name="pursuer", sampling="steep"
+            ),
             sdhj.UnsafeSet((0, 1), lambda p, t: distance(p, crossing(t)) - 0.4, rate=0.6, name="disk"),
         ],
         delta=0.4,
@@ -95,7 +106,7 @@ def car(nodes: int) -> sdhj.ReachAvoidProblem:
 
 def car_unsafe(q: FloatArray, t: float) -> FloatArray:
     beyond = np.abs(q[:, :2]).max(axis=1) - 2.0
-    return np.minimum(np.minimum(distance(q[:, :2], q[:, 3:]), distance(q[:, :2], crossing(t))) - 0.4, -beyond + 1e-9)
+    return np.minimum(np.minimum(distance(q, q[:, 3:].T), distance(q, crossing(t))) - 0.4, -beyond + 1e-9)
 
 
 def car_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
@@ -110,26 +121,33 @@ POST, POST_RADIUS = (-0.2, 0.1), 0.07
 MIGHT = np.array([0.3, 0.3, 0.3, 0.2, 0.2])  # of the adversary, rad/s and m/s
 
 
-def joints(q: FloatArray) -> list[FloatArray]:
-    """Base, elbows and tip of states (M, >= 3): four (M, 2)."""
-    found, angle = [np.zeros((len(q), 2))], np.zeros(len(q))
+def joints(q: FloatArray) -> list[tuple[Any, Any]]:
+    """Base, elbows and tip of states (M, >= 3): four places."""
+    found, angle = [(0.0 * q[:, 0], 0.0 * q[:, 0])], 0.0
     for joint in range(3):
         angle = angle + q[:, joint]
-        found.append(found[-1] + LINK * np.column_stack([np.cos(angle), np.sin(angle)]))
+        found.append((found[-1][0] + LINK * np.cos(angle), found[-1][1] + LINK * np.sin(angle)))
     return found
 
 
-def clear_of(q: FloatArray, centre: FloatArray | tuple[float, float]) -> FloatArray:
+def clear_of(q: FloatArray, x: Any, y: Any) -> Any:
     """Distance (M,) of the links from a point, or from one for each state."""
-    nearest, ends = np.full(len(q), np.inf), joints(q)
-    for begin, end in pairwise(ends):
-        along = np.clip(((centre - begin) * (end - begin)).sum(axis=1) / LINK**2, 0.0, 1.0)
-        nearest = np.minimum(nearest, distance(begin + along[:, None] * (end - begin), centre))
-    return nearest
+    gaps = []
+    for (x0, y0), (x1, y1) in pairwise(joints(q)):
+        along = np.clip(((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / LINK**2, 0.0, 1.0)
+        gaps.append(np.hypot(x0 + along * (x1 - x0) - x, y0 + along * (y1 - y0) - y))
+    return reduce(np.minimum, gaps)
+
+
+def tip_off(q: FloatArray) -> Any:
+    """Distance (M,) of the tip from the middle of the target."""
+    x, y = joints(q)[-1]
+    return np.hypot(x - TIP[0], y - TIP[1])
 
 
 def arm_velocity(q: FloatArray, u: FloatArray, signs: FloatArray, t: float) -> FloatArray:
-    return np.column_stack([u, np.zeros((len(q), 2))]) + MIGHT * signs
+    v = MIGHT * signs
+    return np.column_stack([u + v[:, :3], confined(q[:, 3:], v[:, 3:], BOX)])
 
 
 def arm(nodes: int) -> sdhj.ReachAvoidProblem:
@@ -140,10 +158,10 @@ def arm(nodes: int) -> sdhj.ReachAvoidProblem:
     return sdhj.ReachAvoidProblem(
         sdhj.Grid(low, high, [nodes] * 5, [True] * 3 + [False] * 2, names, ["unsafe"] * 3 + ["wall"] * 2),
         sdhj.Dynamics(inputs, np.pad(inputs, ((0, 0), (0, 2))), np.eye(5), MIGHT),
-        sdhj.TargetSet((0, 1, 2), lambda q, t: distance(joints(q)[-1], TIP) - REACH),
+        sdhj.TargetSet((0, 1, 2), lambda q, t: tip_off(q) - REACH),
         [
-            sdhj.UnsafeSet(tuple(range(5)), lambda q, t: clear_of(q, q[:, 3:]) - CATCH, name="pursuer"),
-            sdhj.UnsafeSet((0, 1, 2), lambda q, t: clear_of(q, POST) - POST_RADIUS, name="post"),
+            sdhj.UnsafeSet(tuple(range(5)), lambda q, t: clear_of(q, q[:, 3], q[:, 4]) - CATCH, name="pursuer"),
+            sdhj.UnsafeSet((0, 1, 2), lambda q, t: clear_of(q, *POST) - POST_RADIUS, name="post"),
         ],
         delta=0.1,
         steps=8,
@@ -152,8 +170,7 @@ def arm(nodes: int) -> sdhj.ReachAvoidProblem:
 
 
 def arm_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
-    later = joints(q[:, :3] + left * u)
-    apart = np.stack([point - q[:, 3:] for point in later[1:]])
+    apart = np.array(joints(q[:, :3] + left * u)[1:]).swapaxes(1, 2) - q[:, 3:]
     nearest = np.argmin(np.linalg.norm(apart, axis=2), axis=0)
     return np.column_stack([np.sign(u + 1e-9), np.sign(apart[nearest, np.arange(len(q))])])
 
@@ -187,7 +204,7 @@ def space(nodes: int) -> sdhj.ReachAvoidProblem:
 
 
 def space_unsafe(q: FloatArray, t: float) -> FloatArray:
-    return np.minimum(distance(q[:, :3], BALL) - BALL_RADIUS, 1.2 + 1e-9 - np.abs(q).max(axis=1))
+    return np.minimum(distance(q, BALL) - BALL_RADIUS, 1.2 + 1e-9 - np.abs(q).max(axis=1))
 
 
 def space_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
@@ -200,7 +217,7 @@ WORKED: Mapping[str, Worked] = {
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
         car_velocity,
-        lambda q, t: distance(q[:, :2], GOAL) - 0.5,
+        lambda q, t: distance(q, GOAL) - 0.5,
         car_unsafe,
         car_hunt,
         ((0, 0, 0.0, 0.0, -1.0), (0, 0, 0.8, 1.0, 0.0), (0, 0, 1.6, 1.6, 1.4)),
@@ -210,8 +227,8 @@ WORKED: Mapping[str, Worked] = {
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
         arm_velocity,
-        lambda q, t: distance(joints(q)[-1], TIP) - REACH,
-        lambda q, t: np.minimum(clear_of(q, q[:, 3:]) - CATCH, clear_of(q, POST) - POST_RADIUS),
+        lambda q, t: tip_off(q) - REACH,
+        lambda q, t: np.minimum(clear_of(q, q[:, 3], q[:, 4]) - CATCH, clear_of(q, *POST) - POST_RADIUS),
         arm_hunt,
         ((0, 0, 0.0, 0.24, 0.24), (0, 0, 0.8, -0.15, 0.21), (0, 0, -0.8, 0.3, 0.03)),
     ),
@@ -220,7 +237,7 @@ WORKED: Mapping[str, Worked] = {
         17,
         ((0, 1, 2, 3, 4), (0, 1, 2, 3, 5), (0, 1, 2, 4, 5)),
         space_velocity,
-        lambda q, t: distance(q[:, :3], PLACE) - 0.45,
+        lambda q, t: distance(q, PLACE) - 0.45,
         space_unsafe,
         space_hunt,
         ((0, 0, 0, 0.0, 0.0, 0.0), (0, 0, 0, 0.6, 0.3, 0.0), (0, 0, 0.4, 0.0, -0.6, -0.3)),

@@ -32,6 +32,7 @@ from sdhj.stages import REACH
 from sdhj.table import AvoidTubes
 
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
+LATEST: dict[Any, Any] = {}  # games of the slab extended last: what they sampled need not be where it is the only one
 
 
 class AvoidGame(NamedTuple):
@@ -197,6 +198,25 @@ def _static_tubes(path: Path, token: str, runs: Runs) -> FloatArray:
     return _opened_store(path, token).read("avoid_static", 0, runs)
 
 
+def _games(plan: Plan, playing: ReachAvoidProblem, counted: Mapping[Axes, Any], slab: int | None) -> Any:
+    """The games of a problem, those played last where it is the same slab as then."""
+    key = plan.token, slab
+    if slab is None or key not in LATEST:
+        games = plan.method.on(playing)
+        games.counted = counted
+        if slab is None:
+            return games
+        forget()
+        LATEST[key] = games
+    return LATEST[key]
+
+
+def forget() -> None:
+    """Let go of what is kept of the slab worked on last."""
+    LATEST.clear()
+    _static_tubes.cache_clear()
+
+
 def work(plan: Plan, task: Task) -> Any:
     """Do a task and write what comes of it; returns what `_extend` and `_avoid` do."""
     with ONE_AT_A_TIME:
@@ -232,8 +252,8 @@ def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
             span = [game.begin + node for node in plan.span(task.slab)]
             part, inner = around(playing.grid, game.axis, (span[0], span[1]), game.halo)
             playing, cut[1 + danger.axes.index(plan.axis)] = playing.on(part), inner
-        games = plan.method.on(playing)
-        games.counted = game.counted
+        whole = 0 if playing is problem and plan.slabs == 1 else None
+        games = _games(plan, playing, game.counted, whole)
         found = games.avoid(danger.part, task.step)[tuple(cut)]
         felt.append(bool(found.max() > 0))
         for j, tube in enumerate(found):
@@ -247,8 +267,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
     keep = tuple(kept if axis == plan.axis else slice(None) for axis in range(window.ndim))
-    games = plan.method.on(problem.on(window))
-    games.counted = plan.counted
+    games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted, task.slab)
     before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)

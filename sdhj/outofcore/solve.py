@@ -26,7 +26,7 @@ from sdhj.files import TableFileError, table_told
 from sdhj.games import KEPT
 from sdhj.memory import available, require
 from sdhj.methods import HJI, HopfLax, method_of
-from sdhj.outofcore.slabs import Plan, Task, around, in_slabs, reach_halo, time_steps, work
+from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, forget, in_slabs, reach_halo, time_steps, work
 from sdhj.outofcore.store import STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
 from sdhj.problem import ReachAvoidProblem
@@ -65,7 +65,10 @@ def solve_stored(
         plan = replace(plan, token=uuid.uuid4().hex)
         with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
-            recursion(sets, problem.steps, lambda: None)
+            try:
+                recursion(sets, problem.steps, lambda: None)
+            finally:
+                forget()
             return sets.finish({"seconds": time.perf_counter() - started})
 
 
@@ -114,29 +117,39 @@ def planned(
     vector loops of the kernels otherwise than those of the whole grid.
     """
     check_some_resolution(problem)
-    counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
-    games, shape = method.on(problem), problem.grid.shape
-    axes: Any = [cut[0]] if cut else range(max(1, problem.grid.ndim - 2))
-    halo, axis = min(
-        ((reach_halo(games, axis, counted), axis) for axis in axes), key=lambda one: (one[0] / shape[one[1]], one[1])
-    )
-    found = dangers(problem)
-    plays = {
-        kind: tuple(in_slabs(method, problem, danger, axis) for danger in found if danger.moves == moves)
-        for kind, moves in (("static", False), ("moving", True))
-    }
-    kept = {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in plays.items()}
-    width = cut[1] if cut else shape[axis]
-    plan = Plan(problem, method, Path(), "", axis, width, halo, counted, plays, kept)
+    shape, found = problem.grid.shape, dangers(problem)
+    axis, width = cut or (0, shape[0])
+    games: list[Any] = [AvoidGame(danger, None, 0, 0, {}) for danger in found]  # in one piece, which needs no halo
+    plan = _plan(problem, method, axis, width, 0, {}, games)
+    if width < shape[axis] or (not cut and task_bytes(plan) > room):
+        counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
+        axes: Any = [axis] if cut else range(max(1, problem.grid.ndim - 2))
+        halo, axis = min(
+            ((reach_halo(method.on(problem), axis, counted), axis) for axis in axes),
+            key=lambda one: (one[0] / shape[one[1]], one[1]),
+        )
+        games = [in_slabs(method, problem, danger, axis) for danger in found]
+        plan = _plan(problem, method, axis, width if cut else shape[axis], halo, counted, games)
     while not cut and plan.width > 1 and task_bytes(plan) > room:
         plan = replace(plan, width=-(-plan.width // 2))
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
-            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {halo} beside it on either "
-            f"side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
+            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {plan.halo} beside it on "
+            f"either side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
         )
     return plan
+
+
+def _plan(
+    problem: ReachAvoidProblem, method: Any, axis: int, width: int, halo: int, counted: Any, games: list[AvoidGame]
+) -> Plan:
+    plays = {
+        kind: tuple(game for game in games if game.danger.moves == moves)
+        for kind, moves in (("static", False), ("moving", True))
+    }
+    kept = {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in plays.items()}
+    return Plan(problem, method, Path(), "", axis, width, halo, counted, plays, kept)
 
 
 def check_some_resolution(problem: ReachAvoidProblem) -> None:
