@@ -15,7 +15,7 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +32,9 @@ from sdhj.stages import REACH
 from sdhj.table import AvoidTubes
 
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
-LATEST: dict[Any, Any] = {}  # games of the slab extended last: what they sampled need not be where it is the only one
+
+
+KINDS = "static", "moving"  # avoid tubes
 
 
 class AvoidGame(NamedTuple):
@@ -52,7 +54,7 @@ class AvoidGame(NamedTuple):
     counted: Mapping[Axes, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """What whoever solves a slab needs to know; it is sent to other processes.
 
@@ -62,20 +64,27 @@ class Plan:
         Which axis is cut, nodes of a slab, nodes beside it in the games of being in a set.
     counted : mapping
         As `HJIGames.counted`.
-    static, moving : tuple of AvoidGame
-    static_axes, moving_axes : of the avoid tubes.
+    games : tuple of AvoidGame
     """
 
     problem: ReachAvoidProblem
     method: Any
     path: Path
-    token: str
     axis: int
     width: int
     halo: int
     counted: Mapping[Axes, Any]
-    avoid: Mapping[str, tuple[AvoidGame, ...]]
-    avoid_axes: Mapping[str, Axes]
+    games: tuple[AvoidGame, ...]
+
+    @cached_property
+    def avoid(self) -> Mapping[str, list[AvoidGame]]:
+        """The avoid games whose tubes are the same at all steps, and the others."""
+        return {kind: [game for game in self.games if game.danger.moves == (kind == "moving")] for kind in KINDS}
+
+    @cached_property
+    def avoid_axes(self) -> Mapping[str, Axes]:
+        """The axes of the avoid tubes."""
+        return {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in self.avoid.items()}
 
     @property
     def slabs(self) -> int:
@@ -187,43 +196,33 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
 # ---- what is done to a slab
 
 
-@lru_cache(maxsize=4)
-def _opened_store(path: Path, token: str) -> TableStore:
-    return TableStore(path)
+@lru_cache(maxsize=1)
+def _static_tubes(plan: Plan, slab: int) -> FloatArray:
+    """The static avoid tubes of a slab; where it is the only one it need not be read each time."""
+    return TableStore(plan.path).read("avoid_static", 0, plan.runs(slab, plan.avoid_axes["static"]))
 
 
 @lru_cache(maxsize=1)
-def _static_tubes(path: Path, token: str, runs: Runs) -> FloatArray:
-    """The static avoid tubes of a slab; where it is the only one it need not be read each time."""
-    return _opened_store(path, token).read("avoid_static", 0, runs)
-
-
-def _games(plan: Plan, playing: ReachAvoidProblem, counted: Mapping[Axes, Any], slab: int | None) -> Any:
-    """The games of a problem, those played last where it is the same slab as then."""
-    key = plan.token, slab
-    if slab is None or key not in LATEST:
-        games = plan.method.on(playing)
-        games.counted = counted
-        if slab is None:
-            return games
-        forget()
-        LATEST[key] = games
-    return LATEST[key]
+def _games(plan: Plan, slab: int) -> Any:
+    """The games of a slab with its halo; where it is the only one they need not be sampled each time."""
+    problem = plan.problem
+    if plan.slabs > 1:
+        problem = problem.on(around(problem.grid, plan.axis, plan.span(slab), plan.halo)[0])
+    games = plan.method.on(problem)
+    games.counted = plan.counted
+    return games
 
 
 def forget() -> None:
     """Let go of what is kept of the slab worked on last."""
-    LATEST.clear()
+    _games.cache_clear()
     _static_tubes.cache_clear()
 
 
 def work(plan: Plan, task: Task) -> Any:
     """Do a task and write what comes of it; returns what `_extend` and `_avoid` do."""
     with ONE_AT_A_TIME:
-        store = _opened_store(plan.path, plan.token)
-        if task.kind == "goal":
-            return _goal(plan, store, task)
-        return (_extend if task.kind == "extend" else _avoid)(plan, store, task)
+        return {"goal": _goal, "extend": _extend}.get(task.kind, _avoid)(plan, TableStore(plan.path), task)
 
 
 def _goal(plan: Plan, store: TableStore, task: Task) -> None:
@@ -252,8 +251,11 @@ def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
             span = [game.begin + node for node in plan.span(task.slab)]
             part, inner = around(playing.grid, game.axis, (span[0], span[1]), game.halo)
             playing, cut[1 + danger.axes.index(plan.axis)] = playing.on(part), inner
-        whole = 0 if playing is problem and plan.slabs == 1 else None
-        games = _games(plan, playing, game.counted, whole)
+        if playing is problem and plan.slabs == 1:
+            games = _games(plan, 0)
+        else:
+            games = plan.method.on(playing)
+            games.counted = game.counted
         found = games.avoid(danger.part, task.step)[tuple(cut)]
         felt.append(bool(found.max() > 0))
         for j, tube in enumerate(found):
@@ -267,12 +269,12 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
     keep = tuple(kept if axis == plan.axis else slice(None) for axis in range(window.ndim))
-    games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted, task.slab)
+    games = _games(plan, task.slab)
     before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
     axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
-    static = _static_tubes(plan.path, plan.token, tuple(plan.runs(task.slab, axes[0])))
+    static = _static_tubes(plan, task.slab)
     moving = store.read("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))

@@ -7,7 +7,6 @@ import math
 import os
 import reprlib
 import time
-import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -62,7 +61,6 @@ def solve_stored(
             told = _told_of(plan)
             room_for(path, sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in told["arrays"].values()))
             create(path, told, _cuts(plan))
-        plan = replace(plan, token=uuid.uuid4().hex)
         with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             try:
@@ -119,17 +117,16 @@ def planned(
     check_some_resolution(problem)
     shape, found = problem.grid.shape, dangers(problem)
     axis, width = cut or (0, shape[0])
-    games: list[Any] = [AvoidGame(danger, None, 0, 0, {}) for danger in found]  # in one piece, which needs no halo
-    plan = _plan(problem, method, axis, width, 0, {}, games)
+    games = tuple(AvoidGame(danger, None, 0, 0, {}) for danger in found)
+    plan = Plan(problem, method, Path(), axis, width, 0, {}, games)  # in one piece, which needs no halo
     if width < shape[axis] or (not cut and task_bytes(plan) > room):
         counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
         axes: Any = [axis] if cut else range(max(1, problem.grid.ndim - 2))
-        halo, axis = min(
-            ((reach_halo(method.on(problem), axis, counted), axis) for axis in axes),
-            key=lambda one: (one[0] / shape[one[1]], one[1]),
-        )
-        games = [in_slabs(method, problem, danger, axis) for danger in found]
-        plan = _plan(problem, method, axis, width if cut else shape[axis], halo, counted, games)
+        halos = {axis: reach_halo(method.on(problem), axis, counted) for axis in axes}
+        axis = min(axes, key=lambda axis: halos[axis] / shape[axis])
+        width, halo = width if cut else shape[axis], halos[axis]
+        games = tuple(in_slabs(method, problem, danger, axis) for danger in found)
+        plan = Plan(problem, method, Path(), axis, width, halo, counted, games)
     while not cut and plan.width > 1 and task_bytes(plan) > room:
         plan = replace(plan, width=-(-plan.width // 2))
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
@@ -139,17 +136,6 @@ def planned(
             f"either side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
         )
     return plan
-
-
-def _plan(
-    problem: ReachAvoidProblem, method: Any, axis: int, width: int, halo: int, counted: Any, games: list[AvoidGame]
-) -> Plan:
-    plays = {
-        kind: tuple(game for game in games if game.danger.moves == moves)
-        for kind, moves in (("static", False), ("moving", True))
-    }
-    kept = {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in plays.items()}
-    return Plan(problem, method, Path(), "", axis, width, halo, counted, plays, kept)
 
 
 def check_some_resolution(problem: ReachAvoidProblem) -> None:
@@ -225,8 +211,7 @@ def _told_of(plan: Plan) -> dict[str, Any]:
         "samples": samples,
         "arrays": arrays,
     }
-    found: dict[str, Any] = json.loads(json.dumps(told))
-    return found
+    return dict(json.loads(json.dumps(told)))
 
 
 def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -23,7 +23,7 @@ from sdhj.files import TableFileError, believed, problem_told, what_differs
 from sdhj.grid import FloatArray, Grid
 from sdhj.identity import alike, identity
 from sdhj.memory import require
-from sdhj.outofcore.slabs import around, read_window
+from sdhj.outofcore.slabs import KINDS, around, read_window
 from sdhj.outofcore.store import TableStore
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable, entry, in_a_line
@@ -94,6 +94,7 @@ class StoredTable:
         self.avoid_axes = {kind: tuple(axes) for kind, axes in store.told["avoid_axes"].items()}
         self._chunks: OrderedDict[Any, FloatArray] = OrderedDict()
         self._lock = threading.Lock()
+        self._ahead: dict[int, LookAhead] = {}
 
     def __repr__(self) -> str:
         return in_a_line(self)
@@ -135,12 +136,13 @@ class StoredTable:
     def loaded(self) -> LookupTable:
         """The table in memory; MemoryError where there is no room for it."""
         require(self.nbytes, "the table", "leave it in its store")
-        grids = [self.grid.subgrid(axes) if axes else None for axes in self._axes]
+        avoid_axes = [self.avoid_axes[kind] for kind in KINDS]
+        grids = [self.grid, self.grid, *(self.grid.subgrid(axes) if axes else None for axes in avoid_axes)]
         tubes, masks, static, moving = (
             np.stack([read_window(self.store, name, lead, grid) for lead in range(array.shape[0])])
             for (name, array), grid in zip(self.store.arrays.items(), grids, strict=True)
         )
-        avoid = AvoidTubes(self.avoid_axes["static"], static[0], self.avoid_axes["moving"], moving)
+        avoid = AvoidTubes(avoid_axes[0], static[0], avoid_axes[1], moving)
         masks = masks.reshape(*masks.shape[:2], -1)
         return LookupTable(self.problem, self.method, self.index, tubes, masks, avoid, self.details)
 
@@ -207,17 +209,7 @@ class StoredTable:
         for some, window in self._windows(states[rows], np.array([reach.lowest, reach.highest]), each):
             self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], within)
 
-    @cached_property
-    def _ahead(self) -> dict[int, LookAhead]:
-        return {}
-
     # ---- windows
-
-    @property
-    def _axes(self) -> list[tuple[int, ...]]:
-        """The axes of the grid that each array of the store has."""
-        everything = tuple(range(self.grid.ndim))
-        return [everything, everything, self.avoid_axes["static"], self.avoid_axes["moving"]]
 
     def _windows(self, states: FloatArray, boxes: FloatArray, each: int) -> Iterator[tuple[FloatArray, Grid]]:
         """Rows of states (M, ndim), and windows with the nodes around them and in their boxes (2, 1 or M, ndim).
