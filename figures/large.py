@@ -1,7 +1,8 @@
 """Where the projection question matters: a car, an arm of three links and a point in space, in five and six dimensions.
 
 `python figures/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec. 5.1),
-draws both, and has `judge` play the tables: nothing of the library but the controller's choice is in those runs.
+draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's choice
+is in those runs.
 `--store FOLDER` keeps the full tables there and solves them slab by slab.
 """
 
@@ -41,6 +42,7 @@ class Worked:
     nodes : int
         Along the axes that have most.
     subspaces : of the projected method.
+    cells : of the certified method, or none where what fits into minutes proves no more than the target.
     velocity, target, unsafe : as `judge.play` takes them, of inputs instead of their places.
     hunt : callable (states, inputs (M, m), seconds left) -> (M, D) in [-1, 1]
         An adversary that does its worst.
@@ -50,6 +52,7 @@ class Worked:
     problem: Callable[[int], sdhj.ReachAvoidProblem]
     nodes: int
     subspaces: tuple[tuple[int, ...], ...]
+    cells: tuple[int, ...]
     velocity: Velocity
     target: Level
     unsafe: Level
@@ -216,6 +219,7 @@ WORKED: Mapping[str, Worked] = {
         car,
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
+        (32, 32, 24, 12, 12),
         car_velocity,
         lambda q, t: distance(q, GOAL) - 0.5,
         car_unsafe,
@@ -226,6 +230,7 @@ WORKED: Mapping[str, Worked] = {
         arm,
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
+        (),
         arm_velocity,
         lambda q, t: tip_off(q) - REACH,
         lambda q, t: np.minimum(clear_of(q, q[:, 3], q[:, 4]) - CATCH, clear_of(q, *POST) - POST_RADIUS),
@@ -236,6 +241,7 @@ WORKED: Mapping[str, Worked] = {
         space,
         17,
         ((0, 1, 2, 3, 4), (0, 1, 2, 3, 5), (0, 1, 2, 4, 5)),
+        (20, 20, 20, 10, 10, 10),
         space_velocity,
         lambda q, t: distance(q, PLACE) - 0.45,
         space_unsafe,
@@ -286,7 +292,7 @@ def row(name: str, table: Table, seconds: float, runs: int, seed: int) -> str:
     share = table.fraction(start=0, within=table.steps)
     counts = judged(WORKED[name], table, promised(table, runs, seed), seed)
     lost = ", ".join(f"{way} {count}" for way, count in counts.items() if way != "reached") or "none"
-    shape = " x ".join(map(str, table.grid.shape))
+    shape = " x ".join(map(str, WORKED[name].cells if table.method == "certified" else table.grid.shape))
     told = name, table.method, shape, f"{seconds:.0f}", f"{share:.4f}", f"{counts.total():,}", lost
     return f"| {' | '.join(told)} |"
 
@@ -306,7 +312,7 @@ def draw(pairs: Mapping[str, tuple[Table, Table]]) -> Figure:
 
 @click.command(context_settings={"show_default": True})
 @click.option("--robot", "names", multiple=True, type=click.Choice(list(WORKED)), help="Which; by default all.")
-@click.option("--nodes", type=click.IntRange(5), help="Nodes along most axes; by default 25, in space 17.")
+@click.option("--nodes", type=click.IntRange(9), help="Nodes along most axes; by default 25, in space 17.")
 @click.option("--runs", default=4000, type=click.IntRange(1), help="Runs of each table.")
 @click.option("--seed", default=0, type=SEED)
 @click.option("--store", type=click.Path(path_type=Path), help="A folder for the full tables.")
@@ -317,10 +323,14 @@ def main(names: tuple[str, ...], nodes: int | None, runs: int, seed: int, store:
     if output is not None:
         writable_picture(output, [".png", ".pdf"])
     pairs = {}
-    click.echo("| robot | method | nodes | s | share | runs | lost |\n|---|---|---|---|---|---|---|")
+    click.echo("| robot | method | nodes or cells | s | share | runs | lost |\n|---|---|---|---|---|---|---|")
     for name in names or WORKED:
-        problem, tables = WORKED[name].problem(nodes or WORKED[name].nodes), []
-        for method in (sdhj.HJI(), sdhj.Projected(WORKED[name].subspaces)):
+        robot, tables = WORKED[name], []
+        problem = robot.problem(nodes or robot.nodes)
+        methods: list[Any] = [sdhj.HJI(), sdhj.Projected(robot.subspaces)]
+        if robot.cells:
+            methods.append(sdhj.Certified(cells=robot.cells))
+        for method in methods:
             kept = store / f"{name}.zarr" if store and method.name == "hji" else None
             began = time.perf_counter()
             tables.append(sdhj.solve(problem, method, store=kept))

@@ -1,0 +1,64 @@
+"""Five and six dimensions: the judge's robots are those of the problems, and tables keep what they promise."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from large import CATCH, LINK, WORKED, clear_of, joints, judged, main, promised
+
+import sdhj
+
+
+@pytest.mark.parametrize("name", WORKED)
+def test_the_judge_plays_the_robot_of_the_problem(name: str, rng: np.random.Generator) -> None:
+    """Velocities, the target and what is lost, at random states away from the walls."""
+    robot = WORKED[name]
+    problem = robot.problem(9)
+    dynamics, grid = problem.dynamics, problem.grid
+    q = 0.9 * rng.uniform(grid.lower, grid.upper, (200, grid.ndim))
+    signs = rng.choice([-1.0, 1.0], (200, dynamics.adversaries))
+    for j, u in enumerate(problem.inputs):
+        own = robot.velocity(q, np.tile(u, (200, 1)), signs, 0.0)
+        gain = np.broadcast_to(dynamics.gain_at(q, j, 0.0), (200, grid.ndim, dynamics.adversaries))
+        pushed = np.einsum("mad,md->ma", gain, signs * dynamics.bounds_at(j, 0.0))
+        np.testing.assert_allclose(own, dynamics.drift_at(q, j, 0.0) + pushed, atol=1e-12)
+    for t in (0.0, 0.7):
+        inside = robot.target(q, t) <= 0
+        np.testing.assert_array_equal(inside, problem.target_value(q, t) <= 0)
+        np.testing.assert_array_equal(robot.unsafe(q, t) <= 0, problem.unsafe_value(q, t) <= 0)
+    assert inside.any()
+
+
+def test_the_arm_is_as_far_away_as_the_nearest_of_many_points_of_its_links(rng: np.random.Generator) -> None:
+    q = rng.uniform(-3, 3, (300, 3))
+    x, y = rng.uniform(-0.36, 0.36, (2, 300))
+    ends = np.array(joints(q))
+    shares = np.linspace(0, 1, 201)[:, None, None, None]
+    points = (1 - shares) * ends[:-1] + shares * ends[1:]
+    nearest = np.hypot(points[..., 0, :] - x, points[..., 1, :] - y).min(axis=(0, 1))
+    found = clear_of(q, x, y)
+    assert (found <= nearest + 1e-12).all() and (found >= nearest - LINK / 400).all() and CATCH < found.max()
+
+
+@pytest.mark.slow
+def test_in_five_dimensions_sets_grow_past_the_target_and_none_is_lost() -> None:
+    robot: Any = WORKED["car"]
+    table = sdhj.solve(robot.problem(9), sdhj.Certified(cells=robot.cells), progress=False)
+    shares = [table.fraction(start=0, within=n) for n in range(5)]
+    assert min(np.diff(shares)) > 0 and shares[-1] > 1.9 * shares[0]
+    starts = promised(table, 4000, 0)
+    assert judged(robot, table, starts) == {"reached": 4000}
+
+
+@pytest.mark.slow
+def test_the_table_and_the_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "large.png"
+    arguments = ["--robot", "arm", "--nodes", "11", "--runs", "300", "-o", str(picture), "--store", str(tmp_path)]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    rows = [line.split(" | ") for line in done.output.splitlines() if line.startswith("| arm")]
+    full, inner = (float(row[4]) for row in rows)
+    assert 0.3 < inner < full < 0.9 and [row[5] for row in rows] == ["300", "300"]
+    assert picture.read_bytes().startswith(b"\x89PNG") and (tmp_path / "arm.zarr").is_dir()
