@@ -24,7 +24,7 @@ from sdhj.grid import FloatArray
 STUDY = True
 CELLS = {
     "car": ((26, 26, 37), (51, 51, 72)),
-    "arm": ((42, 42, 12, 12), (63, 63, 18, 18)),
+    "arm": ((30, 30, 8, 8), (42, 42, 12, 12)),
 }  # a quick look, and a good one
 COLOURS = {"won": "#2a8c82", "unknown": "#eceae4", "lost": "#c0504d"}
 LENGTH, HALF_WIDTH, PURSUER = 0.15, 0.01, 0.04

@@ -1,4 +1,4 @@
-"""Where the projection question matters: a car, an arm of three links and a point in space, in five and six dimensions.
+"""Where the projection question matters: a car, two arms and a point in space, in five and six dimensions.
 
 `python figures/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec. 5.1),
 draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's choice
@@ -117,65 +117,98 @@ def car_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
     return np.sign(q[:, :2] + ahead - q[:, 3:])
 
 
-# ---- an arm of three links and a pursuer: (q1, q2, q3, px, py)
+# ---- arms of some links with some pursuers: (q1, ..., then px and py of each)
 
-LINK, BOX, CATCH, TIP, REACH = 0.1, 0.36, 0.05, (0.05, 0.2), 0.08
+REACH, BOX, CATCH, TIP, TIP_RADIUS = 0.3, 0.36, 0.05, (0.05, 0.2), 0.08
 POST, POST_RADIUS = (-0.2, 0.1), 0.07
-MIGHT = np.array([0.3, 0.3, 0.3, 0.2, 0.2])  # of the adversary, rad/s and m/s
 
 
-def joints(q: FloatArray) -> list[tuple[Any, Any]]:
-    """Base, elbows and tip of states (M, >= 3): four places."""
-    found, angle = [(0.0 * q[:, 0], 0.0 * q[:, 0])], 0.0
-    for joint in range(3):
-        angle = angle + q[:, joint]
-        found.append((found[-1][0] + LINK * np.cos(angle), found[-1][1] + LINK * np.sin(angle)))
-    return found
+@dataclass(frozen=True)
+class ArmPursued:
+    """The functions of an arm; its links are REACH long together."""
 
+    links: int
+    pursuers: int
 
-def clear_of(q: FloatArray, x: Any, y: Any) -> Any:
-    """Distance (M,) of the links from a point, or from one for each state."""
-    gaps = []
-    for (x0, y0), (x1, y1) in pairwise(joints(q)):
-        along = np.clip(((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / LINK**2, 0.0, 1.0)
-        gaps.append(np.hypot(x0 + along * (x1 - x0) - x, y0 + along * (y1 - y0) - y))
-    return reduce(np.minimum, gaps)
+    @property
+    def might(self) -> FloatArray:
+        """Of the adversary, rad/s and m/s."""
+        return np.array([0.3] * self.links + [0.2] * 2 * self.pursuers)
 
+    def agents(self, q: FloatArray) -> list[tuple[Any, Any]]:
+        """Where the pursuers are."""
+        return [(q[:, axis], q[:, axis + 1]) for axis in range(self.links, self.links + 2 * self.pursuers, 2)]
 
-def tip_off(q: FloatArray) -> Any:
-    """Distance (M,) of the tip from the middle of the target."""
-    x, y = joints(q)[-1]
-    return np.hypot(x - TIP[0], y - TIP[1])
+    def joints(self, q: FloatArray) -> list[tuple[Any, Any]]:
+        """Base, elbows and tip of states (M, >= links)."""
+        found, angle = [(0.0 * q[:, 0], 0.0 * q[:, 0])], 0.0
+        for joint in range(self.links):
+            angle, (x, y), link = angle + q[:, joint], found[-1], REACH / self.links
+            found.append((x + link * np.cos(angle), y + link * np.sin(angle)))
+        return found
 
+    def clear_of(self, q: FloatArray, x: Any, y: Any) -> Any:
+        """Distance (M,) of the links from a point, or from one for each state."""
+        gaps = []
+        for (x0, y0), (x1, y1) in pairwise(self.joints(q)):
+            along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / (REACH / self.links) ** 2
+            share = np.clip(along, 0.0, 1.0)
+            gaps.append(np.hypot(x0 + share * (x1 - x0) - x, y0 + share * (y1 - y0) - y))
+        return reduce(np.minimum, gaps)
 
-def arm_velocity(q: FloatArray, u: FloatArray, signs: FloatArray, t: float) -> FloatArray:
-    v = MIGHT * signs
-    return np.column_stack([u + v[:, :3], confined(q[:, 3:], v[:, 3:], BOX)])
+    def target(self, q: FloatArray, t: float) -> Any:
+        x, y = self.joints(q)[-1]
+        return np.hypot(x - TIP[0], y - TIP[1]) - TIP_RADIUS
 
+    def unsafe(self, q: FloatArray, t: float) -> Any:
+        caught = reduce(np.minimum, (self.clear_of(q, *agent) for agent in self.agents(q)))
+        return np.minimum(caught - CATCH, self.clear_of(q, *POST) - POST_RADIUS)
 
-def arm(nodes: int) -> sdhj.ReachAvoidProblem:
-    levels = np.array([-3.0, 0.0, 3.0])
-    inputs = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    names = ["q1 (rad)", "q2 (rad)", "q3 (rad)", "px (m)", "py (m)"]
-    low, high = [-np.pi] * 3 + [-BOX] * 2, [np.pi] * 3 + [BOX] * 2
-    return sdhj.ReachAvoidProblem(
-        sdhj.Grid(low, high, [nodes] * 5, [True] * 3 + [False] * 2, names, ["unsafe"] * 3 + ["wall"] * 2),
-        sdhj.Dynamics(inputs, np.pad(inputs, ((0, 0), (0, 2))), np.eye(5), MIGHT),
-        sdhj.TargetSet((0, 1, 2), lambda q, t: tip_off(q) - REACH),
-        [
-            sdhj.UnsafeSet(tuple(range(5)), lambda q, t: clear_of(q, q[:, 3], q[:, 4]) - CATCH, name="pursuer"),
-            sdhj.UnsafeSet((0, 1, 2), lambda q, t: clear_of(q, *POST) - POST_RADIUS, name="post"),
-        ],
-        delta=0.1,
-        steps=8,
-        name="arm of three links",
-    )
+    def velocity(self, q: FloatArray, u: FloatArray, signs: FloatArray, t: float) -> FloatArray:
+        v, links = self.might * signs, self.links
+        return np.column_stack([u + v[:, :links], confined(q[:, links:], v[:, links:], BOX)])
 
+    def hunt(self, q: FloatArray, u: FloatArray, left: float) -> FloatArray:
+        later, rows = np.array(self.joints(q[:, : self.links] + left * u)[1:]), np.arange(len(q))
+        ways = []
+        for agent in self.agents(q):
+            apart = later - np.array(agent)
+            ways += list(np.sign(apart[np.argmin(np.hypot(*apart.swapaxes(0, 1)), axis=0), :, rows].T))
+        return np.column_stack([np.sign(u + 1e-9), *ways])
 
-def arm_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
-    apart = np.array(joints(q[:, :3] + left * u)[1:]).swapaxes(1, 2) - q[:, 3:]
-    nearest = np.argmin(np.linalg.norm(apart, axis=2), axis=0)
-    return np.column_stack([np.sign(u + 1e-9), np.sign(apart[nearest, np.arange(len(q))])])
+    def problem(self, nodes: int) -> sdhj.ReachAvoidProblem:
+        links, pursuers = self.links, self.pursuers
+        levels = np.linspace(-3.0, 3.0, 3 if links > 2 else 5)
+        inputs = np.stack(np.meshgrid(*[levels] * links, indexing="ij"), axis=-1).reshape(-1, links)
+        places = [f"p{axis}{number or ''} (m)" for number in range(pursuers) for axis in "xy"]
+        low, high = [-np.pi] * links + [-BOX] * 2 * pursuers, [np.pi] * links + [BOX] * 2 * pursuers
+        grid = sdhj.Grid(
+            low,
+            high,
+            [nodes] * len(low),
+            [True] * links + [False] * 2 * pursuers,
+            [f"q{joint + 1} (rad)" for joint in range(links)] + places,
+            ["unsafe"] * links + ["wall"] * 2 * pursuers,
+        )
+        own = tuple(range(links))
+        caught = [
+            sdhj.UnsafeSet(
+                (*own, axis, axis + 1),
+                lambda q, t: self.clear_of(q, q[:, links], q[:, links + 1]) - CATCH,
+                name="pursuer",
+            )
+            for axis in range(links, len(low), 2)
+        ]
+        post = sdhj.UnsafeSet(own, lambda q, t: self.clear_of(q, *POST) - POST_RADIUS, name="post")
+        return sdhj.ReachAvoidProblem(
+            grid,
+            sdhj.Dynamics(inputs, np.pad(inputs, ((0, 0), (0, 2 * pursuers))), np.eye(len(low)), self.might),
+            sdhj.TargetSet(own, self.target),
+            [*caught, post],
+            delta=0.1,
+            steps=8,
+            name=f"arm of {links} links, pursuers: {pursuers}",
+        )
 
 
 # ---- a point that accelerates in space: (x, y, z, vx, vy, vz)
@@ -214,6 +247,14 @@ def space_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
     return np.sign(BALL - q[:, :3] - left * q[:, 3:])
 
 
+def arm(links: int, pursuers: int, nodes: int, slices: tuple[tuple[float, ...], ...]) -> Worked:
+    """An arm to be worked on; projections drop a coordinate of a pursuer."""
+    robot, ndim = ArmPursued(links, pursuers), links + 2 * pursuers
+    dropped = tuple(tuple(axis for axis in range(ndim) if axis != drop) for drop in range(links, ndim))
+    functions = robot.velocity, robot.target, robot.unsafe, robot.hunt
+    return Worked(robot.problem, nodes, dropped, (), *functions, tuple((0.0, 0.0, *rest) for rest in slices))
+
+
 WORKED: Mapping[str, Worked] = {
     "car": Worked(
         car,
@@ -226,17 +267,8 @@ WORKED: Mapping[str, Worked] = {
         car_hunt,
         ((0, 0, 0.0, 0.0, -1.0), (0, 0, 0.8, 1.0, 0.0), (0, 0, 1.6, 1.6, 1.4)),
     ),
-    "arm": Worked(
-        arm,
-        25,
-        ((0, 1, 2, 3), (0, 1, 2, 4)),
-        (),
-        arm_velocity,
-        lambda q, t: tip_off(q) - REACH,
-        lambda q, t: np.minimum(clear_of(q, q[:, 3], q[:, 4]) - CATCH, clear_of(q, *POST) - POST_RADIUS),
-        arm_hunt,
-        ((0, 0, 0.0, 0.24, 0.24), (0, 0, 0.8, -0.15, 0.21), (0, 0, -0.8, 0.3, 0.03)),
-    ),
+    "arm": arm(3, 1, 25, ((0.0, 0.24, 0.24), (0.8, -0.15, 0.21), (-0.8, 0.3, 0.03))),
+    "hunted": arm(2, 2, 15, ((0.24, 0.24, -0.3, 0.0), (-0.15, 0.21, 0.3, 0.03), (0.3, 0.03, 0.0, -0.3))),
     "space": Worked(
         space,
         17,
@@ -312,13 +344,26 @@ def draw(pairs: Mapping[str, tuple[Table, Table]]) -> Figure:
 
 @click.command(context_settings={"show_default": True})
 @click.option("--robot", "names", multiple=True, type=click.Choice(list(WORKED)), help="Which; by default all.")
-@click.option("--nodes", type=click.IntRange(9), help="Nodes along most axes; by default 25, in space 17.")
+@click.option("--nodes", type=click.IntRange(9), help="Nodes along most axes, instead of those that fit into minutes.")
+@click.option("--full", default="hji", type=click.Choice(["hji", "lax"]), help="The method of the full tables.")
+@click.option("--full-only", is_flag=True, help="Neither projected nor certified tables, and no picture.")
 @click.option("--runs", default=4000, type=click.IntRange(1), help="Runs of each table.")
 @click.option("--seed", default=0, type=SEED)
-@click.option("--store", type=click.Path(path_type=Path), help="A folder for the full tables.")
+@click.option("--store", type=click.Path(path_type=Path), help="A folder for the full tables, solved slab by slab.")
+@click.option("--memory", type=click.IntRange(1), help="Bytes that a slab may take.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="A picture: a png or pdf file.")
 @plainly
-def main(names: tuple[str, ...], nodes: int | None, runs: int, seed: int, store: Path | None, output: Path) -> None:
+def main(
+    names: tuple[str, ...],
+    nodes: int | None,
+    full: str,
+    full_only: bool,
+    runs: int,
+    seed: int,
+    store: Path | None,
+    memory: int | None,
+    output: Path | None,
+) -> None:
     """Solve, judge and draw."""
     if output is not None:
         writable_picture(output, [".png", ".pdf"])
@@ -327,15 +372,17 @@ def main(names: tuple[str, ...], nodes: int | None, runs: int, seed: int, store:
     for name in names or WORKED:
         robot, tables = WORKED[name], []
         problem = robot.problem(nodes or robot.nodes)
-        methods: list[Any] = [sdhj.HJI(), sdhj.Projected(robot.subspaces)]
-        if robot.cells:
+        chosen = sdhj.HopfLax() if full == "lax" else sdhj.HJI()
+        methods: list[Any] = [chosen] if full_only else [chosen, sdhj.Projected(robot.subspaces, chosen)]
+        if robot.cells and not full_only:
             methods.append(sdhj.Certified(cells=robot.cells))
         for method in methods:
-            kept = store / f"{name}.zarr" if store and method.name == "hji" else None
+            kept = {"store": store / f"{name}.zarr", "memory": memory} if store and method is chosen else {}
             began = time.perf_counter()
-            tables.append(sdhj.solve(problem, method, store=kept))
+            tables.append(sdhj.solve(problem, method, **kept))
             click.echo(row(name, tables[-1], time.perf_counter() - began, runs, seed))
-        pairs[name] = tables[0], tables[1]
+        if not full_only:
+            pairs[name] = tables[0], tables[1]
     if output is not None:
         with plotting.style():
             plotting.write(draw(pairs), output)
