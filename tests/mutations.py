@@ -13,12 +13,6 @@ TESTS = Path(__file__).parent
 LIBRARY = TESTS.parent / "sdhj"
 
 
-def some(mutations):
-    """All names; or every third, from the place that SDHJ_MUTATIONS says, where there is no time for all."""
-    first = os.environ.get("SDHJ_MUTATIONS")
-    return list(mutations) if first is None else list(mutations)[int(first) % 3 :: 3]
-
-
 @contextmanager
 def started(request, mutations, tests, folders, *, compiled=()):
     """The runs of all cases of a module that are asked for, by name, as many at a time as there are cores.
