@@ -30,6 +30,9 @@ def _tetrahedra() -> FloatArray:
 
 
 TETRAHEDRA = _tetrahedra()
+# The edges that the surface cuts, in a ring, where the first one, two or three vertices of a tetrahedron are inside.
+EDGES = np.array([[(0, 1), (0, 2), (0, 3), (0, 0)], [(0, 2), (0, 3), (1, 3), (1, 2)], [(0, 3), (1, 3), (2, 3), (0, 0)]])
+CUT = np.array([0, 3, 4, 3, 0])  # how many there are
 
 
 def isosurface(values: FloatArray, coordinates: Sequence[FloatArray]) -> FloatArray:
@@ -64,13 +67,12 @@ def march(values: Any, x: Any, y: Any, z: Any, tetrahedra: Any, triangles: Any) 
                             last -= 1
                             place = last
                         at[place], points[place] = values[a, b, c], (x[a], y[b], z[c])
-                    for corner in range(4 if first == 2 else 3 if first % 4 else 0):
-                        inside = corner >> 1 if first == 2 else corner % first
-                        outside = 2 + (corner + 1 >> 1 & 1) if first == 2 else first + corner % (4 - first)
+                    for corner in range(CUT[first]):
+                        inside, outside = EDGES[first - 1, corner]
                         share = at[inside] / (at[inside] - at[outside])
                         for d in range(3):
                             ring[corner, d] = points[inside, d] + share * (points[outside, d] - points[inside, d])
-                    for one in range(2 if first == 2 else 1 if first % 4 else 0):
+                    for one in range(CUT[first] - 2):  # triangles from the ring's first corner
                         outwards = 0.0
                         for d in range(3):
                             e, f = (d + 1) % 3, (d + 2) % 3
