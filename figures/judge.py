@@ -1,7 +1,7 @@
 """Closed loops judged without the library: the controller is asked for inputs, nothing else. Imports nothing from sdhj.
 
-The motion is integrated here, by the textbook's Runge-Kutta step of order 4, with the functions of the test itself; the
-adversary may switch several times within a sampling interval.
+The motion is integrated here, by the textbook's Runge-Kutta step of order 4, with functions of the caller (a test,
+`large.py`); the adversary may switch several times within a sampling interval.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 `python figures/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec. 5.1),
 draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's choice
-is in those runs.
+is in those runs. Motion and adversary are written twice, for the problem and for the judge; distances once.
 `--store FOLDER` keeps the full tables there and solves them slab by slab.
 """
 
@@ -34,7 +34,7 @@ DRAWN = 200_000  # states among which starts are looked for, at a time
 
 @dataclass(frozen=True)
 class Worked:
-    """A problem, and its robot written once more for the judge.
+    """A problem, and the motion of its robot once more, for the judge.
 
     Attributes
     ----------
@@ -366,6 +366,10 @@ def main(
 ) -> None:
     """Solve, judge and draw."""
     if output is not None:
+        if full_only:
+            raise click.UsageError(
+                "-o draws full and projected tables over each other, and --full-only solves no projected one"
+            )
         writable_picture(output, [".png", ".pdf"])
     pairs = {}
     click.echo("| robot | method | nodes or cells | s | share | runs | lost |\n|---|---|---|---|---|---|---|")

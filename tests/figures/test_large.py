@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from large import CATCH, REACH, WORKED, ArmPursued, judged, main, promised
+from large import CATCH, REACH, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised
 
 import sdhj
 
 
 @pytest.mark.parametrize("name", WORKED)
 def test_the_judge_plays_the_robot_of_the_problem(name: str, rng: np.random.Generator) -> None:
-    """Velocities, the target and what is lost, at random states away from the walls."""
+    """Velocities, the target and what is lost, at random states away from the walls (distances of arms: below)."""
     robot = WORKED[name]
     problem = robot.problem(9)
     dynamics, grid = problem.dynamics, problem.grid
@@ -43,6 +43,12 @@ def test_the_arm_is_as_far_away_as_the_nearest_of_many_points_of_its_links(rng: 
     assert (found <= nearest + 1e-12).all() and (found >= nearest - REACH / 1200).all() and CATCH < found.max()
 
 
+def test_the_tip_of_the_arm_is_where_its_links_end(rng: np.random.Generator) -> None:
+    q = rng.uniform(-3, 3, (300, 5))
+    tip = REACH / 3 * np.exp(1j * np.cumsum(q[:, :3], axis=1)).sum(axis=1)
+    np.testing.assert_allclose(ArmPursued(3, 1).target(q, 0.0), abs(tip - complex(*TIP)) - TIP_RADIUS, atol=1e-14)
+
+
 @pytest.mark.slow
 def test_in_five_dimensions_sets_grow_past_the_target_and_none_is_lost() -> None:
     robot: Any = WORKED["car"]
@@ -63,3 +69,8 @@ def test_the_table_and_the_picture(tmp_path: Path) -> None:
     full, inner = (float(row[4]) for row in rows)
     assert 0.3 < inner < full < 0.9 and [row[5] for row in rows] == ["300", "300"]
     assert picture.read_bytes().startswith(b"\x89PNG") and (tmp_path / "arm.zarr").is_dir()
+
+
+def test_a_picture_of_full_tables_alone_is_refused(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["--full-only", "-o", str(tmp_path / "large.png")])
+    assert done.exit_code == 2 and "--full-only" in done.output and "Traceback" not in done.output
