@@ -15,7 +15,7 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -85,6 +85,16 @@ class Plan:
     def avoid_axes(self) -> Mapping[str, Axes]:
         """The axes of the avoid tubes."""
         return {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in self.avoid.items()}
+
+    @cached_property
+    def whole(self) -> Any:
+        """The games of the only slab, which are not sampled each time."""
+        return self.method.on(self.problem)
+
+    @cached_property
+    def static(self) -> FloatArray:
+        """The static avoid tubes of the only slab, which are not read each time."""
+        return TableStore(self.path).read("avoid_static", 0, self.runs(0, self.avoid_axes["static"]))
 
     @property
     def slabs(self) -> int:
@@ -196,27 +206,12 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
 # ---- what is done to a slab
 
 
-@lru_cache(maxsize=1)
-def _static_tubes(plan: Plan, slab: int) -> FloatArray:
-    """The static avoid tubes of a slab; where it is the only one it need not be read each time."""
-    return TableStore(plan.path).read("avoid_static", 0, plan.runs(slab, plan.avoid_axes["static"]))
-
-
-@lru_cache(maxsize=1)
-def _games(plan: Plan, slab: int) -> Any:
-    """The games of a slab with its halo; where it is the only one they need not be sampled each time."""
-    problem = plan.problem
-    if plan.slabs > 1:
-        problem = problem.on(around(problem.grid, plan.axis, plan.span(slab), plan.halo)[0])
-    games = plan.method.on(problem)
-    games.counted = plan.counted
+def _games(plan: Plan, playing: ReachAvoidProblem, counted: Mapping[Axes, Any]) -> Any:
+    if plan.slabs == 1 and playing is plan.problem:
+        return plan.whole
+    games = plan.method.on(playing)
+    games.counted = counted
     return games
-
-
-def forget() -> None:
-    """Let go of what is kept of the slab worked on last."""
-    _games.cache_clear()
-    _static_tubes.cache_clear()
 
 
 def work(plan: Plan, task: Task) -> Any:
@@ -251,12 +246,7 @@ def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
             span = [game.begin + node for node in plan.span(task.slab)]
             part, inner = around(playing.grid, game.axis, (span[0], span[1]), game.halo)
             playing, cut[1 + danger.axes.index(plan.axis)] = playing.on(part), inner
-        if playing is problem and plan.slabs == 1:
-            games = _games(plan, 0)
-        else:
-            games = plan.method.on(playing)
-            games.counted = game.counted
-        found = games.avoid(danger.part, task.step)[tuple(cut)]
+        found = _games(plan, playing, game.counted).avoid(danger.part, task.step)[tuple(cut)]
         felt.append(bool(found.max() > 0))
         for j, tube in enumerate(found):
             np.maximum(total[j], window.lift(tube, [kept.index(i) for i in danger.axes]), out=total[j])
@@ -269,12 +259,12 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
     keep = tuple(kept if axis == plan.axis else slice(None) for axis in range(window.ndim))
-    games = _games(plan, task.slab)
+    games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted)
     before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
     axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
-    static = _static_tubes(plan, task.slab)
+    static = plan.static if plan.slabs == 1 else store.read("avoid_static", 0, plan.runs(task.slab, axes[0]))
     moving = store.read("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))

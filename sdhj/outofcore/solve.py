@@ -25,7 +25,7 @@ from sdhj.files import TableFileError, table_told
 from sdhj.games import KEPT
 from sdhj.memory import available, require
 from sdhj.methods import HJI, HopfLax, method_of
-from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, forget, in_slabs, reach_halo, time_steps, work
+from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
 from sdhj.outofcore.store import STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
 from sdhj.problem import ReachAvoidProblem
@@ -63,10 +63,7 @@ def solve_stored(
             create(path, told, _cuts(plan))
         with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
-            try:
-                recursion(sets, problem.steps, lambda: None)
-            finally:
-                forget()
+            recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
 
 
