@@ -63,14 +63,29 @@ class Table(Protocol):
     def save(self, path: str | os.PathLike[str]) -> None: ...
 
 
-def in_a_line(table: Table) -> str:
-    """One line on a table of any method: what was solved, how, and the share of the grid that it holds."""
-    problem, nodes = table.problem, " x ".join(map(str, table.grid.shape))
-    return (
-        f"<{type(table).__name__} of {problem.name!r}, method {table.method!r}: {nodes} nodes, "
-        f"{len(problem.inputs)} inputs, {table.steps} steps of {problem.delta:g} s; "
-        f"{table.fraction(start=0, within=table.steps):.1%} of the grid's volume within all of them>"
-    )
+class OfProblem:
+    """What tables of any method say of their problem; in a line, with the share of the grid that they hold."""
+
+    @property
+    def grid(self: Table) -> Grid:
+        return self.problem.grid
+
+    @property
+    def steps(self: Table) -> int:
+        return self.problem.most_steps
+
+    def __repr__(self: Table) -> str:
+        problem, nodes = self.problem, " x ".join(map(str, self.grid.shape))
+        return (
+            f"<{type(self).__name__} of {problem.name!r}, method {self.method!r}: {nodes} nodes, "
+            f"{len(problem.inputs)} inputs, {self.steps} steps of {problem.delta:g} s; "
+            f"{self.fraction(start=0, within=self.steps):.1%} of the grid's volume within all of them>"
+        )
+
+    def entry(self: Table, start: int, within: int) -> int:
+        """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""
+        start = whole("start", start, least=0, most=self.steps)
+        return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
 
 
 NO_CHANGE = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
@@ -100,8 +115,8 @@ def entries(steps: int) -> FloatArray:
     return np.array([(start, within) for start in range(steps + 1) for within in range(steps - start + 1)])
 
 
-@dataclass(frozen=True)
-class LookupTable:
+@dataclass(frozen=True, repr=False)
+class LookupTable(OfProblem):
     """Every reach-avoid tube S_k^i, with n = N - i steps to go written `within`, and the inputs that realise it.
 
     Made by `sdhj.solve` or `sdhj.load`. Tubes that are equal are stored once.
@@ -125,9 +140,6 @@ class LookupTable:
     masks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
-
-    def __repr__(self) -> str:
-        return in_a_line(self)
 
     # ---- filling it in
 
@@ -198,8 +210,7 @@ class LookupTable:
         stored = int(self.index[self.entry(0, self.steps)])  # the last is as the one before
         if stored == self.steps:
             raise ValueError(f"the tubes still change after {stored:,} steps; give the problem a number of steps")
-        last = max(stored - 1, 1)
-        stays = self.problem.stays
+        last, stays = max(stored - 1, 1), self.problem.stays
         index, kept = entries(last)[:, 1], slice(last, last + 1) if stays else slice(0, last + 1)
         return replace(
             self,
@@ -216,19 +227,6 @@ class LookupTable:
         return replace(self, tubes=self.tubes[:stored], masks=self.masks[:stored], details=details)
 
     # ---- what it says of the grid
-
-    @property
-    def grid(self) -> Grid:
-        return self.problem.grid
-
-    @property
-    def steps(self) -> int:
-        return self.problem.most_steps
-
-    def entry(self, start: int, within: int) -> int:
-        """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""
-        start = whole("start", start, least=0, most=self.steps)
-        return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Level-set function of the states that reach the target within `within` steps from step `start`.
@@ -263,8 +261,7 @@ class LookupTable:
     @property
     def nbytes(self) -> int:
         """Bytes that the tubes, the masks and the avoid tubes take in memory."""
-        arrays = self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving
-        return sum(array.nbytes for array in arrays)
+        return sum(a.nbytes for a in (self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving))
 
     # ---- what it says of states between the nodes
 

@@ -15,19 +15,19 @@ from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
-from sdhj.checks import real_array, states_array, whole
+from sdhj.checks import real_array, states_array
 from sdhj.files import PACKING, stored, written_table
-from sdhj.grid import FloatArray, Grid
+from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import entry, in_a_line
+from sdhj.table import OfProblem, entry
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
-@dataclass(frozen=True)
-class CertifiedTable:
+@dataclass(frozen=True, repr=False)
+class CertifiedTable(OfProblem):
     """Every certified S_k^n, packed; used like a `LookupTable`. Made by `sdhj.solve` with the method `Certified`.
 
     The level-set function of S_k^n that it reports is the number of steps in which the target is certified to be
@@ -52,9 +52,6 @@ class CertifiedTable:
     details: Mapping[str, Any]
     method: ClassVar[str] = "certified"
 
-    def __repr__(self) -> str:
-        return in_a_line(self)
-
     @property
     def problem(self) -> ReachAvoidProblem:
         return self.proof.problem
@@ -74,25 +71,14 @@ class CertifiedTable:
         return tuple(axis.count for axis in self.axes)
 
     @property
-    def grid(self) -> Grid:
-        return self.problem.grid
-
-    @property
-    def steps(self) -> int:
-        return self.problem.steps
-
-    @property
     def nbytes(self) -> int:
         """Bytes that the sets and what proves them take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def _place(self, start: int, within: int) -> int:
         """Checked place of (start, within) in the index; `within` beyond N - start means N - start."""
-        start = whole("start", start, least=0, most=self.steps)
-        within = min(whole("within", within, least=0), self.steps - start)
-        return (
-            entry(self.steps, start, within) if len(self.index) > self.steps + 1 else min(within, len(self.index) - 1)
-        )
+        place = self.entry(start, within)
+        return place if len(self.index) > self.steps + 1 else min(within, self.steps - start, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
         """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""

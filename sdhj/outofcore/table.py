@@ -26,7 +26,7 @@ from sdhj.memory import require
 from sdhj.outofcore.slabs import KINDS, around, read_window
 from sdhj.outofcore.store import TableStore
 from sdhj.problem import ReachAvoidProblem
-from sdhj.table import AvoidTubes, LookupTable, entry, in_a_line
+from sdhj.table import AvoidTubes, LookupTable, OfProblem, entry
 
 CACHED = 2**27  # bytes of chunks that are kept
 LOOKED_UP = 2**23  # values that are looked up in at a time
@@ -66,7 +66,7 @@ def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None 
     return StoredTable(given, store)
 
 
-class StoredTable:
+class StoredTable(OfProblem):
     """Every tube of a problem, in a store: a `Table` that reads what is asked for.
 
     Made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its methods answer as those of a `LookupTable` do.
@@ -95,17 +95,6 @@ class StoredTable:
         self._chunks: OrderedDict[Any, FloatArray] = OrderedDict()
         self._lock = threading.Lock()
         self._ahead: dict[int, LookAhead] = {}
-
-    def __repr__(self) -> str:
-        return in_a_line(self)
-
-    @property
-    def grid(self) -> Grid:
-        return self.problem.grid
-
-    @property
-    def steps(self) -> int:
-        return self.problem.most_steps
 
     @property
     def nbytes(self) -> int:
@@ -151,8 +140,7 @@ class StoredTable:
         self.loaded().save(path)
 
     def _place(self, start: int, within: int) -> int:
-        start = whole("start", start, least=0, most=self.steps)
-        return int(self.index[entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))])
+        return int(self.index[self.entry(start, within)])
 
     def _whole(self, name: str, start: int, within: int) -> FloatArray:
         array = self.store.arrays[name]
