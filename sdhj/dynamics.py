@@ -21,6 +21,7 @@ from sdhj.memory import require
 from sdhj.schemes import Velocities
 
 MOST_INPUTS = 256
+SURVEYED = 2**22  # nodes at which velocities are compared at a time
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # means over time, where velocities depend on nothing else
 # of an interval, at which velocities that depend on time are compared: evenly spaced ones would miss what vibrates
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -358,9 +359,9 @@ class Interval:
         if dynamics.stateless:
             return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0), pushes
         # neighbours share a node, so what varies along the first axis does so within one of them
-        pieces, everything = self.grid.pieces(overlap=1), range(ndim)
-        need = self.sampling_bytes // self.grid.size * pieces[0].size
-        require(need, f"sampling the velocities on {pieces[0].size:.1e} nodes")
+        pieces, everything = list(self.grid.pieces(SURVEYED, overlap=1)), range(ndim)
+        most = max(piece.size for piece in pieces)
+        require(self.sampling_bytes // self.grid.size * most, f"sampling the velocities on {most:.1e} nodes")
         for piece in pieces:
             points = piece.points()
             for j, t in product(range(len(dynamics.inputs)), instants.tolist()):

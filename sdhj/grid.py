@@ -6,7 +6,7 @@ the minimum, intersection the maximum, complement the negative.
 
 import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,7 +25,7 @@ MIN_NODES = 5  # the widest stencils reach two nodes to each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
 SMALL = 2**20  # nodes for which there is always room
-PIECE = 2**22  # nodes at which functions are sampled at a time, where that is enough
+PIECE = 2**16  # nodes at which functions are sampled at a time: what they make on the way stays in the cache
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ class Grid:
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes that it takes to sample functions at all nodes: coordinates and some values in double precision."""
-        return 8 * (2 * self.ndim + 5) * self.size
+        """Bytes that it takes to sample functions at all nodes, in `pieces`: in double precision, values thrice."""
+        return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     @cached_property
     def spacing(self) -> tuple[float, ...]:
@@ -136,14 +136,14 @@ class Grid:
         MemoryError
             Where there is no room for them and functions of them.
         """
-        self.require_room()
+        self.require_room(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
         for axis in range(self.ndim):
             points[..., axis] = self.lift(self.nodes(axis), [axis])
         return points.reshape(self.size, self.ndim)
 
     def require_room(self, each: int = 0) -> None:
-        """Raise MemoryError where there is no room for `each` bytes a node, by default to sample functions at all."""
+        """Raise MemoryError where there is no room for `each` bytes a node, by default to sample functions."""
         if self.size > SMALL:
             require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
 
@@ -156,11 +156,13 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
-    def pieces(self, overlap: int = 0) -> "list[Grid]":
-        """The grid, or windows along its first axis that are small enough to sample functions in, in their order."""
-        rows, some = self.shape[0], max(1, PIECE // (self.size // self.shape[0]))
-        spans = [(max(row - overlap, 0), min(row + some, rows)) for row in range(0, rows, some)]
-        return [self.stretch(0, begin, end - begin) for begin, end in spans]
+    def pieces(self, most: int | None = None, overlap: int = 0, axis: int = 0) -> "Iterator[Grid]":
+        """Windows of about `most` nodes, by default `PIECE`, in the nodes' order: the grid is cut from `axis` on."""
+        rows, some = self.shape[axis], (most or PIECE) // math.prod(self.shape[axis + 1 :])
+        for row in range(0, rows, max(some, 1)):
+            begin, end = max(row - overlap, 0), min(row + max(some, 1), rows)
+            piece = self.stretch(axis, begin, end - begin)
+            yield from [piece] if some else piece.pieces(most, overlap, axis + 1)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""

@@ -285,11 +285,11 @@ class ReachAvoidProblem:
 
     @cached_property
     def timeless(self) -> bool:
-        """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the safe target."""
+        """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the target."""
         if self.dynamics.timed or any(part.moving for part in self.unsafe):
             return False
-        steps = range(1, (self.steps or SUBSAMPLES) + 1)
-        return all(np.array_equal(part.goal(k), part.goal(0)) for part in self.pieces() for k in steps)
+        first, steps = self.target_at(self.time(0)), range(1, (self.steps or SUBSAMPLES) + 1)
+        return all(np.array_equal(self.target_at(self.time(k)), first) for k in steps)
 
     def on(self, grid: Grid) -> "ReachAvoidProblem":
         """The problem on a window of its grid; what depends on the whole grid is as there."""
@@ -310,7 +310,8 @@ class ReachAvoidProblem:
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
         subgrid = self.grid.subgrid(axes)
-        return self._checked(function(subgrid.points()), name, subgrid.size).reshape(subgrid.shape)
+        values = [self._checked(function(piece.points()), name, piece.size) for piece in subgrid.pieces()]
+        return np.concatenate(values).reshape(subgrid.shape)
 
     def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
         values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
