@@ -73,12 +73,19 @@ class Wall:
 class _OnAxes:
     """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
 
+    dtype: str
+
     def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
         self.problem = problem
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
+        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are asked for
+
+    def asked(self, axes: Axes) -> tuple[slice, ...]:
+        """The nodes of some axes of which something is asked."""
+        return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
@@ -86,6 +93,13 @@ class _OnAxes:
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
+        tubes = np.full((self.count, *self.problem.grid.subgrid(wall.axes).shape), -np.inf, self.dtype)
+        for j, tube in self.each_tube(wall, step):
+            np.maximum(tubes[j], tube, out=tubes[j])
+        return tubes
+
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, a part of the tube of u_j), on the subgrid of wall.axes: the tube is the maximum of its parts."""
         raise NotImplementedError
 
 
@@ -116,10 +130,10 @@ class HJIGames(_OnAxes):
         if self.moving_frame and not self.early:  # else each end that it may have is another shift
             still = self._evolve(values, 0, step, drift=False)
             shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
-            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT)
+            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT, self.asked(self.axes))
         else:
             for j in range(self.count):
-                yield j, self._evolve(values, j, step)
+                yield j, self._evolve(values, j, step)[self.asked(self.axes)]
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
@@ -128,24 +142,25 @@ class HJIGames(_OnAxes):
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
 
-    def tubes(self, wall: Wall, step: int) -> FloatArray:
-        """As `_OnAxes.tubes`.
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `_OnAxes.each_tube`.
 
         Differences wear the crests of -g down, and so find unsafe states safe: where velocities are constant, in the
         moving frame, the tubes come from the Hopf-Lax formula, which does not.
         """
         problem = self.problem
         if self.moving_frame:
-            return HopfLaxGames(problem, SHIFT, self.dtype, self.axes).tubes(wall, step)
+            formula = HopfLaxGames(problem, SHIFT, self.dtype, self.axes)
+            formula.wanted = self.wanted
+            yield from formula.each_tube(wall, step)
+            return
         grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.held(wall, step, steps)
-        tubes = np.empty((self.count, *grid.shape), self.dtype)
-        for j, tube in enumerate(tubes):
-            velocities = self.velocities(j, wall.axes, step)
-            obstacle = at if wall.instant else at(0.0)
-            tube[:] = evolve(grid, at(0.0), velocities, self.duration, self.scheme, obstacle=obstacle, steps=steps)
+        told: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
+        for j in range(self.count):
             self.solved += 1
-        return tubes
+            tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **told)
+            yield j, tube[self.asked(wall.axes)]
 
     def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
         """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
@@ -254,23 +269,22 @@ class HopfLaxGames(_OnAxes):
         interval, parts = self.problem.interval(step), self._pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
         boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
-        yield from maximum_over_paths(self.grid, np.asarray(values, self.dtype), boxes, self.interpolation)
+        values = np.asarray(values, self.dtype)
+        yield from maximum_over_paths(self.grid, values, boxes, self.interpolation, self.asked(self.axes))
 
-    def tubes(self, wall: Wall, step: int) -> FloatArray:
-        """As `HJIGames.tubes`; each piece of the interval takes the box that holds all states of its duration."""
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `_OnAxes.each_tube`; each piece of the interval takes the box that holds all states of its duration."""
         problem, axes = self.problem, list(wall.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if wall.instant else wall.over(times[0], times[-1])
-        result = np.empty((self.count, *grid.shape), self.dtype)
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
             ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
             boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-            for j, tube in maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation):
-                np.maximum(result[j] if piece else tube, tube, out=result[j])
-        return result
+            told = values.astype(self.dtype), low, high, self.interpolation, self.asked(wall.axes)
+            yield from maximum_over_boxes(grid, *told)
 
     def _pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""

@@ -32,6 +32,7 @@ from sdhj.grid import FloatArray, Grid, Window
 from sdhj.rim import out_of_danger
 from sdhj.stages import MATH, raise_to
 
+Nodes = Sequence[slice]  # of each axis
 INTERPOLATIONS = ("linear", "limited")
 STRETCH = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 SHORT = 100  # fewer nodes than this behind an axis: turning the array, so that loops are long, pays
@@ -130,13 +131,13 @@ def intervals(
 def maximum_over_interval(
     grid: Grid, values: FloatArray, axis: int, low: float, high: float, interpolation: str
 ) -> FloatArray:
-    """max over y in [x + low, x + high] along one axis of a grid function; shape and dtype as `values`."""
+    """max over y in [x + low, x + high] along one axis of `values`, which on other axes may have some nodes only."""
     n, spacing = grid.shape[axis], grid.spacing[axis]
     limited = interpolation == "limited"
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
     some = None if some == (0, nodes) else some
     where = intervals(nodes, grid.periodic[axis], low / spacing, high / spacing, limited, values.dtype.str, some)
-    after = int(np.prod(grid.shape[axis + 1 :]))
+    after = int(np.prod(values.shape[axis + 1 :]))
     view = np.asarray(values).reshape(-1, n, after)
     turned = after < SHORT
     if turned:
@@ -146,15 +147,16 @@ def maximum_over_interval(
     maximum_of_intervals(view, *where, out)
     if turned:
         out = np.ascontiguousarray(np.moveaxis(out.reshape(n, -1, after), 0, 1))
-    return out.reshape(grid.shape)
+    return out.reshape(values.shape)
 
 
 def maximum_over_boxes(
-    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
+    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, asked: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim).
 
-    Boxes that agree on an axis share the work: the axes with the fewest different intervals go first.
+    Boxes that agree on an axis share the work: the axes with the fewest different intervals go first. Where nodes are
+    `asked` for, by axis, the others are dropped as soon as that axis is done.
     """
     spans = [[(float(low[j, axis]), float(high[j, axis])) for j in range(len(low))] for axis in range(grid.ndim)]
     order = sorted(range(grid.ndim), key=lambda axis: len(set(spans[axis])))
@@ -168,22 +170,24 @@ def maximum_over_boxes(
             chosen = [j for j in members if spans[axis][j] == span]
             same = span == (0.0, 0.0)
             moved = values if same else maximum_over_interval(grid, values, axis, *span, interpolation)
+            if asked:
+                moved = moved[(slice(None),) * axis + (asked[axis],)]
             yield from descend(moved, depth + 1, chosen)
 
     yield from descend(out_of_danger(grid, np.asarray(values)), 0, range(len(low)))
 
 
 def maximum_over_paths(
-    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str
+    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str, asked: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), low and high corners in turn.
 
     Between two of them the corners move on straight lines: those boxes are in the one that holds both.
     """
     if len(boxes) == 1:
-        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation)
+        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation, asked)
     found: dict[int, FloatArray] = {}
     for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
-        for j, most in maximum_over_boxes(grid, values, low, high, interpolation):
+        for j, most in maximum_over_boxes(grid, values, low, high, interpolation, asked):
             found[j] = np.maximum(found.get(j, most), most)
     yield from found.items()

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.avoid import Danger
-from sdhj.games import Axes, HJIGames, HopfLaxGames
+from sdhj.games import Axes, HJIGames, HopfLaxGames, Wall
 from sdhj.grid import FloatArray, Grid
 from sdhj.outofcore.store import Runs, TableStore
 from sdhj.problem import ReachAvoidProblem
@@ -32,8 +32,6 @@ from sdhj.stages import REACH
 from sdhj.table import AvoidTubes
 
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
-
-
 KINDS = "static", "moving"  # avoid tubes
 
 
@@ -206,11 +204,11 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
 # ---- what is done to a slab
 
 
-def _games(plan: Plan, playing: ReachAvoidProblem, counted: Mapping[Axes, Any]) -> Any:
+def _games(plan: Plan, playing: ReachAvoidProblem, counted: Mapping[Axes, Any], wanted: Mapping[int, slice]) -> Any:
     if plan.slabs == 1 and playing is plan.problem:
         return plan.whole
     games = plan.method.on(playing)
-    games.counted = counted
+    games.counted, games.wanted = counted, wanted
     return games
 
 
@@ -240,16 +238,17 @@ def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
     dtype, felt = store.arrays["tubes"].dtype, []
     total = np.full((len(problem.inputs), *(end - begin for begin, end in runs)), -np.inf, dtype)
     for game in plan.avoid[task.kind]:
-        danger, cut = game.danger, [slice(None), *game.danger.inside]
-        playing = danger.problem
+        danger, cut = game.danger, [*game.danger.inside]
+        playing, wanted = danger.problem, {}
         if game.axis is not None:
             span = [game.begin + node for node in plan.span(task.slab)]
             part, inner = around(playing.grid, game.axis, (span[0], span[1]), game.halo)
-            playing, cut[1 + danger.axes.index(plan.axis)] = playing.on(part), inner
-        found = _games(plan, playing, game.counted).avoid(danger.part, task.step)[tuple(cut)]
-        felt.append(bool(found.max() > 0))
-        for j, tube in enumerate(found):
-            np.maximum(total[j], window.lift(tube, [kept.index(i) for i in danger.axes]), out=total[j])
+            playing, wanted[game.axis], cut[danger.axes.index(plan.axis)] = playing.on(part), inner, slice(None)
+        wall, at = Wall.of(playing, danger.part, playing.avoid_axes(danger.part)), [kept.index(i) for i in danger.axes]
+        felt.append(False)
+        for j, tube in _games(plan, playing, game.counted, wanted).each_tube(wall, task.step):
+            felt[-1] |= bool((tube := tube[tuple(cut)]).max() > 0)
+            np.maximum(total[j], window.lift(tube, at), out=total[j])
     store.write(f"avoid_{task.kind}", task.step, runs, total)
     return felt
 
@@ -258,8 +257,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     """As `GridSets.extend`, on one slab. Returns whether the tube is the one before."""
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
-    keep = tuple(kept if axis == plan.axis else slice(None) for axis in range(window.ndim))
-    games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted)
+    games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted, {plan.axis: kept})
     before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
@@ -269,7 +267,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))
     for j, phi in games.reach(values, task.step):
-        reach = np.ascontiguousarray(phi[keep])
+        reach = np.ascontiguousarray(phi)
         add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *rows.walls(0, j), np.uint8(1 << j % 8))
     if problem.stays:
         np.maximum(tube, before, out=tube)

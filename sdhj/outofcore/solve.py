@@ -23,6 +23,7 @@ from sdhj.checks import whole
 from sdhj.compiling import announced, hidden
 from sdhj.files import TableFileError, table_told
 from sdhj.games import KEPT
+from sdhj.grid import Grid
 from sdhj.memory import available, require
 from sdhj.methods import HJI, HopfLax, method_of
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
@@ -124,8 +125,10 @@ def planned(
         width, halo = width if cut else shape[axis], halos[axis]
         games = tuple(in_slabs(method, problem, danger, axis) for danger in found)
         plan = Plan(problem, method, Path(), axis, width, halo, counted, games)
-    while not cut and plan.width > 1 and task_bytes(plan) > room:
-        plan = replace(plan, width=-(-plan.width // 2))
+    for slabs in range(2, 2 if cut else shape[axis] + 1):
+        if task_bytes(plan) <= room:
+            break
+        plan = replace(plan, width=-(-shape[axis] // slabs))
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
@@ -147,26 +150,31 @@ def check_some_resolution(problem: ReachAvoidProblem) -> None:
 def task_bytes(plan: Plan) -> int:
     """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
     problem, dynamics = plan.problem, plan.problem.dynamics
-    item, count, grid = np.dtype(plan.method.told["dtype"]).itemsize, len(problem.inputs), problem.grid
-    window, _ = around(grid, plan.axis, plan.span(0), plan.halo)
-    slab = plan.width * (grid.size // grid.shape[plan.axis])
-    sampled = window.sampling_bytes // (1 if not dynamics.stateless else 2)
-    solved = 12 * item * window.size
-    if not dynamics.stateless:
-        velocities = 8 * grid.ndim * (2 * dynamics.adversaries + 6) * window.size
-        sampled += velocities + min(KEPT, count * velocities)
-        solved += item * grid.ndim * (3 + dynamics.adversaries) * window.size
-    tubes = [0]
+    item, count = np.dtype(plan.method.told["dtype"]).itemsize, len(problem.inputs)
+
+    def played(window: Grid) -> int:
+        """The games of one input on a window: what is sampled, stages with their ghost nodes, shifted copies."""
+        arrays = 12 if isinstance(plan.method, HJI) else window.ndim + 4  # maxima over the first axes are kept
+        most = max(window.sampling_bytes, (8 + arrays * item) * window.size)
+        if not dynamics.stateless:
+            velocities = 8 * window.ndim * (2 * dynamics.adversaries + 6) * window.size
+            most += velocities + min(KEPT, count * velocities)
+            most += item * window.ndim * (3 + dynamics.adversaries) * window.size
+        return most
+
+    window, _ = around(problem.grid, plan.axis, plan.span(0), plan.halo)
+    slab = math.prod(end - begin for begin, end in plan.runs(0))
+    extending, avoiding = played(window) + slab * (4 * item + 2 * -(-count // 8)), 0
     for kind, games in plan.avoid.items():
+        tubes = item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
+        extending += tubes
         for game in games:
-            part = game.danger.problem.grid
+            grid = game.danger.problem.grid
             if game.axis is not None:
-                part, _ = around(part, game.axis, plan.span(0), game.halo)
-            tubes.append(item * count * part.subgrid([*range(part.ndim)]).size)
-        kept = grid.subgrid(plan.avoid_axes[kind]).size if plan.avoid_axes[kind] else 1
-        tubes.append(item * count * (kept // grid.shape[plan.axis] * plan.width if plan.cuts(kind) else kept))
-    written = slab * (4 * item + 2 * -(-count // 8))
-    return sampled + solved + 2 * sum(tubes) + written
+                grid, _ = around(grid, game.axis, plan.span(0), game.halo)
+            own = game.danger.problem.avoid_axes(game.danger.part)
+            avoiding = max(avoiding, played(grid.subgrid(own)) + tubes, 2 * tubes)  # when they are compressed
+    return max(extending, avoiding)
 
 
 def _tasks(plan: Plan) -> int:

@@ -40,6 +40,7 @@ Runs = Sequence[tuple[int, int]]
 try:
     zarr: Any = importlib.import_module("zarr")
     codecs: Any = importlib.import_module("zarr.codecs")
+    NDBuffer: Any = importlib.import_module("zarr.buffer.cpu").NDBuffer
 except ImportError as missing:
     raise ImportError("a store needs Zarr: pip install 'sdhj[outofcore]'") from missing
 
@@ -115,7 +116,7 @@ class TableStore:
             try:
                 if not file.stat().st_size:
                     raise ValueError("it is empty")
-                out[here] = array[there]
+                array.get_basic_selection(there, out=NDBuffer.from_numpy_array(out[here]))  # without another copy
             except OSError as error:
                 what = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
                 raise TableFileError(f"{file} {what}; solve with resume=True, which makes it anew") from error

@@ -6,8 +6,10 @@ import toys
 from slabbed import assert_bit_equal, room, rough_problem
 
 import sdhj
+from sdhj import dynamics as dynamics_module
 from sdhj import grid as grid_module
 from sdhj.avoid import dangers
+from sdhj.games import Wall
 from sdhj.outofcore import solve
 from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 from sdhj.outofcore.solve import planned
@@ -87,10 +89,10 @@ def played(method, problem, halo, rng):
     values, axes = rng.uniform(-1.0, 1.0, problem.grid.shape).astype(np.float32), (0, 1)
     window, kept = around(problem.grid, 0, (20, 24), halo)
     part = method.on(problem.on(window))
-    part.counted = time_steps(method, problem, axes)
+    part.counted, part.wanted = time_steps(method, problem, axes), {0: kept}
     cut = values.take(window.places(0), axis=0)
     whole = np.stack([phi.copy() for _, phi in sorted_by_input(method.on(problem).reach(values, 0))])
-    return whole[:, 20:24], np.stack([phi.copy() for _, phi in sorted_by_input(part.reach(cut, 0))])[:, kept]
+    return whole[:, 20:24], np.stack([phi.copy() for _, phi in sorted_by_input(part.reach(cut, 0))])
 
 
 def sorted_by_input(found):
@@ -142,8 +144,10 @@ def test_avoid_tubes_need_what_they_say(method):
     def on_a_slab(halo):
         window, kept = around(problem.grid, 0, (20, 24), halo)
         games = method.on(problem.on(window))
-        games.counted = game.counted
-        return games.avoid(game.danger.part, 0)[:, kept]
+        games.counted, games.wanted, tubes = game.counted, {0: kept}, np.full_like(whole, -np.inf)
+        for j, tube in games.each_tube(Wall.of(games.problem, game.danger.part, (0, 1)), 0):
+            np.maximum(tubes[j], tube, out=tubes[j])
+        return tubes
 
     assert game.halo == avoid_halo(method.on(problem), (0, 1), 0, game.counted)
     assert np.array_equal(on_a_slab(game.halo), whole)
@@ -173,8 +177,10 @@ def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
     for build in make.values():
         at_once = build()
         monkeypatch.setattr(grid_module, "PIECE", 100)
-        in_pieces = build()
-        assert len(in_pieces.grid.pieces()) > 3
+        monkeypatch.setattr(dynamics_module, "SURVEYED", 100)
+        in_pieces, pieces = build(), list(build().grid.pieces())
+        assert len(pieces) > 3 and max(piece.size for piece in pieces) <= 100
+        assert np.array_equal(np.concatenate([piece.points() for piece in pieces]), at_once.grid.points())
         for one, other in zip(in_pieces.interval(0)._survey, at_once.interval(0)._survey, strict=True):
             assert np.array_equal(one, other)
         assert in_pieces.timeless == at_once.timeless
