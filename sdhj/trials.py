@@ -38,6 +38,11 @@ def tried(problem: "ReachAvoidProblem") -> None:
         first = part.level_set(points := _some_nodes(problem, part.axes, CHECKED), 0.0)
         part.level_set(points, problem.delta)  # another question in between
         repeated(f"level set of {part.name!r}", first, part.level_set(points, 0.0))
+        if not np.allclose(part.level_set(points[::2], 0.0), first[::2], rtol=EXCUSED, atol=EXCUSED):
+            raise ValueError(
+                f"level set of {part.name!r} says something else of a point when it is asked of other points with it; "
+                "points come in pieces, and what is said of one must depend on its coordinates alone"
+            )
     for part in problem.unsafe:
         _try_rate(problem, part)
         if part.moving and part.swept is not None and problem.view_time == "swept":

@@ -158,6 +158,13 @@ def test_a_reused_buffer_is_copied():
     assert not np.shares_memory(TargetSet((0,), reused).level_set(points, 0.0), kept)
 
 
+def test_a_level_set_that_looks_at_all_points_together_is_named():
+    """Points come in pieces, and in runs one by one."""
+    scaled = lambda p, t: (np.abs(p[:, 0]) - 1.0) / len(p)  # noqa: E731
+    with pytest.raises(ValueError, match="level set of 'target' says something else of a point when it is asked"):
+        on_line(target=TargetSet((0,), scaled))
+
+
 @pytest.mark.parametrize("name", ["target", "unsafe", "swept", "drift", "gain", "bounds"])
 def test_a_function_that_answers_differently_is_named(name):
     calls = iter(range(10**6))
