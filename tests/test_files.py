@@ -242,11 +242,10 @@ def machine(last_bits, *, steps=3, shift=0.0):
     problem = unicycle_problem(nodes=(9, 9, 8), steps=steps)
     (part,) = problem.unsafe
     drift, target = problem.dynamics.drift, problem.target
+    place = problem.grid.subgrid(part.axes).points()[27]
 
     def moved(points, t):
-        values = rounded(part.level_set(points, t))
-        values[len(values) // 3 : len(values) // 3 + 1] += shift
-        return values
+        return rounded(part.level_set(points, t)) + shift * (points == place).all(axis=1)
 
     return dataclasses.replace(
         problem,
