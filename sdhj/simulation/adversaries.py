@@ -99,11 +99,12 @@ def _effects(
     """
     problem, axes = moment.problem, list(part.axes)
     push = span * moment.gain(states) * moment.bounds[:, None]  # (M, ndim, D)
-    value = problem.value_of(part, states, t)
+    touching = np.flatnonzero(push[:, axes].any(axis=(0, 1)))
+    trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # asked for at once
+    value, *moved = problem.value_of(part, trials, t).reshape(-1, len(states))
     change = np.zeros_like(moment.previous)
-    for d in range(moment.previous.shape[1]):
-        if push[:, axes, d].any():
-            change[:, d] = problem.value_of(part, states + push[:, :, d], t) - value
+    for d, there in zip(touching, moved, strict=True):
+        change[:, d] = there - value
     return value, change
 
 
