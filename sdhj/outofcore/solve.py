@@ -35,6 +35,7 @@ from sdhj.resolution import check_resolution
 from sdhj.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
+PACKED = 2**26  # bytes of chunks on their way through Zarr
 LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
@@ -155,26 +156,23 @@ def task_bytes(plan: Plan) -> int:
     def played(window: Grid) -> int:
         """The games of one input on a window: what is sampled, stages with their ghost nodes, shifted copies."""
         arrays = 12 if isinstance(plan.method, HJI) else window.ndim + 4  # maxima over the first axes are kept
-        most = max(window.sampling_bytes, (8 + arrays * item) * window.size)
+        most = window.sampling_bytes + arrays * item * window.size
         if not dynamics.stateless:
             velocities = 8 * window.ndim * (2 * dynamics.adversaries + 6) * window.size
             most += velocities + min(KEPT, count * velocities)
             most += item * window.ndim * (3 + dynamics.adversaries) * window.size
         return most
 
-    window, _ = around(problem.grid, plan.axis, plan.span(0), plan.halo)
-    slab = math.prod(end - begin for begin, end in plan.runs(0))
-    extending, avoiding = played(window) + slab * (4 * item + 2 * -(-count // 8)), 0
+    windows, tubes = [around(problem.grid, plan.axis, plan.span(0), plan.halo)[0]], 0
     for kind, games in plan.avoid.items():
-        tubes = item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
-        extending += tubes
+        tubes += item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
         for game in games:
             grid = game.danger.problem.grid
             if game.axis is not None:
                 grid, _ = around(grid, game.axis, plan.span(0), game.halo)
-            own = game.danger.problem.avoid_axes(game.danger.part)
-            avoiding = max(avoiding, played(grid.subgrid(own)) + tubes, 2 * tubes)  # when they are compressed
-    return max(extending, avoiding)
+            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
+    written = math.prod(end - begin for begin, end in plan.runs(0)) * (4 * item + 2 * -(-count // 8))
+    return max(map(played, windows)) + 2 * tubes + written + PACKED  # tubes are there twice while they are packed
 
 
 def _tasks(plan: Plan) -> int:
