@@ -358,7 +358,7 @@ class Interval:
         pushes = np.zeros((len(dynamics.inputs), ndim, dynamics.adversaries), np.bool_)
         if dynamics.stateless:
             return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0), pushes
-        # neighbours share a node, so what varies along the first axis does so within one of them
+        # neighbours share a node, so what varies along an axis that is cut does so within one of them too
         pieces, everything = list(self.grid.pieces(SURVEYED, overlap=1)), range(ndim)
         most = max(piece.size for piece in pieces)
         require(self.sampling_bytes // self.grid.size * most, f"sampling the velocities on {most:.1e} nodes")

@@ -83,7 +83,7 @@ class _OnAxes:
         self.duration, self.early = interval.delta, interval.early
         self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are asked for
 
-    def asked(self, axes: Axes) -> tuple[slice, ...]:
+    def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
         """The nodes of some axes of which something is asked."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
@@ -93,7 +93,8 @@ class _OnAxes:
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
-        tubes = np.full((self.count, *self.problem.grid.subgrid(wall.axes).shape), -np.inf, self.dtype)
+        nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
+        tubes = np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
         for j, tube in self.each_tube(wall, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
@@ -130,10 +131,10 @@ class HJIGames(_OnAxes):
         if self.moving_frame and not self.early:  # else each end that it may have is another shift
             still = self._evolve(values, 0, step, drift=False)
             shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
-            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT, self.asked(self.axes))
+            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
         else:
             for j in range(self.count):
-                yield j, self._evolve(values, j, step)[self.asked(self.axes)]
+                yield j, self._evolve(values, j, step)[self.wanted_on(self.axes)]
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
@@ -160,7 +161,7 @@ class HJIGames(_OnAxes):
         for j in range(self.count):
             self.solved += 1
             tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **told)
-            yield j, tube[self.asked(wall.axes)]
+            yield j, tube[self.wanted_on(wall.axes)]
 
     def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
         """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
@@ -270,11 +271,11 @@ class HopfLaxGames(_OnAxes):
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
         boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
         values = np.asarray(values, self.dtype)
-        yield from maximum_over_paths(self.grid, values, boxes, self.interpolation, self.asked(self.axes))
+        yield from maximum_over_paths(self.grid, values, boxes, self.interpolation, self.wanted_on(self.axes))
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `_OnAxes.each_tube`; each piece of the interval takes the box that holds all states of its duration."""
-        problem, axes = self.problem, list(wall.axes)
+        problem, axes, wanted = self.problem, list(wall.axes), self.wanted_on(wall.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if wall.instant else wall.over(times[0], times[-1])
@@ -283,8 +284,7 @@ class HopfLaxGames(_OnAxes):
             ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
             boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-            told = values.astype(self.dtype), low, high, self.interpolation, self.asked(wall.axes)
-            yield from maximum_over_boxes(grid, *told)
+            yield from maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
 
     def _pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""

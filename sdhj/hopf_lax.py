@@ -151,12 +151,12 @@ def maximum_over_interval(
 
 
 def maximum_over_boxes(
-    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, asked: Nodes | None = None
+    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim).
 
-    Boxes that agree on an axis share the work: the axes with the fewest different intervals go first. Where nodes are
-    `asked` for, by axis, the others are dropped as soon as that axis is done.
+    Boxes that agree on an axis share the work: the axes with the fewest different intervals go first. Where only some
+    nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
     """
     spans = [[(float(low[j, axis]), float(high[j, axis])) for j in range(len(low))] for axis in range(grid.ndim)]
     order = sorted(range(grid.ndim), key=lambda axis: len(set(spans[axis])))
@@ -170,24 +170,24 @@ def maximum_over_boxes(
             chosen = [j for j in members if spans[axis][j] == span]
             same = span == (0.0, 0.0)
             moved = values if same else maximum_over_interval(grid, values, axis, *span, interpolation)
-            if asked:
-                moved = moved[(slice(None),) * axis + (asked[axis],)]
+            if wanted:
+                moved = moved[(slice(None),) * axis + (wanted[axis],)]
             yield from descend(moved, depth + 1, chosen)
 
     yield from descend(out_of_danger(grid, np.asarray(values)), 0, range(len(low)))
 
 
 def maximum_over_paths(
-    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str, asked: Nodes | None = None
+    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), low and high corners in turn.
 
     Between two of them the corners move on straight lines: those boxes are in the one that holds both.
     """
     if len(boxes) == 1:
-        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation, asked)
+        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation, wanted)
     found: dict[int, FloatArray] = {}
     for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
-        for j, most in maximum_over_boxes(grid, values, low, high, interpolation, asked):
+        for j, most in maximum_over_boxes(grid, values, low, high, interpolation, wanted):
             found[j] = np.maximum(found.get(j, most), most)
     yield from found.items()

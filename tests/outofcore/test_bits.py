@@ -9,7 +9,6 @@ import sdhj
 from sdhj import dynamics as dynamics_module
 from sdhj import grid as grid_module
 from sdhj.avoid import dangers
-from sdhj.games import Wall
 from sdhj.outofcore import solve
 from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 from sdhj.outofcore.solve import planned
@@ -144,10 +143,8 @@ def test_avoid_tubes_need_what_they_say(method):
     def on_a_slab(halo):
         window, kept = around(problem.grid, 0, (20, 24), halo)
         games = method.on(problem.on(window))
-        games.counted, games.wanted, tubes = game.counted, {0: kept}, np.full_like(whole, -np.inf)
-        for j, tube in games.each_tube(Wall.of(games.problem, game.danger.part, (0, 1)), 0):
-            np.maximum(tubes[j], tube, out=tubes[j])
-        return tubes
+        games.counted, games.wanted = game.counted, {0: kept}
+        return games.avoid(game.danger.part, 0)
 
     assert game.halo == avoid_halo(method.on(problem), (0, 1), 0, game.counted)
     assert np.array_equal(on_a_slab(game.halo), whole)
