@@ -41,10 +41,9 @@ def draw_comparison(ax: Axes, full: Table, inner: Table, through: Sequence[float
 
 def comparison_legend() -> list[Patch]:
     """Legend entries of `draw_comparison`."""
-    inner = {key: value for key, value in INNER_LOOKS.items() if key != "hatch"}
     return [
         Patch(**FULL_LOOKS, label="full"),
-        Patch(**inner, label="projected"),
+        Patch(**INNER_LOOKS, label="projected"),
         Patch(**(UNSAFE_LOOKS | {"facecolor": "none"}), label="known obstacles"),
         Patch(**PURSUER_LOOKS, label="capture by the pursuer"),
     ]

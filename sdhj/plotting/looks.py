@@ -34,20 +34,9 @@ FAINT = "#8c8c8c"
 ROBOT_LOOKS: Looks = {"facecolor": "#b9bec4", "edgecolor": "#22262b", "linewidth": 0.9}
 UNSAFE_LOOKS: Looks = {"facecolor": "#f6bda8", "edgecolor": "#a8330f", "hatch": "/////", "linewidth": 0.9}
 TARGET_LOOKS: Looks = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.1}
-PURSUER_LOOKS: Looks = {
-    "facecolor": "none",
-    "edgecolor": "#000000",
-    "linestyle": (0, (1, 1.1)),
-    "linewidth": 2.0,
-}
+PURSUER_LOOKS: Looks = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
 FULL_LOOKS: Looks = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
-INNER_LOOKS: Looks = {
-    "facecolor": "#2a8c82",
-    "edgecolor": "#052e2a",
-    "hatch": "",
-    "linewidth": 1.2,
-    "linestyle": (0, (4, 1.5)),
-}
+INNER_LOOKS: Looks = {"facecolor": "#2a8c82", "edgecolor": "#052e2a", "linewidth": 1.2, "linestyle": (0, (4, 1.5))}
 LOOKS: dict[str, Looks] = {
     "obstacles": UNSAFE_LOOKS,
     "unsafe": UNSAFE_LOOKS,

@@ -6,6 +6,7 @@ the robot knows, and the input it has chosen for the interval.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from sdhj.dynamics import Interval
 from sdhj.grid import FloatArray
 from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.table import Table
+
+SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,38 @@ class Moment:
 
 
 Adversary = Callable[[Moment], FloatArray]
+
+
+def beginning(
+    table: Table,
+    problem: ReachAvoidProblem,
+    states: FloatArray,
+    inputs: FloatArray,
+    to_go: FloatArray,
+    step: int,
+    now: float,
+    runs: FloatArray,
+    rng: np.random.Generator,
+    left: FloatArray | None = None,
+) -> Moment:
+    """An interval's first moment; `left` (M,), steps to go at its end, are by default as promised."""
+    if left is None:
+        left = np.full(len(to_go), problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
+    return Moment(
+        problem=problem,
+        states=states,
+        inputs=inputs,
+        steps_to_go=to_go,
+        step=step,
+        substep=0,
+        time=now,
+        remaining=problem.delta,
+        duration=problem.delta / SUBSTEPS,
+        previous=np.zeros((len(states), problem.dynamics.adversaries)),
+        runs=runs,
+        tube=partial(table.values_at, step=step + 1, within=left),
+        rng=rng,
+    )
 
 
 def none(moment: Moment) -> FloatArray:

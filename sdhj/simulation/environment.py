@@ -3,7 +3,6 @@
 Needs the extra `gym`: pip install 'sdhj[gym]'.
 """
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from sdhj.checks import finite_array
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.simulation.adversaries import Adversary, Moment
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, UNDECIDED, _adversary, _interval, admissible_states
+from sdhj.simulation.adversaries import Adversary, beginning
+from sdhj.simulation.runs import OUTCOMES, UNDECIDED, _adversary, _interval, admissible_states
 from sdhj.table import Table
 
 try:
@@ -89,8 +88,11 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         if not self.action_space.contains(action):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
         applied = int(self.controller.filter(self.state, self.now, int(action)).inputs if self.shield else action)
-        problem, end = self.table.problem, self.now + 1
-        states, ended = _interval(self._begun(applied), self.play, None, walls=True)
+        problem, now, end, states = self.table.problem, self.now, self.now + 1, self.state[None]
+        given = states, np.array([applied]), self.table.batch(states, now).steps_to_go, now, problem.time(now)
+        left = np.array([self.table.steps - end])
+        begun = beginning(self.table, problem, *given, np.array([0]), self.np_random, left)
+        states, ended = _interval(begun, self.play, None, walls=True)
         self.state, self.now = states[0], end
         if ended[0] != UNDECIDED:
             self.outcome = OUTCOMES[ended[0]]
@@ -101,25 +103,6 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         over, late = self.outcome != "", self.outcome == "late"
         told = self._told() | {"applied": applied, "overruled": applied != int(action)}
         return self._observed(), REWARDS[self.outcome], over and not late, late, told
-
-    def _begun(self, applied: int) -> Moment:
-        problem, batch = self.table.problem, self.table.batch(self.state[None], self.now)
-        left = np.array([self.table.steps - self.now - 1])
-        return Moment(
-            problem=problem,
-            states=self.state[None],
-            inputs=np.array([applied]),
-            steps_to_go=batch.steps_to_go,
-            step=self.now,
-            substep=0,
-            time=problem.time(self.now),
-            remaining=problem.delta,
-            duration=problem.delta / SUBSTEPS,
-            previous=np.zeros((1, problem.dynamics.adversaries)),
-            runs=np.zeros(1, np.int64),
-            tube=partial(self.table.values_at, step=self.now + 1, within=left),
-            rng=self.np_random,
-        )
 
     def _observed(self) -> FloatArray:
         state = self.table.grid.wrapped(self.state[None])[0]

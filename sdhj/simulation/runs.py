@@ -21,7 +21,6 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,11 +33,10 @@ from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.memory import require
 from sdhj.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, beginning
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
 REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
-SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
 FOREVER_PLAYED = 100  # steps, where staying clear has no end
@@ -355,24 +353,9 @@ def rollouts(
         outcomes[alive[inputs < 0]] = LEFT
         known = inputs >= 0
         alive, to_go = alive[known], batch.steps_to_go[known]
-        left = np.full(alive.size, problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
         if not alive.size:
             break
-        begun = Moment(
-            problem=problem,
-            states=states[alive],
-            inputs=inputs[known],
-            steps_to_go=to_go,
-            step=step,
-            substep=0,
-            time=now,
-            remaining=problem.delta,
-            duration=problem.delta / SUBSTEPS,
-            previous=np.zeros((alive.size, problem.dynamics.adversaries)),
-            runs=alive,
-            tube=partial(controller.table.values_at, step=step + 1, within=left),
-            rng=rng,
-        )
+        begun = beginning(controller.table, problem, states[alive], inputs[known], to_go, step, now, alive, rng)
         states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
         taken[alive] += 1
     outcomes[outcomes == UNDECIDED] = LATE

@@ -13,7 +13,6 @@ other functions those of "worst".
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -25,8 +24,8 @@ from sdhj.grid import FloatArray
 from sdhj.prediction import predicted
 from sdhj.problem import ReachAvoidProblem
 from sdhj.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
-from sdhj.simulation.runs import COLLIDED, LATE, LEFT, REACHED, SUBSTEPS, UNDECIDED, Watch, _interval
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, beginning
+from sdhj.simulation.runs import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, _interval
 
 LOST = np.finfo(np.float64).max  # worse than any level-set value
 
@@ -172,29 +171,9 @@ class _Runs:
         inputs = self.controller.choose(batch)
         self.outcomes[alive[(inputs < 0) & ~reached]] = LEFT
         going = (inputs >= 0) & ~reached
-        rows, to_go = alive[going], batch.steps_to_go[going]
-        moment = Moment(
-            problem=problem,
-            states=states[rows],
-            inputs=inputs[going],
-            steps_to_go=to_go,
-            step=step,
-            substep=0,
-            time=problem.time(step),
-            remaining=problem.delta,
-            duration=problem.delta / SUBSTEPS,
-            previous=np.zeros((rows.size, problem.dynamics.adversaries)),
-            runs=rows,
-            tube=lambda points: np.zeros(points.shape[:2]),
-            rng=self.rng,
-        )
-        tube = partial(self.controller.table.values_at, step=step + 1, within=self.left(moment))
-        return replace(moment, tube=tube)
-
-    def left(self, moment: Moment) -> FloatArray:
-        """Steps to go that each run of a moment is to have at its end, (M,)."""
-        to_go = moment.steps_to_go
-        return to_go * 0 + self.problem.steps - moment.step - 1 if self.problem.stays else np.maximum(to_go, 1) - 1
+        rows = alive[going]
+        given = states[rows], inputs[going], batch.steps_to_go[going], step, problem.time(step)
+        return beginning(self.controller.table, problem, *given, rows, self.rng)
 
     def hold(self, moment: Moment, own: FloatArray, ends: int, watch: Watch | None, walls: bool) -> None:
         """Play some runs of a moment over their interval, with the measurement in it; they begin and end alike."""
@@ -202,24 +181,15 @@ class _Runs:
         begin, end = self.begins(moment.step, self.offsets[rows[0]]), self.begins(moment.step + 1, ends)
         delay, length = problem.sensing.delay, end - begin
         after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
-        table, left, last = self.controller.table, self.left(moment)[own], {"v": moment.previous[own]}
+        given = moment.states[own], moment.inputs[own], moment.steps_to_go[own], moment.step
+        begun = beginning(self.controller.table, problem, *given, begin, rows, self.rng)
+        begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
+        last = {"v": begun.previous}
 
         def play(now: Moment) -> FloatArray:
             last["v"] = real_array("what the adversary returns", self.play(now))
             return last["v"]
 
-        begun = replace(
-            moment,
-            states=moment.states[own],
-            inputs=moment.inputs[own],
-            steps_to_go=moment.steps_to_go[own],
-            time=begin,
-            remaining=length,
-            duration=(length - delay) / (SUBSTEPS - after),
-            previous=moment.previous[own],
-            runs=rows,
-            tube=partial(table.values_at, step=moment.step + 1, within=left),
-        )
         states, ended = _interval(begun, play, watch, walls, range(SUBSTEPS - after))
         seen = states
         if after:
