@@ -13,7 +13,7 @@ would be right too, and other bits. A periodic axis is gone around; where a wind
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -258,7 +258,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
     games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted, {plan.axis: kept})
-    before, values = store.read("tubes", task.before, runs), read_window(store, "tubes", task.after, window)
+    before, values = store.read("tubes", task.before, runs), read_window(store.read, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
     axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
@@ -276,16 +276,19 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     return np.array_equal(tube, before)
 
 
-def read_window(store: TableStore, name: str, lead: int, window: Grid | None) -> FloatArray:
-    """What a store holds at the nodes of a window along one axis, around a periodic end too; None: of no axes."""
+def read_window(read: Callable[[str, int, Runs], FloatArray], name: str, lead: int, window: Grid | None) -> FloatArray:
+    """What `read`, as `TableStore.read`, finds at the nodes of a window, around periodic ends too; None: of no axes."""
     if window is None:
-        return store.read(name, lead, ())
-    first = getattr(window, "first", (0,) * window.ndim)
+        return read(name, lead, ())
     whole = getattr(window, "whole", window).shape
-    runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
-    for axis, (begin, end) in enumerate(runs):
-        if end > whole[axis]:
-            parts = ((begin, whole[axis]), (0, end - whole[axis]))
-            found = [store.read(name, lead, [*runs[:axis], part, *runs[axis + 1 :]]) for part in parts]
-            return np.concatenate(found, axis=axis - window.ndim)
-    return store.read(name, lead, runs)
+
+    def around_ends(runs: Runs) -> FloatArray:
+        for axis, (begin, end) in enumerate(runs):
+            if end > whole[axis]:
+                parts = ((begin, whole[axis]), (0, end - whole[axis]))
+                found = [around_ends([*runs[:axis], part, *runs[axis + 1 :]]) for part in parts]
+                return np.concatenate(found, axis=axis - len(runs))
+        return read(name, lead, runs)
+
+    first = getattr(window, "first", (0,) * window.ndim)
+    return around_ends([(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)])

@@ -8,11 +8,14 @@ import os
 import reprlib
 import time
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from statistics import fmean
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -30,7 +33,7 @@ from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_
 from sdhj.outofcore.store import STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
 from sdhj.problem import ReachAvoidProblem
-from sdhj.recursion import recursion
+from sdhj.recursion import PROCESS, recursion
 from sdhj.resolution import check_resolution
 from sdhj.table import AvoidTubes, LookupTable
 
@@ -60,13 +63,65 @@ def solve_stored(
         else:
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
-            told = _told_of(plan)
-            room_for(path, sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in told["arrays"].values()))
-            create(path, told, _cuts(plan))
+            room_for(path, bytes_of(_arrays(plan)))
+            create(path, _told_of(plan))
         with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
+
+
+class StoreEstimate(NamedTuple):
+    """What a solve with a store will take: slabs, bytes of memory at its peak and of disk at most, and seconds."""
+
+    slabs: int
+    nbytes: int
+    disk: int
+    seconds: float
+
+    def __str__(self) -> str:
+        memory, disk = f"{self.nbytes / 1e9:.2g} GB of memory", f"up to {self.disk / 1e9:.2g} GB of disk"
+        return f"slabs: {self.slabs}, {memory}, {disk}, about {self.seconds:.0f} s"
+
+
+def estimate(problem: ReachAvoidProblem, method: Any = "hji", *, memory: int | None = None) -> StoreEstimate:
+    """What `sdhj.solve(problem, method, store=..., memory=memory)` will take, without writing a store.
+
+    Slabs, memory and disk are counted; the time is that of one slab of each kind, solved here in a temporary folder,
+    times how many there are. A solve is faster where tubes turn out to be equal, and its disk less by compression.
+
+    Raises
+    ------
+    ValueError, MemoryError, OSError
+        As `sdhj.solve`.
+    """
+    refuse(problem, method := method_of(method))
+    began, steps, spent = time.perf_counter(), problem.steps, defaultdict[str, list[float]](list)
+    goals, tubes = (1, steps) if problem.timeless else (steps + 1, steps * (steps + 1) / 2)
+    times = {"static": 1, "moving": steps, "goal": goals, "extend": tubes}
+    with announced(), TemporaryDirectory() as folder:
+        plan = planned(problem, method, room=room_of(memory, None))
+        short = replace(plan, problem=replace(problem, steps=1), path=Path(folder) / "short.zarr")
+        create(short.path, _told_of(short))
+        seconds = time.perf_counter() - began
+
+        def one_of(tasks: list[Task]) -> Iterator[Any]:
+            for task in tasks if tasks[0].kind == "goal" else tasks[:1]:  # games read the goal beside their slab
+                at = [time.perf_counter()]
+                for _ in range(2):  # the first time compiles
+                    found = work(short, task)
+                    at.append(time.perf_counter())
+                yield found
+                spent[task.kind].append(min(np.diff(at)) * len(tasks))
+
+        recursion(StoredSets(short, TableStore(short.path), one_of, lambda slabs: None), 1, lambda: None)
+    seconds += sum(times[kind] * fmean(each) for kind, each in spent.items())
+    return StoreEstimate(plan.slabs, PROCESS + task_bytes(plan), bytes_of(_arrays(plan)), seconds)
+
+
+def bytes_of(arrays: Mapping[str, Any]) -> int:
+    """Bytes that the arrays of a store take before they are compressed."""
+    return sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in arrays.values())
 
 
 def runner(plan: Plan, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
@@ -183,28 +238,12 @@ def _tasks(plan: Plan) -> int:
     return tubes * plan.slabs + static + steps * moving
 
 
-def _cuts(plan: Plan) -> Mapping[str, tuple[int, int | None, int]]:
-    """As `store.create` takes them."""
-    cuts: dict[str, tuple[int, int | None, int]] = {
-        "tubes": (1, plan.axis, plan.width),
-        "masks": (2, plan.axis, plan.width),
-    }
-    for kind, axes in plan.avoid_axes.items():
-        cuts[f"avoid_{kind}"] = (2, axes.index(plan.axis) if plan.cuts(kind) else None, plan.width)
-    return cuts
-
-
 # ---- which problem it is
 
 
 def _told_of(plan: Plan) -> dict[str, Any]:
     """What a store tells of its problem, its method and its arrays."""
     problem, method, (digest, samples) = plan.problem, plan.method, digests(plan.problem, (plan.axis, plan.width))
-    shape, count, steps = problem.grid.shape, len(problem.inputs), problem.steps
-    rooms, dtype = LookupTable.rooms(problem), method.told["dtype"]
-    arrays: dict[str, Any] = {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]}
-    for kind, lead in (("static", 1), ("moving", steps)):
-        arrays[f"avoid_{kind}"] = [[lead, count, *(shape[axis] for axis in plan.avoid_axes[kind])], dtype]
     told = table_told(problem, method.name, {}, digest) | {
         "store": STORE_FORMAT,
         "options": method.told,
@@ -212,9 +251,19 @@ def _told_of(plan: Plan) -> dict[str, Any]:
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
         "samples": samples,
-        "arrays": arrays,
+        "arrays": _arrays(plan),
     }
     return dict(json.loads(json.dumps(told)))
+
+
+def _arrays(plan: Plan) -> dict[str, Any]:
+    """Shapes and kinds of the arrays of a store."""
+    shape, count, dtype = plan.problem.grid.shape, len(plan.problem.inputs), plan.method.told["dtype"]
+    rooms = LookupTable.rooms(plan.problem)
+    arrays: dict[str, Any] = {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]}
+    for kind, lead in (("static", 1), ("moving", plan.problem.steps)):
+        arrays[f"avoid_{kind}"] = [[lead, count, *(shape[axis] for axis in plan.avoid_axes[kind])], dtype]
+    return arrays
 
 
 def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:

@@ -84,18 +84,10 @@ class TableStore:
     def files(self, name: str, lead: int, runs: Runs) -> Iterator[tuple[Path, Any, tuple[slice, ...]]]:
         """The files that hold some of `array[lead]`, where in it that is, and where in what is asked for."""
         array = self.arrays[name]
-        shards = array.shards[array.ndim - len(runs) :]
-        ranges = [range(begin // n, -(-end // n)) for (begin, end), n in zip(runs, shards, strict=True)]
         between = array.ndim - len(runs) - 1  # axes of which a shard has all
-        for place in itertools.product(*ranges):
-            parts = [
-                (max(begin, i * n), min(end, (i + 1) * n))
-                for i, n, (begin, end) in zip(place, shards, runs, strict=True)
-            ]
-            there = tuple(slice(*part) for part in parts)
-            here = tuple(slice(low - begin, high - begin) for (low, high), (begin, _) in zip(parts, runs, strict=True))
-            file = self.path.joinpath(name, "c", *map(str, (lead, *[0] * between, *place)))
-            yield file, (lead, *[slice(None)] * between, *there), (*[slice(None)] * between, *here)
+        for place, parts, here in blocks(runs, array.shards[array.ndim - len(runs) :]):
+            there = (lead, *[slice(None)] * between, *(slice(*part) for part in parts))
+            yield self.path.joinpath(name, "c", *map(str, (lead, *[0] * between, *place))), there, here
 
     def there(self, name: str, lead: int, runs: Runs) -> bool:
         """Whether `array[lead]` has been written from begin to end of each axis of the grid."""
@@ -154,6 +146,16 @@ class TableStore:
             raise OSError(f"cannot write in {self.path}: {error.strerror}; solve with resume=True") from error
 
 
+def blocks(runs: Runs, size: Sequence[int]) -> Iterator[tuple[tuple[int, ...], Runs, tuple[Any, ...]]]:
+    """The blocks of an array that hold some runs of it: their places, which part of the runs, where in what is read."""
+    ranges = [range(begin // n, -(-end // n)) for (begin, end), n in zip(runs, size, strict=True)]
+    for place in itertools.product(*ranges):
+        each = zip(place, size, runs, strict=True)
+        parts = [(max(begin, i * n), min(end, (i + 1) * n)) for i, n, (begin, end) in each]
+        here = (slice(low - begin, high - begin) for (low, high), (begin, _) in zip(parts, runs, strict=True))
+        yield place, parts, (..., *here)
+
+
 def attributes(told: Mapping[str, Any]) -> dict[str, str]:
     """What a store tells, and the digest of that."""
     text = json.dumps(told, sort_keys=True)
@@ -175,10 +177,8 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
     return size, [c * p for c, p in zip(size, parts, strict=True)]
 
 
-def create(path: Path, told: Mapping[str, Any], cuts: Mapping[str, tuple[int, int | None, int]]) -> None:
-    """Make an empty store; the folder appears when it is whole.
-
-    cuts : for each array how many leading axes it has before the grid's, which of the grid's is cut, and how thick.
+def create(path: Path, told: Mapping[str, Any]) -> None:
+    """Make an empty store that tells this; the folder appears when it is whole.
 
     Raises
     ------
@@ -193,8 +193,10 @@ def create(path: Path, told: Mapping[str, Any], cuts: Mapping[str, tuple[int, in
     packing = [codecs.BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
     try:
         group = zarr.create_group(str(temporary), attributes=attributes(told))
+        axis, width = told["cut"]
         for name, (shape, dtype) in told["arrays"].items():
-            lead, cut, width = cuts[name]
+            axes = told["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(told["grid"]["shape"]))))
+            lead, cut = len(shape) - len(axes), axes.index(axis) if axis in axes else None
             ahead = (1, *shape[1:lead])
             chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead))
             blocks = {"chunks": (*ahead, *chunks), "shards": (*ahead, *shards)}

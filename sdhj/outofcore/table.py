@@ -11,7 +11,6 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from sdhj.grid import FloatArray, Grid
 from sdhj.identity import alike, identity
 from sdhj.memory import require
 from sdhj.outofcore.slabs import KINDS, around, read_window
-from sdhj.outofcore.store import TableStore
+from sdhj.outofcore.store import Runs, TableStore, blocks
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable, OfProblem, entry
 
@@ -119,7 +118,7 @@ class StoredTable(OfProblem):
         (axis, width), total, place = self.store.told["cut"], 0.0, self._place(start, within)
         for begin in range(0, self.grid.shape[axis], width):
             window = self.grid.stretch(axis, begin, min(width, self.grid.shape[axis] - begin))
-            total += window.fraction(read_window(self.store, "tubes", place, window) <= 0)
+            total += window.fraction(read_window(self.store.read, "tubes", place, window) <= 0)
         return total
 
     def loaded(self) -> LookupTable:
@@ -128,7 +127,7 @@ class StoredTable(OfProblem):
         avoid_axes = [self.avoid_axes[kind] for kind in KINDS]
         grids = [self.grid, self.grid, *(self.grid.subgrid(axes) if axes else None for axes in avoid_axes)]
         tubes, masks, static, moving = (
-            np.stack([read_window(self.store, name, lead, grid) for lead in range(array.shape[0])])
+            np.stack([read_window(self.store.read, name, lead, grid) for lead in range(array.shape[0])])
             for (name, array), grid in zip(self.store.arrays.items(), grids, strict=True)
         )
         avoid = AvoidTubes(avoid_axes[0], static[0], avoid_axes[1], moving)
@@ -145,7 +144,7 @@ class StoredTable(OfProblem):
     def _whole(self, name: str, start: int, within: int) -> FloatArray:
         array = self.store.arrays[name]
         require(array.dtype.itemsize * math.prod(array.shape[1:]), "a whole tube", "ask for states with contains()")
-        return read_window(self.store, name, self._place(start, within), self.grid)
+        return read_window(self.store.read, name, self._place(start, within), self.grid)
 
     # ---- states
 
@@ -156,7 +155,7 @@ class StoredTable(OfProblem):
             raise ValueError("points has a NaN; every coordinate must be a number")
         found = np.empty(len(points), np.bool_)
         for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
-            found[rows] = window.interpolate(self._read("tubes", place, window), points[rows]) <= 0
+            found[rows] = window.interpolate(read_window(self._read, "tubes", place, window), points[rows]) <= 0
         return found
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
@@ -231,9 +230,9 @@ class StoredTable(OfProblem):
         tubes = np.empty((rooms, *window.shape), self.store.arrays["tubes"].dtype)
         masks = np.empty((rooms, self.store.arrays["masks"].shape[1], window.size), np.uint8)
         for row, place in enumerate(places.tolist()):
-            tubes[row] = self._read("tubes", place, window)
+            tubes[row] = read_window(self._read, "tubes", place, window)
             if step is not None:
-                masks[row] = self._read("masks", place, window).reshape(masks.shape[1:])
+                masks[row] = read_window(self._read, "masks", place, window).reshape(masks.shape[1:])
         axes = self.avoid_axes["static"], self.avoid_axes["moving"]
         parts = [window.subgrid(own) if own else None for own in axes]
         static, moving = (
@@ -241,32 +240,23 @@ class StoredTable(OfProblem):
             for lead, part in zip(((count,), (self.steps, count)), parts, strict=True)
         )
         if step is not None:
-            static[:] = self._read("avoid_static", 0, parts[0])
-            moving[step] = self._read("avoid_moving", step, parts[1])
+            static[:] = read_window(self._read, "avoid_static", 0, parts[0])
+            moving[step] = read_window(self._read, "avoid_moving", step, parts[1])
         avoid = AvoidTubes(axes[0], static, axes[1], moving)
         part = LookupTable(self.problem.on(window), self.method, index, tubes, masks, avoid, {})
         part.__dict__["_ahead"] = self._ahead
         return part
 
-    def _read(self, name: str, lead: int, window: Grid | None) -> FloatArray:
-        """What the store holds at the nodes of a window, chunk by chunk; None: where there are no axes."""
-        if window is None:
-            return self._chunk(name, lead, ())
+    def _read(self, name: str, lead: int, runs: Runs) -> FloatArray:
+        """As `TableStore.read`, chunk by chunk of those kept."""
         array = self.store.arrays[name]
-        chunks = array.chunks[array.ndim - window.ndim :]
-        whole_shape = getattr(window, "whole", window).shape
-        first = getattr(window, "first", (0,) * window.ndim)
-        nodes = [(f + np.arange(n)) % m for f, n, m in zip(first, window.shape, whole_shape, strict=True)]
-        between = array.shape[1 : array.ndim - window.ndim]
-        out = np.empty((*between, *window.shape), array.dtype)
-        owners = [np.unique(own // n).tolist() for own, n in zip(nodes, chunks, strict=True)]
-        for place in product(*owners):
-            runs = [(i * n, min((i + 1) * n, m)) for i, n, m in zip(place, chunks, whole_shape, strict=True)]
-            inside = [np.flatnonzero((own >= b) & (own < e)) for own, (b, e) in zip(nodes, runs, strict=True)]
-            at = [own[one] - b for own, one, (b, _) in zip(nodes, inside, runs, strict=True)]
-            found = self._chunk(name, lead, tuple(runs))
-            ahead = [np.arange(n) for n in between]
-            out[np.ix_(*ahead, *inside)] = found[np.ix_(*ahead, *at)]
+        between = array.ndim - len(runs)
+        sizes, shape = array.chunks[between:], array.shape[between:]
+        out = np.empty((*array.shape[1:between], *(end - begin for begin, end in runs)), array.dtype)
+        for place, parts, here in blocks(runs, sizes):
+            chunk = tuple((i * n, min((i + 1) * n, m)) for i, n, m in zip(place, sizes, shape, strict=True))
+            there: Any = [slice(low - at, high - at) for (low, high), (at, _) in zip(parts, chunk, strict=True)]
+            out[here] = self._chunk(name, lead, chunk)[(..., *there)]
         return out
 
     def _chunk(self, name: str, lead: int, runs: tuple[tuple[int, int], ...]) -> FloatArray:
