@@ -116,7 +116,7 @@ def explore_pursuer(table: Table) -> Explorer:
 def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
     """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
-    @lru_cache(maxsize=16)
+    @lru_cache(maxsize=2)  # a table of 25 nodes takes 180 MB, which the system is slow to hand out
     def solved(v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Table:
         obstacles = (Disk(Still((x, y)), 0.06), *OBSTACLES[1:])
         problem = sdhj.arm_case_study(
