@@ -1,5 +1,6 @@
 """What a solve with a store will take, said before it begins."""
 
+import dataclasses
 import tempfile
 from collections import Counter
 from types import SimpleNamespace
@@ -68,6 +69,38 @@ def test_an_estimate_is_what_a_solve_takes(clock, make, width, tmp_path, monkeyp
     assert max(clock[kind] for kind in ("static", "moving", "extend")) == 2  # a slab each, twice
     assert list((tmp_path / "temporary").iterdir()) == []
     assert str(told).startswith(f"slabs: {told.slabs}, ")
+
+
+def drifting(method, *, periodic):
+    """A plan of a line of 240 nodes in slabs of 8, closed or with ends."""
+    problem = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([0.0, 0.0], [2.4 if periodic else 2.39, 1.0], [240, 15], [periodic, False], ends="wall"),
+        dynamics=sdhj.Dynamics([[1.0]], [[0.3, 0.0]], np.eye(2), [0.1, 0.1]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.5) - 0.3),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1] - 0.5) - 0.2, name="disk")],
+        delta=0.3,
+        steps=2,
+    )
+    return solve.planned(problem, method, (0, 8))
+
+
+@pytest.mark.parametrize("method", [sdhj.HJI(scheme=sdhj.Scheme(frame="fixed")), sdhj.HopfLax()], ids=["hji", "lax"])
+def test_the_largest_slab_is_stated(method):
+    """Where a grid ends the halo does too, but for the slabs in the middle."""
+    ended, closed = drifting(method, periodic=False), drifting(method, periodic=True)
+    assert ended.halo == closed.halo
+    assert 8 < ended.halo < 100  # more than a slab, and no window is the grid
+    assert solve.task_bytes(ended) == solve.task_bytes(closed)
+
+
+def test_an_estimate_does_not_warn_of_what_comes_later(recwarn):
+    """A disk that is not there in the first step is there for a solve."""
+    problem = dataclasses.replace(
+        moving_problem(),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - t + 0.15, rate=1.0, name="late")],
+    )
+    estimate(problem)
+    assert [str(warning.message) for warning in recwarn if "danger" in str(warning.message)] == []
 
 
 def test_an_estimate_refuses_what_a_solve_refuses():

@@ -39,7 +39,8 @@ print(plan.slabs, task_bytes(plan), told("VmHWM") - before)
 def test_a_process_takes_no_more_than_is_stated(name, nodes, memory, slabs, tmp_path):
     """One arena of the C library, as what several keep of freed memory depends on threads and chance."""
     figures = Path(__file__).parents[2] / "figures"
-    environment = os.environ | {"MALLOC_ARENA_MAX": "1", "PYTHONPATH": str(figures)}
+    paths = os.pathsep.join([str(figures), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"MALLOC_ARENA_MAX": "1", "PYTHONPATH": paths}
     child = [sys.executable, "-W", "ignore", "-c", CHILD, name, str(nodes), str(memory)]
     done = subprocess.run(child, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     cut, stated, taken = map(int, done.stdout.split())
