@@ -50,15 +50,15 @@ def half_coupled_problem():
 
 
 CASES = {
-    "a line": (lambda: toys.interval_problem(nodes=161, rate=0.1, steps=2), "hji", 60),
+    "a line": (lambda: toys.interval_problem(nodes=161, rate=0.1, steps=2), "hji", 30),
     "a torus, gone around": (lambda: toys.torus_problem(nodes=60, steps=2), "hji", 10),
     "a torus, by Hopf and Lax": (lambda: toys.torus_problem(nodes=40), "lax", 10),
     "a torus, at each time": (lambda: toys.torus_problem(nodes=40, view_time="instantaneous", steps=2), ROUGHEST, 10),
     "rough values": (lambda: rough_problem(48), ROUGHEST, 8),
     "third order": (lambda: rough_problem(24, state=True), EXACT, 8),
     "a car, three axes": (lambda: toys.unicycle_problem(nodes=(41, 9, 8), steps=2), "hji", 12),
-    "staying, unsafe ends": (staying_problem, "hji", 8),
-    "coupled here and there": (half_coupled_problem, "hji", 8),
+    "staying, unsafe ends": (staying_problem, "hji", 4),
+    "coupled here and there": (half_coupled_problem, "hji", 4),
     "the arm, four axes": (lambda: sdhj.arm_case_study(nodes=(20, 7, 7, 7), steps=2), "hji", 5),
     "the arm, by Hopf and Lax": (lambda: sdhj.arm_case_study(nodes=9, steps=2), "lax", 3),
 }
