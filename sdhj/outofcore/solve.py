@@ -87,7 +87,7 @@ class StoreEstimate(NamedTuple):
 def estimate(problem: ReachAvoidProblem, method: Any = "hji", *, memory: int | None = None) -> StoreEstimate:
     """What `sdhj.solve(problem, method, store=..., memory=memory)` will take, without writing a store.
 
-    Slabs, memory and disk are counted; the time is that of one slab of each kind, solved here in a temporary folder,
+    Slabs, memory and disk are counted; the time is that of one slab of each kind, solved here in a folder of `TMPDIR`,
     with the goal of two steps, times how many there are. Equal tubes and compression make it less.
 
     Raises

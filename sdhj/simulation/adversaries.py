@@ -82,7 +82,7 @@ class Moment:
 Adversary = Callable[[Moment], FloatArray]
 
 
-def beginning(
+def first_moment(
     table: Table,
     problem: ReachAvoidProblem,
     states: FloatArray,

@@ -10,7 +10,7 @@ import numpy as np
 from sdhj.checks import finite_array
 from sdhj.controller import Controller
 from sdhj.grid import FloatArray
-from sdhj.simulation.adversaries import Adversary, beginning
+from sdhj.simulation.adversaries import Adversary, first_moment
 from sdhj.simulation.runs import OUTCOMES, UNDECIDED, _adversary, _interval, admissible_states
 from sdhj.table import Table
 
@@ -89,9 +89,9 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
         applied = int(self.controller.filter(self.state, self.now, int(action)).inputs if self.shield else action)
         problem, now, end, states = self.table.problem, self.now, self.now + 1, self.state[None]
-        given = states, np.array([applied]), self.table.batch(states, now).steps_to_go, now, problem.time(now)
-        left = np.array([self.table.steps - end])
-        begun = beginning(self.table, problem, *given, np.array([0]), self.np_random, left)
+        time, inputs, runs = problem.time(now), np.array([applied]), np.array([0])
+        to_go, left = self.table.batch(states, now).steps_to_go, np.array([self.table.steps - end])
+        begun = first_moment(self.table, problem, states, inputs, to_go, now, time, runs, self.np_random, left)
         states, ended = _interval(begun, self.play, None, walls=True)
         self.state, self.now = states[0], end
         if ended[0] != UNDECIDED:

@@ -33,7 +33,7 @@ from sdhj.controller import Controller
 from sdhj.grid import FloatArray
 from sdhj.memory import require
 from sdhj.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, beginning
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
 REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
@@ -355,7 +355,7 @@ def rollouts(
         alive, to_go = alive[known], batch.steps_to_go[known]
         if not alive.size:
             break
-        begun = beginning(controller.table, problem, states[alive], inputs[known], to_go, step, now, alive, rng)
+        begun = first_moment(controller.table, problem, states[alive], inputs[known], to_go, step, now, alive, rng)
         states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
         taken[alive] += 1
     outcomes[outcomes == UNDECIDED] = LATE

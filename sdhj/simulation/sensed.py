@@ -24,7 +24,7 @@ from sdhj.grid import FloatArray
 from sdhj.prediction import predicted
 from sdhj.problem import ReachAvoidProblem
 from sdhj.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, beginning
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
 from sdhj.simulation.runs import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, _interval
 
 LOST = np.finfo(np.float64).max  # worse than any level-set value
@@ -171,9 +171,8 @@ class _Runs:
         inputs = self.controller.choose(batch)
         self.outcomes[alive[(inputs < 0) & ~reached]] = LEFT
         going = (inputs >= 0) & ~reached
-        rows = alive[going]
-        given = states[rows], inputs[going], batch.steps_to_go[going], step, problem.time(step)
-        return beginning(self.controller.table, problem, *given, rows, self.rng)
+        rows, to_go, now, table = alive[going], batch.steps_to_go[going], problem.time(step), self.controller.table
+        return first_moment(table, problem, states[rows], inputs[going], to_go, step, now, rows, self.rng)
 
     def hold(self, moment: Moment, own: FloatArray, ends: int, watch: Watch | None, walls: bool) -> None:
         """Play some runs of a moment over their interval, with the measurement in it; they begin and end alike."""
@@ -181,8 +180,8 @@ class _Runs:
         begin, end = self.begins(moment.step, self.offsets[rows[0]]), self.begins(moment.step + 1, ends)
         delay, length = problem.sensing.delay, end - begin
         after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
-        given = moment.states[own], moment.inputs[own], moment.steps_to_go[own], moment.step
-        begun = beginning(self.controller.table, problem, *given, begin, rows, self.rng)
+        states, inputs, to_go = moment.states[own], moment.inputs[own], moment.steps_to_go[own]
+        begun = first_moment(self.controller.table, problem, states, inputs, to_go, moment.step, begin, rows, self.rng)
         begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
         last = {"v": begun.previous}
 
