@@ -6,9 +6,9 @@
     avoid_moving  (N, L, *subgrid)
 
 Its attributes tell the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
-one file, a *shard*, which holds compressed chunks, each with its CRC-32C, small enough for a controller to read. A file
-appears under its name when it is whole, so what is there is finished: this is all that going on after a crash needs.
-Zarr takes what is missing for empty; here it is an error.
+one file: a compressed chunk with its CRC-32C, or a *shard* of several, each small enough for a controller to read. A
+file appears under its name when it is whole, so what is there is finished: this is all that going on after a crash
+needs. Zarr takes what is missing for empty; here it is an error.
 """
 
 import hashlib
@@ -18,8 +18,10 @@ import json
 import math
 import os
 import shutil
+import threading
 import uuid
 import warnings
+from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -31,8 +33,9 @@ from sdhj.files import TableFileError, locks, probed, unwritable
 from sdhj.grid import FloatArray
 
 STORE_FORMAT = 1
-CHUNK_NODES = 2**18  # values of a chunk at most: what is read for a state at the least
-THICK = 16  # nodes of a chunk along the axis that is cut
+CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
+CACHED = 2**27  # bytes of what was read or written that are kept where that helps
+THICK = 16  # nodes of a chunk along the axis that is cut, where a slab is more than a chunk
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
@@ -59,7 +62,7 @@ class TableStore:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+        self.path, self.room = Path(path), CACHED  # bytes of what is kept
         if not (self.path / "zarr.json").is_file():
             raise FileNotFoundError(f"no store {self.path}; write one with sdhj.solve(problem, store=...)")
         try:
@@ -76,6 +79,8 @@ class TableStore:
                 array = self.arrays[name]
                 if list(array.shape[1:]) != shape[1:] or array.shape[0] > shape[0] or array.dtype != np.dtype(dtype):
                     raise ValueError(f"its array {name} is {array.dtype} of {array.shape}")
+            self._kept: OrderedDict[Any, FloatArray] = OrderedDict()
+            self._lock = threading.Lock()
         except Exception as error:  # whatever Zarr makes of files that are not what they were
             raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
 
@@ -85,7 +90,7 @@ class TableStore:
         """The files that hold some of `array[lead]`, where in it that is, and where in what is asked for."""
         array = self.arrays[name]
         between = array.ndim - len(runs) - 1  # axes of which a shard has all
-        for place, parts, here in blocks(runs, array.shards[array.ndim - len(runs) :]):
+        for place, parts, here in blocks(runs, (array.shards or array.chunks)[array.ndim - len(runs) :]):
             there = (lead, *[slice(None)] * between, *(slice(*part) for part in parts))
             yield self.path.joinpath(name, "c", *map(str, (lead, *[0] * between, *place))), there, here
 
@@ -119,6 +124,19 @@ class TableStore:
                 ) from error
         return out
 
+    def kept(self, name: str, lead: int, runs: Runs) -> FloatArray:
+        """As `read`, or what was read so or written of late; not to be changed."""
+        with self._lock:
+            key = name, lead, tuple(runs)
+            values = self._kept.pop(key, None)
+            return self._keep(key, self.read(name, lead, runs) if values is None else values)
+
+    def _keep(self, key: Any, values: FloatArray) -> FloatArray:
+        self._kept[key] = values  # as the latest
+        while sum(one.nbytes for one in self._kept.values()) > self.room:
+            self._kept.popitem(last=False)
+        return values
+
     def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
         """Write `array[lead]` from begin to end of each axis of the grid, whole shards.
 
@@ -130,6 +148,8 @@ class TableStore:
         try:
             between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
             self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
+            if name != "masks":  # which a solve does not read
+                self._keep((name, lead, tuple(runs)), values)
         except OSError as error:
             raise OSError(
                 f"cannot write in {self.path}: {error.strerror or error}; what is finished stays: make room, or see "
@@ -163,12 +183,13 @@ def attributes(told: Mapping[str, Any]) -> dict[str, str]:
 
 
 def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tuple[list[int], list[int]]:
-    """Chunks and shards of the nodes of a (sub)grid, with `each` values a node, in slabs of the axis that is cut."""
+    """Chunks and shards of the nodes of a (sub)grid, with `each` bytes a node, in slabs of the axis that is cut."""
     most = [min(width, n) if axis == cut else n for axis, n in enumerate(shape)]
-    size = [max(c for c in range(1, THICK + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
+    thick = THICK if each * math.prod(most) > CHUNK_BYTES else max(most, default=1)  # few large ones are faster
+    size = [max(c for c in range(1, thick + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
     parts = [n // c for n, c in zip(most, size, strict=True)]
     others = [axis for axis in range(len(most)) if axis != cut]
-    while others and each * math.prod(size) > CHUNK_NODES and (n := max(size[axis] for axis in others)) > 1:
+    while others and each * math.prod(size) > CHUNK_BYTES and (n := max(size[axis] for axis in others)) > 1:
         axis = max(others, key=lambda axis: size[axis])
         parts[axis] += 1
         while (n := -(-most[axis] // parts[axis])) == size[axis]:
@@ -190,7 +211,7 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
-    packing = [codecs.BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
+    packing = [codecs.BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
     try:
         group = zarr.create_group(str(temporary), attributes=attributes(told))
         axis, width = told["cut"]
@@ -198,8 +219,8 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
             axes = told["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(told["grid"]["shape"]))))
             lead, cut = len(shape) - len(axes), axes.index(axis) if axis in axes else None
             ahead = (1, *shape[1:lead])
-            chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead))
-            blocks = {"chunks": (*ahead, *chunks), "shards": (*ahead, *shards)}
+            chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead) * np.dtype(dtype).itemsize)
+            blocks = {"chunks": (*ahead, *chunks), "shards": None if chunks == shards else (*ahead, *shards)}
             group.create_array(name, shape=tuple(shape), dtype=dtype, compressors=packing, fill_value=0, **blocks)
         os.rename(temporary, path)
     except OSError as error:

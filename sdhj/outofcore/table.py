@@ -8,7 +8,6 @@ import hashlib
 import math
 import os
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -27,7 +26,6 @@ from sdhj.outofcore.store import Runs, TableStore, blocks
 from sdhj.problem import ReachAvoidProblem
 from sdhj.table import AvoidTubes, LookupTable, OfProblem, entry
 
-CACHED = 2**27  # bytes of chunks that are kept
 LOOKED_UP = 2**23  # values that are looked up in at a time
 
 
@@ -91,7 +89,6 @@ class StoredTable(OfProblem):
         self.details: Mapping[str, Any] = store.told["details"]
         self.index = np.array(store.told["index"], dtype=np.int64)
         self.avoid_axes = {kind: tuple(axes) for kind, axes in store.told["avoid_axes"].items()}
-        self._chunks: OrderedDict[Any, FloatArray] = OrderedDict()
         self._lock = threading.Lock()
         self._ahead: dict[int, LookAhead] = {}
 
@@ -256,16 +253,5 @@ class StoredTable(OfProblem):
         for place, parts, here in blocks(runs, sizes):
             chunk = tuple((i * n, min((i + 1) * n, m)) for i, n, m in zip(place, sizes, shape, strict=True))
             there: Any = [slice(low - at, high - at) for (low, high), (at, _) in zip(parts, chunk, strict=True)]
-            out[here] = self._chunk(name, lead, chunk)[(..., *there)]
+            out[here] = self.store.kept(name, lead, chunk)[(..., *there)]
         return out
-
-    def _chunk(self, name: str, lead: int, runs: tuple[tuple[int, int], ...]) -> FloatArray:
-        """A chunk of the store, one of those kept or read."""
-        with self._lock:
-            key = name, lead, runs
-            if key not in self._chunks:
-                self._chunks[key] = self.store.read(name, lead, runs)
-                while sum(one.nbytes for one in self._chunks.values()) > CACHED and len(self._chunks) > 1:
-                    self._chunks.popitem(last=False)
-            self._chunks.move_to_end(key)
-            return self._chunks[key]

@@ -69,12 +69,6 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
     ax.plot(*disk.centre(fine).T, color=looks["edgecolor"], linestyle=":", linewidth=0.8, zorder=1.6)
 
 
-def draw_agent(ax: Axes, scene: ArmScene, centre: FloatArray) -> None:
-    """The pursuer (or evader) as a bold dotted contour about its centre (2,)."""
-    ax.add_artist(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
-    ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
-
-
 def draw_workspace(
     ax: Axes,
     scene: ArmScene,
@@ -110,7 +104,9 @@ def draw_workspace(
             draw_arrow(ax, here, here + ARROW_SECONDS * velocity)
     if state is not None:
         draw_arm(ax, scene, np.asarray(state)[:2])
-        draw_agent(ax, scene, np.asarray(state)[2:4])
+        centre = np.asarray(state)[2:4]
+        ax.add_artist(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
+        ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
     else:
         ax.plot(0, 0, "s", color=FAINT, markersize=3)
     frame_workspace(ax, scene)

@@ -93,6 +93,13 @@ def test_what_cannot_be_followed_is_told(function, told):
         function(Enclosure(np.zeros((4, 2)), np.ones((4, 2))))
 
 
+@pytest.mark.parametrize("kind", [Enclosure, Span])
+@pytest.mark.parametrize("order", [0, 1, np.inf])
+def test_no_other_norm_is_taken_for_the_euclidean_one(kind, order):
+    with pytest.raises((NotFollowed, TypeError)):
+        np.linalg.norm(kind(np.zeros(4), np.ones(4)), order)
+
+
 def test_a_spike_between_the_samples_is_seen():
     """A wall of 2 mm, steeper than anyone would state: no cell that it may be met from is certified."""
     spike = sdhj.UnsafeSet((0,), lambda p, t: 40.0 * np.abs(p[:, 0] - 1.2345) - 0.04, name="spike")

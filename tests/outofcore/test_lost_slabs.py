@@ -307,11 +307,11 @@ def test_the_disk_is_looked_at_first(problem, memory, tmp_path, monkeypatch):
 @pytest.mark.parametrize("width", [1, 5, 16, 17, 40])
 def test_chunks_and_shards(shape, width):
     for cut in (None, 0, len(shape) - 1):
-        chunks, shards = chunked(shape, cut, width, 4)
+        chunks, shards = chunked(shape, cut, width, 16)
         assert all(s % c == 0 for s, c in zip(shards, chunks, strict=True))
         assert cut is None or shards[cut] == min(width, shape[cut])
         assert all(s >= n for axis, (s, n) in enumerate(zip(shards, shape, strict=True)) if axis != cut)
-        assert 4 * np.prod(chunks) <= store_module.CHUNK_NODES or len(shape) == 1
+        assert 16 * np.prod(chunks) <= store_module.CHUNK_BYTES or len(shape) == 1
 
 
 def test_progress_counts_slabs(problem, memory, tmp_path, capsys):

@@ -105,7 +105,7 @@ class Span(NDArrayOperatorsMixin):
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         if function in BY_ENDS:
-            low, high = (function(*ends_of(args, side), **ends_of_all(options, side)) for side in (0, 1))
+            low, high = (function(*ends_of(args, i), **{k: ends_of(v, i) for k, v in options.items()}) for i in (0, 1))
             return [*map(Span, low, high)] if isinstance(low, list | tuple) else Span(low, high)
         if function in (np.sum, np.mean):
             most = np.sum(np.maximum(np.abs(args[0].low), np.abs(args[0].high)), *args[1:], **options)
@@ -113,11 +113,9 @@ class Span(NDArrayOperatorsMixin):
             return widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most)
         if function is np.where:
             return _chosen(*args)
-        return _magnitude(*args, **options) if function is np.linalg.norm else NotImplemented
-
-
-def ends_of_all(options: dict[str, Any], side: int) -> dict[str, Any]:
-    return {name: ends_of(value, side) for name, value in options.items()}
+        if function is np.linalg.norm and len(args) == 1 and options.keys() <= {"axis", "keepdims"}:  # Euclidean
+            return np.sqrt(np.sum(np.square(args[0]), **options))
+        return NotImplemented
 
 
 def _all_ends(*values: Any) -> tuple[Array, ...]:
@@ -194,10 +192,6 @@ def _chosen(condition: Any, one: Any, other: Any) -> Span:
     a, b, c, d = _all_ends(one, other)
     low = np.where(sure, a, np.where(possible, np.minimum(a, c), c))
     return Span(low, np.where(sure, b, np.where(possible, np.maximum(b, d), d)))
-
-
-def _magnitude(one: Any, axis: Any = None) -> Span:
-    return np.sqrt(np.sum(np.square(one), axis=axis))
 
 
 _before = _truth(lambda a, b, c, d: b < c, lambda a, b, c, d: a < d)
