@@ -35,7 +35,7 @@ from sdhj.grid import FloatArray
 STORE_FORMAT = 1
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
 CACHED = 2**27  # bytes of what was read or written that are kept where that helps
-THICK = 16  # nodes of a chunk along the axis that is cut, where a slab is more than a chunk
+THICK = 16  # nodes of a chunk along the axis that is cut, at most
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
@@ -185,8 +185,7 @@ def attributes(told: Mapping[str, Any]) -> dict[str, str]:
 def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tuple[list[int], list[int]]:
     """Chunks and shards of the nodes of a (sub)grid, with `each` bytes a node, in slabs of the axis that is cut."""
     most = [min(width, n) if axis == cut else n for axis, n in enumerate(shape)]
-    thick = THICK if each * math.prod(most) > CHUNK_BYTES else max(most, default=1)  # few large ones are faster
-    size = [max(c for c in range(1, thick + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
+    size = [max(c for c in range(1, THICK + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
     parts = [n // c for n, c in zip(most, size, strict=True)]
     others = [axis for axis in range(len(most)) if axis != cut]
     while others and each * math.prod(size) > CHUNK_BYTES and (n := max(size[axis] for axis in others)) > 1:
@@ -217,7 +216,8 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
         axis, width = told["cut"]
         for name, (shape, dtype) in told["arrays"].items():
             axes = told["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(told["grid"]["shape"]))))
-            lead, cut = len(shape) - len(axes), axes.index(axis) if axis in axes else None
+            cut = axes.index(axis) if axis in axes and width < told["grid"]["shape"][axis] else None
+            lead = len(shape) - len(axes)
             ahead = (1, *shape[1:lead])
             chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead) * np.dtype(dtype).itemsize)
             blocks = {"chunks": (*ahead, *chunks), "shards": None if chunks == shards else (*ahead, *shards)}
