@@ -165,6 +165,15 @@ def test_a_level_set_that_looks_at_all_points_together_is_named():
         on_line(target=TargetSet((0,), scaled))
 
 
+@pytest.mark.parametrize(
+    ("name", "function"),
+    [("drift", lambda p, u: 0.0 * p + u / (1.0 + len(p))), ("gain", lambda p: np.full((len(p), 1, 1), p.max()))],
+)
+def test_so_are_velocities(name, function):
+    with pytest.raises(ValueError, match=f"{name} says something else of a point when it is asked"):
+        on_line(dynamics=replace(LINE.dynamics, **{name: function}))
+
+
 @pytest.mark.parametrize("name", ["target", "unsafe", "swept", "drift", "gain", "bounds"])
 def test_a_function_that_answers_differently_is_named(name):
     calls = iter(range(10**6))

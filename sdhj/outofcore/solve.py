@@ -237,10 +237,8 @@ def task_bytes(plan: Plan) -> int:
 
 def _tasks(plan: Plan) -> int:
     """Slabs that are worked on at most."""
-    steps = plan.problem.steps
-    tubes = steps + 1 if plan.problem.timeless else (steps + 1) * (steps + 2) // 2
     static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in ("static", "moving"))
-    return tubes * plan.slabs + static + steps * moving
+    return LookupTable.rooms(plan.problem) * plan.slabs + static + plan.problem.steps * moving
 
 
 # ---- which problem it is

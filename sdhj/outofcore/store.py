@@ -210,7 +210,7 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
-    packing = [codecs.BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), codecs.Crc32cCodec()]
+    packing = [codecs.BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), codecs.Crc32cCodec()]
     try:
         group = zarr.create_group(str(temporary), attributes=attributes(told))
         axis, width = told["cut"]
