@@ -76,27 +76,28 @@ def compared(name: str, nodes: int, method: str, repeats: int) -> str:
 def alone(name: str, nodes: int, method: str, memory: int | None) -> str:
     """The line of one solve with a store."""
     with TemporaryDirectory() as folder:
-        taken, table = seconds(
-            sdhj.solve, MAKERS[name](nodes), method, store=Path(folder) / "table.zarr", memory=memory
-        )
+        path = Path(folder) / "table.zarr"
+        taken, table = seconds(sdhj.solve, MAKERS[name](nodes), method, store=path, memory=memory)
         peak, share = most_memory(), table.fraction(start=0, within=table.steps)
-        told = table.details["slabs"], f"{taken:,.0f}", peak, f"{on_disk(Path(folder)) / 1e9:.1f} GB", f"{share:.3f}"
+        told = table.details["slabs"], f"{taken:,.0f}", peak, f"{on_disk(path) / 1e9:.1f} GB", f"{share:.3f}"
     return f"| {name}, {nodes} nodes, {method} | {' | '.join(map(str, told))} |"
 
 
 @click.command(context_settings={"show_default": True})
 @click.option("--robot", type=click.Choice(list(MAKERS)), help="Solve this one, once, with a store.")
-@click.option("--nodes", default=25, type=click.IntRange(9), help="Of the robot's grid, along most axes.")
-@click.option("--method", default="hji", type=click.Choice(["hji", "lax"]))
+@click.option("--nodes", type=click.IntRange(9), help="Of the robot's grid, along most axes; 25 where none are given.")
+@click.option("--method", type=click.Choice(["hji", "lax"]), help="hji where none is given.")
 @click.option("--memory", type=click.IntRange(1), help="Bytes that a slab may take.")
 @click.option("--repeats", default=3, type=click.IntRange(1), help="Of each solve, where all are compared.")
 @plainly
-def main(robot: str | None, nodes: int, method: str, memory: int | None, repeats: int) -> None:
+def main(robot: str | None, nodes: int | None, method: str | None, memory: int | None, repeats: int) -> None:
     """Time solves with a store. Stores are written where temporary files are (TMPDIR), and removed."""
     if robot:
         click.echo("| problem | slabs | s | most memory | disk | share |\n|---|---|---|---|---|---|")
-        click.echo(alone(robot, nodes, method, memory))
+        click.echo(alone(robot, nodes or 25, method or "hji", memory))
         return
+    if nodes or method or memory:
+        raise click.UsageError("--nodes, --method and --memory are those of a --robot; give one of them, too")
     click.echo("| problem | in memory, s | and saved | with a store | ratio | disk |\n|---|---|---|---|---|---|")
     for one in COMPARED:
         click.echo(compared(*one, repeats))

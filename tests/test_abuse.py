@@ -199,6 +199,21 @@ def test_a_function_that_answers_differently_is_named(name):
             on_line(dynamics=replace(LINE.dynamics, **{name: shapes[name]}))
 
 
+def test_a_network_in_single_precision_is_taken(rng):
+    """What it says of a point is rounded otherwise beside others, and it may read memory as it lies."""
+    widths = ((1, 64), (64, 64), (64, 1))
+    layers = [rng.normal(size=shape).astype(np.float32) / np.float32(np.sqrt(shape[0])) for shape in widths]
+
+    def net(p):
+        assert p.flags.c_contiguous
+        return np.tanh(np.tanh(p.astype(np.float32) @ layers[0]) @ layers[1]) @ layers[2]
+
+    on_line(
+        dynamics=replace(LINE.dynamics, drift=lambda p, u: 0.1 * net(p) + u),
+        target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5 + 1e-3 * net(p)[:, 0]),
+    )
+
+
 def test_compiled_functions_with_types_of_their_own_are_taken():
     numba = pytest.importorskip("numba")
     compiled = numba.njit("float64[:](float64[:, :], float64)")(lambda p, t: np.abs(p[:, 0]) - 1.0)

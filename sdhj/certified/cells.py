@@ -16,7 +16,6 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -196,16 +195,12 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
     lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
     if not lengths:
         return extent / wish
-    measure = reduce(common_measure, lengths)
+    pieces = math.lcm(*(length.denominator for length in lengths))  # of one: every length is a number of such
+    measure = Fraction(math.gcd(*(int(length * pieces) for length in lengths)), pieces)
     parts = round(measure * wish / extent)
     if parts < 1 and measure * wish * 2 < extent:
         return extent / wish
     return measure / max(parts, 1)
-
-
-def common_measure(a: Fraction, b: Fraction) -> Fraction:
-    """The greatest length of which both a and b are whole multiples."""
-    return Fraction(math.gcd(a.numerator * b.denominator, b.numerator * a.denominator), a.denominator * b.denominator)
 
 
 def moved_cells(

@@ -231,7 +231,7 @@ def task_bytes(plan: Plan) -> int:
                 grid, _ = around(grid, game.axis, (game.begin + middle[0], game.begin + middle[1]), game.halo)
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
     written = math.prod(end - begin for begin, end in plan.runs(0)) * (4 * item + 2 * -(-count // 8))
-    written += PACKED + (CACHED if plan.slabs == 1 else 0)
+    written += PACKED + (min(CACHED, bytes_of(_arrays(plan))) if plan.slabs == 1 else 0)
     return max(map(played, windows)) + 2 * tubes + written  # tubes are there twice while they are packed
 
 

@@ -132,7 +132,8 @@ class TableStore:
             return self._keep(key, self.read(name, lead, runs) if values is None else values)
 
     def _keep(self, key: Any, values: FloatArray) -> FloatArray:
-        self._kept[key] = values  # as the latest
+        if values.nbytes <= self.room:
+            self._kept[key] = values  # as the latest
         while sum(one.nbytes for one in self._kept.values()) > self.room:
             self._kept.popitem(last=False)
         return values

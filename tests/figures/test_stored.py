@@ -42,3 +42,8 @@ def test_too_little_memory_is_told_without_a_traceback():
     done = CliRunner().invoke(stored.main, ["--robot", "arm", "--nodes", "9", "--memory", "1000"])
     assert done.exit_code != 0 and "allowed; give more as memory=" in done.output
     assert isinstance(done.exception, SystemExit)
+
+
+def test_options_of_a_robot_need_one():
+    done = CliRunner().invoke(stored.main, ["--nodes", "9"])
+    assert done.exit_code == 2 and "give one of them, too" in done.output

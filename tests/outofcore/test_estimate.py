@@ -109,3 +109,8 @@ def test_an_estimate_refuses_what_a_solve_refuses():
         estimate(problem, sdhj.Projected(subspaces=[(0,)]))
     with pytest.raises(MemoryError, match="are allowed"):
         estimate(problem, memory=1)
+
+
+def test_a_small_problem_asks_for_little():
+    """What one slab keeps is no more than its arrays."""
+    assert estimate(moving_problem()).nbytes < PROCESS + 2**27
