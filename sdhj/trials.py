@@ -29,9 +29,7 @@ CHECKED = 5000  # nodes at most
 VISITED = 200  # nodes at which velocities are asked for
 UNDECIDED_STEPS = 20  # of a problem that has no number of steps
 EXCUSED = 1e-9  # that is no change, relative to the values or absolute below one
-BESIDE_OTHERS = (
-    1e-5  # of the largest value: what computes in single precision rounds otherwise with the number of points
-)
+BESIDE_OTHERS = 1e-5  # of the largest value: single precision rounds otherwise with the number of points
 
 
 def tried(problem: "ReachAvoidProblem") -> None:
