@@ -208,10 +208,13 @@ def test_a_network_in_single_precision_is_taken(rng):
         assert p.flags.c_contiguous
         return np.tanh(np.tanh(p.astype(np.float32) @ layers[0]) @ layers[1]) @ layers[2]
 
-    on_line(
-        dynamics=replace(LINE.dynamics, drift=lambda p, u: 0.1 * net(p) + u),
-        target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5 + 1e-3 * net(p)[:, 0]),
-    )
+    on_line(dynamics=replace(LINE.dynamics, drift=lambda p, u: 0.1 * net(p) + u))
+
+
+def test_a_level_set_that_depends_on_other_points_a_little_is_named():
+    """By more than rounding: level sets are held to 1e-9."""
+    with pytest.raises(ValueError, match="says something else of a point"):
+        on_line(target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-7 / len(p)))
 
 
 def test_compiled_functions_with_types_of_their_own_are_taken():
