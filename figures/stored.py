@@ -31,7 +31,7 @@ COMPARED = (
 )
 
 
-def seconds(call: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, Any]:
+def timed(call: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, Any]:
     """How long a call takes, and what it returns."""
     gc.collect()
     began = time.perf_counter()
@@ -56,11 +56,11 @@ def most_memory() -> str:
 
 def three_ways(problem: sdhj.ReachAvoidProblem, method: str) -> tuple[float, float, float, int]:
     """Seconds in memory, with `save`, and with a store, and the bytes of that."""
-    bare, table = seconds(sdhj.solve, problem, method, progress=False)
+    bare, table = timed(sdhj.solve, problem, method, progress=False)
     with TemporaryDirectory() as folder:
-        saving, _ = seconds(table.save, Path(folder) / "table.h5")
+        saving, _ = timed(table.save, Path(folder) / "table.h5")
         del table
-        stored, _ = seconds(sdhj.solve, problem, method, store=Path(folder) / "table.zarr", progress=False)
+        stored, _ = timed(sdhj.solve, problem, method, store=Path(folder) / "table.zarr", progress=False)
         return bare, bare + saving, stored, on_disk(Path(folder) / "table.zarr")
 
 
@@ -73,11 +73,11 @@ def compared(name: str, nodes: int, method: str, repeats: int) -> str:
     return f"| {name}, {nodes} nodes, {method} | {' | '.join(told)} |"
 
 
-def alone(name: str, nodes: int, method: str, memory: int | None) -> str:
+def solved_once(name: str, nodes: int, method: str, memory: int | None) -> str:
     """The line of one solve with a store."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "table.zarr"
-        taken, table = seconds(sdhj.solve, MAKERS[name](nodes), method, store=path, memory=memory)
+        taken, table = timed(sdhj.solve, MAKERS[name](nodes), method, store=path, memory=memory)
         peak, share = most_memory(), table.fraction(start=0, within=table.steps)
         told = table.details["slabs"], f"{taken:,.0f}", peak, f"{on_disk(path) / 1e9:.1f} GB", f"{share:.3f}"
     return f"| {name}, {nodes} nodes, {method} | {' | '.join(map(str, told))} |"
@@ -94,7 +94,7 @@ def main(robot: str | None, nodes: int | None, method: str | None, memory: int |
     """Time solves with a store. Stores are written where temporary files are (TMPDIR), and removed."""
     if robot:
         click.echo("| problem | slabs | s | most memory | disk | share |\n|---|---|---|---|---|---|")
-        click.echo(alone(robot, nodes or 25, method or "hji", memory))
+        click.echo(solved_once(robot, nodes or 25, method or "hji", memory))
         return
     if nodes or method or memory:
         raise click.UsageError("--nodes, --method and --memory are those of a --robot; give one of them, too")
