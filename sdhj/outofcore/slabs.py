@@ -24,7 +24,7 @@ import numpy as np
 from sdhj.avoid import Danger
 from sdhj.games import Axes, HJIGames, HopfLaxGames, Wall
 from sdhj.grid import FloatArray, Grid
-from sdhj.outofcore.store import CACHED, Runs, TableStore
+from sdhj.outofcore.store import CACHE_BYTES, Runs, TableStore
 from sdhj.problem import ReachAvoidProblem
 from sdhj.recursion import InputRows, add_input
 from sdhj.schemes import STAGES
@@ -93,7 +93,7 @@ class Plan:
     def store(self) -> TableStore:
         """The store, open; where there is one slab it keeps the tubes from which the next ones follow."""
         store = TableStore(self.path)
-        store.room = CACHED + store.arrays["avoid_static"].nbytes if self.slabs == 1 else 0
+        store.cache_room = CACHE_BYTES + store.arrays["avoid_static"].nbytes if self.slabs == 1 else 0
         return store
 
     @property
@@ -260,12 +260,12 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     problem, span, runs = plan.problem, plan.span(task.slab), plan.runs(task.slab)
     window, kept = around(problem.grid, plan.axis, span, plan.halo)
     games = _games(plan, problem if plan.slabs == 1 else problem.on(window), plan.counted, {plan.axis: kept})
-    before, values = store.kept("tubes", task.before, runs), read_window(store.kept, "tubes", task.after, window)
+    before, values = store.cached("tubes", task.before, runs), read_window(store.cached, "tubes", task.after, window)
     tube = np.full_like(before, np.inf) if problem.stays else before.copy()
     mask = np.zeros((store.arrays["masks"].shape[1], *tube.shape), np.uint8)
     axes = plan.avoid_axes["static"], plan.avoid_axes["moving"]
-    static = store.kept("avoid_static", 0, plan.runs(task.slab, axes[0]))
-    moving = store.kept("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
+    static = store.cached("avoid_static", 0, plan.runs(task.slab, axes[0]))
+    moving = store.cached("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))
     for j, phi in games.reach(values, task.step):

@@ -30,7 +30,7 @@ from sdhj.grid import Grid
 from sdhj.memory import available, require
 from sdhj.methods import HJI, HopfLax, method_of
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import CACHED, STORE_FORMAT, TableStore, alone, create, free_name, room_for
+from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
 from sdhj.problem import ReachAvoidProblem
 from sdhj.recursion import PROCESS, recursion
@@ -231,8 +231,8 @@ def task_bytes(plan: Plan) -> int:
                 grid, _ = around(grid, game.axis, (game.begin + middle[0], game.begin + middle[1]), game.halo)
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
     written = math.prod(end - begin for begin, end in plan.runs(0)) * (4 * item + 2 * -(-count // 8))
-    written += PACKED + (min(CACHED, bytes_of(_arrays(plan))) if plan.slabs == 1 else 0)
-    return max(map(played, windows)) + 2 * tubes + written  # tubes are there twice while they are packed
+    cached = min(CACHE_BYTES, bytes_of(_arrays(plan))) if plan.slabs == 1 else 0
+    return max(map(played, windows)) + 2 * tubes + written + PACKED + cached  # tubes are there twice while packed
 
 
 def _tasks(plan: Plan) -> int:

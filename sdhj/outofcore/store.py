@@ -34,7 +34,7 @@ from sdhj.grid import FloatArray
 
 STORE_FORMAT = 1
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
-CACHED = 2**27  # bytes of what was read or written that are kept where that helps
+CACHE_BYTES = 2**27  # bytes of what was read or written that are kept where that helps
 THICK = 16  # nodes of a chunk along the axis that is cut, at most
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
@@ -62,7 +62,7 @@ class TableStore:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path, self.room = Path(path), CACHED  # bytes of what is kept
+        self.path, self.cache_room = Path(path), CACHE_BYTES
         if not (self.path / "zarr.json").is_file():
             raise FileNotFoundError(f"no store {self.path}; write one with sdhj.solve(problem, store=...)")
         try:
@@ -79,7 +79,7 @@ class TableStore:
                 array = self.arrays[name]
                 if list(array.shape[1:]) != shape[1:] or array.shape[0] > shape[0] or array.dtype != np.dtype(dtype):
                     raise ValueError(f"its array {name} is {array.dtype} of {array.shape}")
-            self._kept: OrderedDict[Any, FloatArray] = OrderedDict()
+            self._cache: OrderedDict[Any, FloatArray] = OrderedDict()
             self._lock = threading.Lock()
         except Exception as error:  # whatever Zarr makes of files that are not what they were
             raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
@@ -124,18 +124,18 @@ class TableStore:
                 ) from error
         return out
 
-    def kept(self, name: str, lead: int, runs: Runs) -> FloatArray:
-        """As `read`, or what was read so or written of late; not to be changed."""
+    def cached(self, name: str, lead: int, runs: Runs) -> FloatArray:
+        """As `read`, but what was read so or written of late is in memory; not to be changed."""
         with self._lock:
             key = name, lead, tuple(runs)
-            values = self._kept.pop(key, None)
-            return self._keep(key, self.read(name, lead, runs) if values is None else values)
+            values = self._cache.pop(key, None)
+            return self._remember(key, self.read(name, lead, runs) if values is None else values)
 
-    def _keep(self, key: Any, values: FloatArray) -> FloatArray:
-        if values.nbytes <= self.room:
-            self._kept[key] = values  # as the latest
-        while sum(one.nbytes for one in self._kept.values()) > self.room:
-            self._kept.popitem(last=False)
+    def _remember(self, key: Any, values: FloatArray) -> FloatArray:
+        if values.nbytes <= self.cache_room:
+            self._cache[key] = values  # as the latest
+        while sum(one.nbytes for one in self._cache.values()) > self.cache_room:
+            self._cache.popitem(last=False)
         return values
 
     def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
@@ -150,7 +150,7 @@ class TableStore:
             between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
             self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
             if name != "masks":  # which a solve does not read
-                self._keep((name, lead, tuple(runs)), values)
+                self._remember((name, lead, tuple(runs)), values)
         except OSError as error:
             raise OSError(
                 f"cannot write in {self.path}: {error.strerror or error}; what is finished stays: make room, or see "

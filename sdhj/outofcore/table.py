@@ -253,5 +253,5 @@ class StoredTable(OfProblem):
         for place, parts, here in blocks(runs, sizes):
             chunk = tuple((i * n, min((i + 1) * n, m)) for i, n, m in zip(place, sizes, shape, strict=True))
             there: Any = [slice(low - at, high - at) for (low, high), (at, _) in zip(parts, chunk, strict=True)]
-            out[here] = self.store.kept(name, lead, chunk)[(..., *there)]
+            out[here] = self.store.cached(name, lead, chunk)[(..., *there)]
         return out
