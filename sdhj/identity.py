@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 ULPS = 16  # units in the last place by which numbers of one problem may differ from machine to machine
 SIGNS = 32
-AT_ONCE = 2**14  # numbers that are added up at a time
+AT_ONCE = 2**12  # numbers that are added up at a time
 
 
 def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
@@ -41,7 +41,7 @@ def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
     for part in _parts(problem):
         data = np.ascontiguousarray(part)
         h.update(repr((data.dtype.str, data.shape)).encode())
-        h.update(data.tobytes())
+        h.update(data.data)
         sums.append(_signed(data.ravel().astype(np.float64), reach))
     return h.hexdigest(), np.array(sums)
 
@@ -56,12 +56,17 @@ def alike(sums: FloatArray, others: FloatArray) -> bool:
 def _signed(values: FloatArray, reach: float) -> list[float]:
     sizes = np.abs(values)
     scale = min(float(sizes.mean()), reach) if sizes.any() else 1.0
-    squashed, total, random = values / (scale + sizes), np.zeros(SIGNS), np.random.PCG64(0)
-    for begin in range(0, values.size, AT_ONCE):
-        some = squashed[begin : begin + AT_ONCE]
-        bits = random.random_raw(AT_ONCE * SIGNS // 64).astype("<u8").view(np.uint8).reshape(AT_ONCE, -1)
-        total += some @ (1.0 - 2.0 * np.unpackbits(bits[: some.size], axis=1))
+    rows = np.zeros((-(-values.size // AT_ONCE), AT_ONCE))
+    np.divide(values, scale + sizes, out=rows.reshape(-1)[: values.size])
+    random = np.random.PCG64(0)
+    # the signs of a number are those of its column, turned where those of its row are -1
+    total = np.sum(rows @ _signs(random, AT_ONCE) * _signs(random, len(rows)), axis=0)
     return [float(values.size), float(values.size * np.log(scale)), *total.tolist()]  # the sums do not tell the scale
+
+
+def _signs(random: np.random.PCG64, count: int) -> FloatArray:
+    bits = random.random_raw(count * SIGNS // 64 + 1).astype("<u8").view(np.uint8)
+    return 1.0 - 2.0 * np.unpackbits(bits, count=count * SIGNS).reshape(count, SIGNS)
 
 
 def _parts(problem: "ReachAvoidProblem") -> Iterator[Any]:

@@ -333,14 +333,11 @@ class ReachAvoidProblem:
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        if not part.moving:
-            for known, values in self._static:
-                if known is part:
-                    return values
-        values = self._sampled(part, lambda points: part.level_set(points, t))
-        if not part.moving:
-            self._static.append((part, values))
-        return values
+        known = [values for one, values in self._static if one is part]
+        if not known:
+            known = [self._sampled(part, lambda points: part.level_set(points, t))]
+            self._static.extend((part, values) for values in known if not part.moving)
+        return known[0]
 
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None

@@ -25,7 +25,7 @@ import numpy as np
 
 from sdhj.ahead import ROOM, LookAhead, look_ahead
 from sdhj.batches import Batch, batched
-from sdhj.checks import ascending, real_array, states_array, whole
+from sdhj.checks import ascending, real_array, sealed, states_array, whole
 from sdhj.grid import FloatArray, Grid
 from sdhj.lookup import Shelf, avoid_values, decide, tube_values
 from sdhj.problem import ReachAvoidProblem
@@ -86,6 +86,10 @@ class OfProblem:
         """Checked place of (start, within) in `index`; `within` beyond N - start means N - start."""
         start = whole("start", start, least=0, most=self.steps)
         return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
+
+    def place(self: Any, start: int, within: int) -> int:
+        """Which of the tubes that are kept (start, within) is."""
+        return int(self.index[self.entry(start, within)])
 
 
 NO_CHANGE = 4 * 2.0**-23  # of the largest value of a tube in single precision: less is no change
@@ -170,16 +174,16 @@ class LookupTable(OfProblem):
 
     def value_array(self, start: int, within: int) -> FloatArray:
         """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
-        return self.tubes[self.index[self.entry(start, within)]]
+        return self.tubes[self.place(start, within)]
 
     def mask_array(self, start: int, within: int) -> FloatArray:
         """Where the marks of its inputs stand, (bytes, size); to be written likewise."""
-        return self.masks[self.index[self.entry(start, within)]]
+        return self.masks[self.place(start, within)]
 
     def share(self, start: int, within: int) -> None:
         """Make (start, within) the tube (start, within - 1), marks included; what comes later moves up by one place."""
-        place = self.index[self.entry(start, within)]
-        if place != self.index[self.entry(start, within - 1)]:
+        place = self.place(start, within)
+        if place != self.place(start, within - 1):
             self.index[self.index >= place] -= 1
 
     def unchanged(self, start: int, within: int) -> bool:
@@ -207,7 +211,7 @@ class LookupTable(OfProblem):
         ValueError
             Where everything still changes.
         """
-        stored = int(self.index[self.entry(0, self.steps)])  # the last is as the one before
+        stored = self.place(0, self.steps)  # the last is as the one before
         if stored == self.steps:
             raise ValueError(f"the tubes still change after {stored:,} steps; give the problem a number of steps")
         last, stays = max(stored - 1, 1), self.problem.stays
@@ -233,9 +237,7 @@ class LookupTable(OfProblem):
 
         Shape grid.shape, <= 0 inside; a view, not to be modified. With `Sensing` of predictions.
         """
-        view = self.value_array(start, within).view()
-        view.flags.writeable = False
-        return view
+        return sealed(self.value_array(start, within))
 
     def inputs(self, *, start: int, within: int) -> FloatArray:
         """Which inputs are safe and make progress at each node: bool, grid.shape + (L,).

@@ -11,6 +11,7 @@ import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from statistics import fmean
@@ -188,6 +189,8 @@ def planned(
         if task_bytes(plan) <= room:
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
+    if plan.slabs > 1:
+        problem.__dict__.pop("_static", None)  # what has been sampled of the whole grid
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
@@ -201,9 +204,8 @@ def check_some_resolution(problem: ReachAvoidProblem) -> None:
     """As `check_resolution`, of the unsafe sets that fit into memory on the axes that they depend on."""
     some = copy.copy(problem)
     kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
-    some.__dict__["unsafe"] = kept
+    some.__dict__.update(unsafe=kept, _static=problem._static)
     check_resolution(some, stacklevel=5)
-    problem.__dict__.pop("_static", None)  # what has been sampled is not sent to others
 
 
 def task_bytes(plan: Plan) -> int:
@@ -309,23 +311,20 @@ class StoredSets:
             self._warn_unless_felt(kind, list(chain(*found)))
 
     def goal(self, step: int) -> None:
-        self._do(Task("goal", 0, step, self._place(step, 0)), "tubes", self._place(step, 0))
+        self._do(Task("goal", 0, step, place := self.table.place(step, 0)), "tubes", place)
 
     def extend(self, step: int, within: int) -> None:
-        place, before = self._place(step, within), self._place(step, within - 1)
-        after = self._place(step + 1, within - 1)
+        place, before = self.table.place(step, within), self.table.place(step, within - 1)
+        after = self.table.place(step + 1, within - 1)
         found = self._do(Task("extend", 0, step, place, before, after), "tubes", place)
         if len(found) == self.plan.slabs:
             self.same[place, before] = all(found)
 
     def stopped(self, step: int, within: int) -> bool:
-        pair = self._place(step, within), self._place(step, within - 1)
+        one, other = pair = self.table.place(step, within), self.table.place(step, within - 1)
         if pair not in self.same:  # of an earlier solve
-            runs = map(self.plan.runs, range(self.plan.slabs))
-            read = self.store.read
-            self.same[pair] = pair[0] == pair[1] or all(
-                np.array_equal(read("tubes", pair[0], run), read("tubes", pair[1], run)) for run in runs
-            )
+            slabs, read = map(self.plan.runs, range(self.plan.slabs)), partial(self.store.read, "tubes")
+            self.same[pair] = one == other or all(np.array_equal(read(one, slab), read(other, slab)) for slab in slabs)
         return self.same[pair]
 
     def share(self, step: int, within: int) -> None:
@@ -337,9 +336,6 @@ class StoredSets:
         told = self.plan.method.told | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
         self.store.finish(self.table.index, told)
         return StoredTable(self.problem, TableStore(self.store.path))
-
-    def _place(self, step: int, within: int) -> int:
-        return int(self.table.index[self.table.entry(step, within)])
 
     def _do(self, task: Task, name: str, lead: int) -> list[Any]:
         """Have a task done on all slabs where it is not; what those return."""

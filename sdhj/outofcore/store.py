@@ -92,7 +92,7 @@ class TableStore:
         between = array.ndim - len(runs) - 1  # axes of which a shard has all
         for place, parts, here in blocks(runs, (array.shards or array.chunks)[array.ndim - len(runs) :]):
             there = (lead, *[slice(None)] * between, *(slice(*part) for part in parts))
-            yield self.path.joinpath(name, "c", *map(str, (lead, *[0] * between, *place))), there, here
+            yield self.path / name / array.metadata.encode_chunk_key((lead, *[0] * between, *place)), there, here
 
     def there(self, name: str, lead: int, runs: Runs) -> bool:
         """Whether `array[lead]` has been written from begin to end of each axis of the grid."""
@@ -184,18 +184,17 @@ def attributes(told: Mapping[str, Any]) -> dict[str, str]:
 
 
 def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tuple[list[int], list[int]]:
-    """Chunks and shards of the nodes of a (sub)grid, with `each` bytes a node, in slabs of the axis that is cut."""
+    """Chunks and shards of the nodes of a (sub)grid, with `each` bytes a node, in slabs of the axis that is cut.
+
+    Of the other axes the first are split, down to one node if need be: chunks lie in one piece in memory.
+    """
     most = [min(width, n) if axis == cut else n for axis, n in enumerate(shape)]
     size = [max(c for c in range(1, THICK + 1) if n % c == 0) if axis == cut else n for axis, n in enumerate(most)]
-    parts = [n // c for n, c in zip(most, size, strict=True)]
-    others = [axis for axis in range(len(most)) if axis != cut]
-    while others and each * math.prod(size) > CHUNK_BYTES and (n := max(size[axis] for axis in others)) > 1:
-        axis = max(others, key=lambda axis: size[axis])
-        parts[axis] += 1
-        while (n := -(-most[axis] // parts[axis])) == size[axis]:
-            parts[axis] += 1
-        size[axis] = n
-    return size, [c * p for c, p in zip(size, parts, strict=True)]
+    for axis, n in enumerate(shape):
+        room = CHUNK_BYTES * n // (each * math.prod(size))  # nodes along this axis
+        if axis != cut and room < n:  # few nodes beyond the end, and few states between two chunks, which read both
+            size[axis] = min(range(1, max(room, 1) + 1), key=lambda c: -(-n // c) * (c + 1))
+    return size, [-(-n // c) * c for n, c in zip(most, size, strict=True)]
 
 
 def create(path: Path, told: Mapping[str, Any]) -> None:
@@ -211,7 +210,8 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
-    packing = [codecs.BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), codecs.Crc32cCodec()]
+    packing: Any = {"compressors": [codecs.BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), codecs.Crc32cCodec()]}
+    packing |= {"fill_value": 0, "chunk_key_encoding": {"name": "default", "separator": "."}}  # all in one folder
     try:
         group = zarr.create_group(str(temporary), attributes=attributes(told))
         axis, width = told["cut"]
@@ -222,7 +222,7 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
             ahead = (1, *shape[1:lead])
             chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead) * np.dtype(dtype).itemsize)
             blocks = {"chunks": (*ahead, *chunks), "shards": None if chunks == shards else (*ahead, *shards)}
-            group.create_array(name, shape=tuple(shape), dtype=dtype, compressors=packing, fill_value=0, **blocks)
+            group.create_array(name, shape=tuple(shape), dtype=dtype, **blocks, **packing)
         os.rename(temporary, path)
     except OSError as error:
         free_name(path)

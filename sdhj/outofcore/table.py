@@ -112,7 +112,7 @@ class StoredTable(OfProblem):
 
     def fraction(self, *, start: int, within: int) -> float:
         """Share of the grid's volume inside a tube."""
-        (axis, width), total, place = self.store.told["cut"], 0.0, self._place(start, within)
+        (axis, width), total, place = self.store.told["cut"], 0.0, self.place(start, within)
         for begin in range(0, self.grid.shape[axis], width):
             window = self.grid.stretch(axis, begin, min(width, self.grid.shape[axis] - begin))
             total += window.fraction(read_window(self.store.read, "tubes", place, window) <= 0)
@@ -135,19 +135,16 @@ class StoredTable(OfProblem):
         """As `LookupTable.save`: one file in place of the store, for a table that fits into memory."""
         self.loaded().save(path)
 
-    def _place(self, start: int, within: int) -> int:
-        return int(self.index[self.entry(start, within)])
-
     def _whole(self, name: str, start: int, within: int) -> FloatArray:
         array = self.store.arrays[name]
         require(array.dtype.itemsize * math.prod(array.shape[1:]), "a whole tube", "ask for states with contains()")
-        return read_window(self.store.read, name, self._place(start, within), self.grid)
+        return read_window(self.store.read, name, self.place(start, within), self.grid)
 
     # ---- states
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of points (M, ndim) is in a tube: bool (M,)."""
-        points, place = np.atleast_2d(real_array("points", points)), self._place(start, within)
+        points, place = np.atleast_2d(real_array("points", points)), self.place(start, within)
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
         found = np.empty(len(points), np.bool_)
