@@ -314,6 +314,20 @@ def test_chunks_and_shards(shape, width):
         assert 16 * np.prod(chunks) <= store_module.CHUNK_BYTES or len(shape) == 1
 
 
+@pytest.mark.parametrize("shape", [(17,) * 5, (25,) * 5, (40,) * 5, (37,) * 4, (20,) * 6])
+@pytest.mark.parametrize("each", [4, 100])
+def test_files_hold_little_beyond_the_grid(shape, each):
+    """Chunks of a size that does not divide an axis reach beyond its end, and what is there is packed and read too."""
+    chunks, files = chunked(shape, None, shape[0], each)
+    assert np.prod(files) <= 1.1 * np.prod(shape)
+    assert store_module.CHUNK_BYTES / 4 <= each * np.prod(chunks) <= store_module.CHUNK_BYTES
+
+
+def test_an_array_is_one_folder(store):
+    """A folder for each index of each file would cost more than the file."""
+    assert not [path for name in store_module.NAMES for path in (store / name).iterdir() if path.is_dir()]
+
+
 def test_progress_counts_slabs(problem, memory, tmp_path, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
