@@ -32,9 +32,18 @@ def test_of_each_way_the_fastest_is_compared(monkeypatch):
 
 
 def test_three_ways_solve_and_leave_nothing(tmp_path, monkeypatch):
+    written, taken = [], iter([1.0, 3.0, 5.0])
+
+    def timed(call, *args, **options):
+        call(*args, **options)
+        written.append([path.name for folder in tmp_path.iterdir() for path in folder.iterdir()])
+        return next(taken), None
+
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(stored, "timed", timed)
     bare, saved, kept, size = stored.three_ways(sdhj.arm_case_study(9), "lax")
-    assert 0.0 < bare < saved and kept > 0.0 and size > 10_000 and not list(tmp_path.iterdir())
+    assert (bare, saved, kept) == (1.0, 5.0, 3.0) and size > 10_000 and not list(tmp_path.iterdir())
+    assert [sorted(names) for names in written] == [[], ["table.zarr"], ["table.h5", "table.zarr"]]
 
 
 def test_a_folder_counts_its_files(tmp_path):
