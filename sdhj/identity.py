@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 ULPS = 16  # units in the last place by which numbers of one problem may differ from machine to machine
 SIGNS = 32
-AT_ONCE = 2**12  # numbers that are added up at a time
+ROW = 2**12  # numbers of a row: its signs are those of all rows, each of the SIGNS drawings turned or not
 
 
 def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
@@ -56,11 +56,11 @@ def alike(sums: FloatArray, others: FloatArray) -> bool:
 def _signed(values: FloatArray, reach: float) -> list[float]:
     sizes = np.abs(values)
     scale = min(float(sizes.mean()), reach) if sizes.any() else 1.0
-    rows = np.zeros((-(-values.size // AT_ONCE), AT_ONCE))
+    rows = np.zeros((-(-values.size // ROW), ROW))
     np.divide(values, scale + sizes, out=rows.reshape(-1)[: values.size])
     random = np.random.PCG64(0)
     # the signs of a number are those of its column, turned where those of its row are -1
-    total = np.sum(rows @ _signs(random, AT_ONCE) * _signs(random, len(rows)), axis=0)
+    total = np.sum(rows @ _signs(random, ROW) * _signs(random, len(rows)), axis=0)
     return [float(values.size), float(values.size * np.log(scale)), *total.tolist()]  # the sums do not tell the scale
 
 

@@ -190,7 +190,7 @@ def planned(
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.slabs > 1:
-        problem.__dict__.pop("_static", None)  # what has been sampled of the whole grid
+        problem.__dict__.pop("_static", None)  # what has been sampled of the whole grid is neither kept nor sent
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
@@ -204,7 +204,7 @@ def check_some_resolution(problem: ReachAvoidProblem) -> None:
     """As `check_resolution`, of the unsafe sets that fit into memory on the axes that they depend on."""
     some = copy.copy(problem)
     kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
-    some.__dict__.update(unsafe=kept, _static=problem._static)
+    some.__dict__.update(unsafe=kept, _static=problem._static)  # what is sampled here stays with the problem
     check_resolution(some, stacklevel=5)
 
 
