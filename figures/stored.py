@@ -3,10 +3,13 @@
 `python figures/stored.py` times solves in memory, solves in memory that are then saved, and solves with a store, in
 turn; the fastest of each is told. `python figures/stored.py --robot hunted --nodes 20 --method lax --memory 3800000000`
 solves one problem with a store, once: its slabs, time, the most memory that the process had, disk, and the share won.
+With `--workers 1` the same slabs are solved once more by a Dask cluster of so many processes: what a task costs beside
+what it does, and how many bytes go through the scheduler and through the store.
 """
 
 import gc
 import importlib
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -16,6 +19,7 @@ from typing import Any
 
 import click
 import large
+import numpy as np
 
 import sdhj
 from sdhj.cli import plainly
@@ -27,6 +31,7 @@ COMPARED = (
     ("case study", 40, "hji"),
     ("case study", 40, "lax"),
     ("arm", 17, "hji"),
+    ("arm", 25, "hji"),
     ("car", 17, "hji"),
 )
 
@@ -84,21 +89,69 @@ def solved_once(name: str, nodes: int, method: str, memory: int | None) -> str:
     return f"| {name}, {nodes} nodes, {method} | {' | '.join(map(str, told))} |"
 
 
+def moved(client: Any) -> list[int]:
+    """Bytes so far: sent by the network devices of this machine, read and written by the workers of a client."""
+    psutil: Any = importlib.import_module("psutil")
+    own = list(client.run(lambda: psutil.Process().io_counters()).values())
+    read, written = sum(one.read_chars for one in own), sum(one.write_chars for one in own)
+    return [psutil.net_io_counters().bytes_sent, read, written]
+
+
+def by_workers(client: Any, problem: sdhj.ReachAvoidProblem, method: str, memory: int | None) -> tuple[Any, ...]:
+    """Slabs, tasks, and seconds of a solve by this process and of one by workers; bytes moved by the latter."""
+    with TemporaryDirectory() as folder:
+        path, told = Path(folder) / "workers.zarr", {"memory": memory, "progress": False}
+        alone, _ = timed(sdhj.solve, problem, method, store=Path(folder) / "alone.zarr", **told)
+        before = moved(client)
+        shared, table = timed(sdhj.solve, problem, method, store=path, client=client, **told)
+        bytes_moved = np.subtract(moved(client), before).tolist()
+        # a task writes one file of these
+        tasks = sum(len(list((path / array).glob("c*"))) for array in ("tubes", "avoid_static", "avoid_moving"))
+    return table.details["slabs"], tasks, alone, shared, *bytes_moved
+
+
+def shared_out(name: str, nodes: int, method: str, memory: int | None, workers: int, repeats: int) -> str:
+    """The line of solves by this process and by workers that share its cores."""
+    dask, distributed = map(importlib.import_module, ("dask", "distributed"))
+    cores = max(1, (os.cpu_count() or 1) // workers)
+    # in place of Dask's, which have freed memory given back at once: each array would find its pages anew
+    environment = {"distributed.nanny.pre-spawn-environ": {"NUMBA_NUM_THREADS": cores}}
+    with (
+        TemporaryDirectory() as folder,
+        dask.config.set(environment | {"temporary-directory": folder}),
+        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        taken = [by_workers(client, MAKERS[name](nodes), method, memory) for _ in range(repeats + 1)]
+    slabs, tasks, alone, shared, sent, read, written = map(min, zip(*taken[1:], strict=True))  # the first compiles
+    told = f"{slabs}", f"{tasks}", f"{alone:.1f}", f"{shared:.1f}", f"{(shared - alone) / tasks * 1e3:.0f} ms"
+    told += f"{sent / tasks / 1e3:.0f} kB", f"{read / 1e6:,.0f} MB", f"{written / 1e6:,.0f} MB"
+    return f"| {name}, {nodes} nodes, {method} | {' | '.join(told)} |"
+
+
 @click.command(context_settings={"show_default": True})
 @click.option("--robot", type=click.Choice(list(MAKERS)), help="Solve this one, once, with a store.")
 @click.option("--nodes", type=click.IntRange(9), help="Of the robot's grid, along most axes; 25 where none are given.")
 @click.option("--method", type=click.Choice(["hji", "lax"]), help="hji where none is given.")
 @click.option("--memory", type=click.IntRange(1), help="Bytes that a slab may take.")
-@click.option("--repeats", default=3, type=click.IntRange(1), help="Of each solve, where all are compared.")
+@click.option("--workers", type=click.IntRange(1), help="Solve it with so many Dask workers, too.")
+@click.option("--repeats", default=3, type=click.IntRange(1), help="Of each solve, where some are compared.")
 @plainly
-def main(robot: str | None, nodes: int | None, method: str | None, memory: int | None, repeats: int) -> None:
+def main(
+    robot: str | None, nodes: int | None, method: str | None, memory: int | None, workers: int | None, repeats: int
+) -> None:
     """Time solves with a store. Stores are written where temporary files are (TMPDIR), and removed."""
+    if robot and workers:
+        click.echo("| problem | slabs | tasks | alone, s | shared, s | more a task | sent a task | read | written |")
+        click.echo("|---" * 9 + "|")
+        click.echo(shared_out(robot, nodes or 25, method or "hji", memory, workers, repeats))
+        return
     if robot:
         click.echo("| problem | slabs | s | most memory | disk | share |\n|---|---|---|---|---|---|")
         click.echo(solved_once(robot, nodes or 25, method or "hji", memory))
         return
-    if nodes or method or memory:
-        raise click.UsageError("--nodes, --method and --memory are those of a --robot; give one of them, too")
+    if nodes or method or memory or workers:
+        raise click.UsageError("all but --repeats are options of a --robot; give one of them, too")
     click.echo("| problem | in memory, s | and saved | with a store | ratio | disk |\n|---|---|---|---|---|---|")
     for one in COMPARED:
         click.echo(compared(*one, repeats))

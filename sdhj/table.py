@@ -88,7 +88,7 @@ class OfProblem:
         return entry(self.steps, start, min(whole("within", within, least=0), self.steps - start))
 
     def place(self: Any, start: int, within: int) -> int:
-        """Which of the tubes that are kept (start, within) is."""
+        """Where what is kept of (start, within) is."""
         return int(self.index[self.entry(start, within)])
 
 

@@ -75,8 +75,8 @@ class CertifiedTable(OfProblem):
         """Bytes that the sets and what proves them take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
-    def _place(self, start: int, within: int) -> int:
-        """Checked place of (start, within) in the index; `within` beyond N - start means N - start."""
+    def place(self, start: int, within: int) -> int:
+        """Which row of the index (start, within) has; `within` beyond N - start means N - start."""
         place = self.entry(start, within)
         return place if len(self.index) > self.steps + 1 else min(within, self.steps - start, len(self.index) - 1)
 
@@ -92,14 +92,14 @@ class CertifiedTable(OfProblem):
 
         Without a target 0 where it is certified that the state stays clear for all that are left.
         """
-        last = self._place(step, self.steps)
+        last = self.place(step, self.steps)
         if self.problem.stays:
             return self._fewest(states, last, last) * (self.steps - step + 1)
-        return self._fewest(states, self._place(step, 0), last)
+        return self._fewest(states, self.place(step, 0), last)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether each row of `points` (M, ndim) is certified, with all it may be taken for (`Sensing`): bool (M,)."""
-        place = self._place(start, within)
+        place = self.place(start, within)
         out = self._fewest(points, place, place) == 0
         if self.problem.sensing:
             around = self._around(np.atleast_2d(points)[out])
@@ -128,7 +128,7 @@ class CertifiedTable(OfProblem):
         A box that is wholly certified may stick out of the cells by STATE_SLACK and by what three steps may drift. What
         crosses the end of an axis, a periodic one too, is not wholly certified, and may be in part.
         """
-        cells, index, out = self.cells, self.index[self._place(start, within)], np.empty((2, 2, len(low)), np.bool_)
+        cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
         known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
             axis=1
         )
@@ -145,17 +145,17 @@ class CertifiedTable(OfProblem):
 
         For a state in a certified cell there is at least one, but for within = 0; for any other state there is none.
         """
-        place, within = self._place(step, within), min(within, self.steps - step)
+        place, within = self.place(step, within), min(within, self.steps - step)
         if within == 0:
             return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
-        return self.proof.inputs(self, states, step, (place, self._place(step + 1, within - 1)))
+        return self.proof.inputs(self, states, step, (place, self.place(step + 1, within - 1)))
 
     def values(self, *, start: int, within: int) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        within = self._place(start, within) - self._place(start, 0)
+        within = self.place(start, within) - self.place(start, 0)
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int, within: int) -> FloatArray:
@@ -200,7 +200,7 @@ class CertifiedTable(OfProblem):
     def bits(self, *, start: int, within: int) -> FloatArray:
         """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
-        return to_bits(self.pool[self.index[self._place(start, within)]], packed).reshape(self.shape)
+        return to_bits(self.pool[self.index[self.place(start, within)]], packed).reshape(self.shape)
 
     def fraction(self, *, start: int, within: int) -> float:
         """Share of the volume of the state space that is certified (of cells, not of nodes).
@@ -211,7 +211,7 @@ class CertifiedTable(OfProblem):
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._measures[self.index[self._place(start, within)]] * shares))
+        return float(np.sum(self._measures[self.index[self.place(start, within)]] * shares))
 
     @cached_property
     def _measures(self) -> FloatArray:

@@ -1,5 +1,8 @@
 """The script that times stores: its tables, on few nodes, beside what the library says itself."""
 
+import re
+
+import pytest
 import stored
 from click.testing import CliRunner
 
@@ -22,6 +25,20 @@ def test_one_solve_is_told(tmp_path, monkeypatch):
     assert (share, seconds, disk) == (f"{table.fraction(start=0, within=8):.3f}", "1,234", "1.5 GB")
     assert memory.endswith(" GB") and float(memory.split()[0]) >= 0.1  # what Python and the kernels take
     assert [path.name for path in tmp_path.iterdir()] == ["again.zarr"]
+
+
+def test_slabs_are_shared_out(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    options = ["--nodes", "9", "--method", "lax", "--memory", "70000000", "--workers", "1", "--repeats", "1"]
+    done = CliRunner().invoke(stored.main, ["--robot", "case study", *options])
+    assert done.exit_code == 0, done.output
+    told = dict(zip(*map(cells, done.stdout.splitlines()[::2]), strict=True))
+    slabs, number = int(told["slabs"]), r"(-?\d+) (?:ms|kB|MB)"
+    assert slabs > 1 and int(told["tasks"]) == (45 + 1 + 8) * slabs  # tubes, avoid tubes of the column and of the disk
+    sizes = [float(re.fullmatch(number, told[name])[1]) for name in ("sent a task", "read", "written")]
+    assert 1 < sizes[0] < 100 and sizes[1] >= sizes[2] >= 0
+    assert not list(tmp_path.iterdir())
 
 
 def test_of_each_way_the_fastest_is_compared(monkeypatch):

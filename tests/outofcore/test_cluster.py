@@ -64,6 +64,21 @@ def test_an_error_in_a_worker_is_told(client, tmp_path):
         list(shared_out(client, replace(plan, path=tmp_path / "t.zarr"), [Task("extend", 0, 2, 2, 1, 0)]))
 
 
+class Deadly:
+    """A plan that ends its worker, as one does for which there is not memory enough."""
+
+    path = "a.zarr"
+
+    @property
+    def store(self):
+        os._exit(1)
+
+
+def test_a_slab_that_ends_every_worker_is_told(client):
+    with pytest.raises(RuntimeError, match=r"one worker after the other.*resume=True"):
+        list(shared_out(client, Deadly(), [Task("goal", 0)]))
+
+
 def test_no_array_goes_through_the_scheduler(tmp_path):
     """A task is a few kilobytes, whatever the size of the grid."""
     sizes = []
