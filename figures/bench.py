@@ -29,11 +29,13 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
-from sdhj.controller import RULES, Controller
-from sdhj.grid import FloatArray, Grid
-from sdhj.recursion import memory_needed
-from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.kernels import FloatArray
+from sdhj.problem.dynamics import Velocities
+from sdhj.problem.grid import Grid
 from sdhj.simulation.runs import admissible_states
+from sdhj.solver.recursion import memory_needed
+from sdhj.solver.schemes import Scheme, evolve
+from sdhj.table.controller import RULES, Controller
 
 NODES = (15, 20, 25, 30, 35, 40)
 LEAST_NODES = 9  # with fewer the walls reach every node

@@ -13,12 +13,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from sdhj.games import HJIGames, JointGames
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, UNSAFE_LOOKS, patch
 from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.schemes import Scheme
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import Dynamics, ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.solver.games import HJIGames, JointGames
+from sdhj.solver.schemes import Scheme
 
 SIDE = 1.2  # the lake is [-SIDE, SIDE]^2, m
 PIECES = 4  # the wind in a rollout changes at most at these many equal parts of the interval

@@ -17,15 +17,16 @@ from search import search_losing
 from tqdm import tqdm
 
 import sdhj
-from sdhj.checks import whole
 from sdhj.cli import SEED, loaded, plainly
-from sdhj.compiling import hidden
-from sdhj.controller import Controller
-from sdhj.files import replaced_whole
+from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_folder
+from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import OUTCOMES, monte_carlo
-from sdhj.table import Table
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import monte_carlo
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller
+from sdhj.table.files import replaced_whole
 
 SEARCH = "search"
 PLAYERS = (*ADVERSARIES, SEARCH)

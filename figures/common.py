@@ -21,10 +21,10 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import writable_folder
 from sdhj.simulation.runs import Trajectory
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 HERE = Path(__file__).parent
 NAMES = [path.stem for kind in ("fig[0-9]*", "extra_*") for path in sorted(HERE.glob(f"{kind}.py"))]

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdhj.controller import Controller
-from sdhj.grid import FloatArray
-from sdhj.problem import ReachAvoidProblem
+from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import Trajectory, admissible_states
-from sdhj.table import Table
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller
 
 
 def share_won(table: Table) -> float:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.projections import ProjectionWarning
+from sdhj.solver.projections import ProjectionWarning
 
 STUDY = True
 BOUNDS = {

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, UNSAFE_LOOKS
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 STUDY = True
 SPEED, RADIUS, HORIZON = 5.0, 5.0, 2.8  # of both aircraft; of the disk; s

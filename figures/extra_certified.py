@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.problem import ReachAvoidProblem
-from sdhj.table import Table
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import Table
 
 STUDY = True
 CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))

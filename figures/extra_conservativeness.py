@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 from scipy.ndimage import distance_transform_edt
 
 from sdhj import plotting
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import grey
-from sdhj.table import Table
+from sdhj.problem.grid import Grid
+from sdhj.table.batches import Table
 
 REFINE = 4  # nodes of a slice for each cell of the grid, which is how accurate distances are
 Slice = Mapping[str, float]  # from names of axes to the coordinates that they are held at

@@ -18,9 +18,9 @@ from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import INK
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 STUDY = True
 DELTA = 0.5

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.projections import ProjectionWarning
-from sdhj.simulation.runs import OUTCOMES, Report
-from sdhj.table import Table
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import Report
+from sdhj.solver.projections import ProjectionWarning
+from sdhj.table.batches import Table
 
 STUDY = True
 EVADER_AT = (0.0, 0.0, 0.12, 0.12)

@@ -18,8 +18,8 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import OBSTACLES, TARGET
 from sdhj.arm.workspace import Circle, Line
-from sdhj.certified.losing import lost_cells
-from sdhj.grid import FloatArray
+from sdhj.certified.table import lost_cells
+from sdhj.kernels import FloatArray
 
 STUDY = True
 CELLS = {

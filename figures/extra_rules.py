@@ -10,10 +10,10 @@ from experiments import clearances, starts_outside
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.controller import Controller
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.simulation.runs import simulate
-from sdhj.table import Table
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller
 
 STUDY = True
 RULES = ("deepest", "effort", "target", "clearance")

@@ -1,8 +1,8 @@
 """What it costs to measure with an error, to act late and at uneven times: the share of C that is still promised.
 
 The arm's case study and the car of the README, by grids and certified. What is promised to states (W of
-`sdhj.prediction`), within all steps, against one uncertainty while the other two are zero. Jitter asks for a target
-that stands still: in its panel the arm's does, in the middle of its way.
+`sdhj.problem.sensing`), within all steps, against one uncertainty while the other two are zero. Jitter asks for a
+target that stands still: in its panel the arm's does, in the middle of its way.
 
 Cells are few, so that a set is certified within seconds; on finer ones less of the difference to the grids is left.
 Their number is moved to one that is aligned with all lengths of the problem (`sdhj.Certified`): for the arm 210 x 210
@@ -27,9 +27,9 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Still
-from sdhj.grid import FloatArray
-from sdhj.problem import ReachAvoidProblem
-from sdhj.projections import ProjectionWarning
+from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.projections import ProjectionWarning
 
 STUDY = True
 ERRORS = (0.0, 0.004, 0.01, 0.02)  # m and rad, on each axis

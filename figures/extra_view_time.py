@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Line
-from sdhj.problem import VIEW_TIMES
+from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.runs import SUBSTEPS
 
 STUDY = True

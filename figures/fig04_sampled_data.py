@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, OUTCOME_INK
 
 PARTS = 40  # Runge-Kutta steps in each interval

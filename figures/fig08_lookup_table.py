@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 
 from sdhj import plotting
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.simulation.runs import Trajectory
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 CELL = 49  # points along each side of a slice
 LEFT, TOP, SIZE, GAP = 0.105, 0.915, 0.087, 0.0095  # of the cells, in shares of the page

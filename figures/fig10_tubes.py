@@ -8,7 +8,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from sdhj import plotting
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 PURSUER_ALSO = (0.0, 0.0, -0.15, 0.21)
 

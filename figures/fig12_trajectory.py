@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.files import replaced_whole
 from sdhj.plotting.looks import OUTCOME_INK, PURSUER_LOOKS
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.trajectories import WAY, draw_frame, draw_moment
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import SUBSTEPS, Trajectory
-from sdhj.table import Table
+from sdhj.table.batches import Table
+from sdhj.table.files import replaced_whole
 
 
 def draw(context: Context) -> Figure:

@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 
 from sdhj import plotting
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, PURSUER_LOOKS, UNSAFE_LOOKS, look
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 PURSUERS = ((0.24, 0.24), (-0.15, 0.21), (-0.27, -0.09), (0.12, -0.21), (0.30, 0.03), (0.03, 0.33))
 

@@ -24,8 +24,8 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 from sdhj.cli import SEED, plainly, writable_picture
-from sdhj.grid import FloatArray
-from sdhj.table import Table
+from sdhj.kernels import FloatArray
+from sdhj.table.batches import Table
 
 Velocity = Callable[[FloatArray, FloatArray, FloatArray, float], FloatArray]  # (states, inputs (M, m), signs, t)
 Level = Callable[[FloatArray, float], FloatArray]

@@ -22,10 +22,10 @@ from matplotlib.patches import Rectangle
 import sdhj
 from sdhj import plotting
 from sdhj.cli import plainly, writable_picture
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style
-from sdhj.resolution import ResolutionWarning
-from sdhj.table import Table
+from sdhj.solver.resolution import ResolutionWarning
+from sdhj.table.batches import Table
 
 SIDE = 10.0  # m
 TARGET = (9.0, 9.5, 0.0, 0.5)

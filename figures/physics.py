@@ -22,15 +22,15 @@ from tqdm import tqdm
 
 import sdhj
 from sdhj import plotting
-from sdhj.checks import whole
 from sdhj.cli import RUNS, SEED, loaded, plainly, writable_picture
-from sdhj.compiling import hidden
-from sdhj.controller import Controller
-from sdhj.files import replaced_whole
-from sdhj.grid import FloatArray
-from sdhj.problem import ReachAvoidProblem
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.problem.checks import whole
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import SUBSTEPS, Trajectory, admissible_states, named, simulate
+from sdhj.table.controller import Controller
+from sdhj.table.files import replaced_whole
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # draws without a screen; read when mujoco is imported

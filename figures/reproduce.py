@@ -14,9 +14,9 @@ from common import Context, write_all
 
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
-from sdhj.files import replaced_whole
 from sdhj.plotting.looks import writable_folder
-from sdhj.table import Table
+from sdhj.table.batches import Table
+from sdhj.table.files import replaced_whole
 
 ADVERSARIES = ("random", "aggressive", "worst")
 

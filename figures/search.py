@@ -19,13 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.batches import CHUNK, NOT_ADMISSIBLE, threads
-from sdhj.checks import whole
-from sdhj.compiling import hidden
-from sdhj.controller import Controller, NotAdmissible
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, check_controller, named, rollouts
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import SUBSTEPS, admissible_states, check_controller, named, rollouts
+from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, threads
+from sdhj.table.controller import Controller, NotAdmissible
 
 SCOUTS = ("aggressive", "worst")  # whose play is among the first plans
 PARENTS = 8  # plans of each start that the next generation comes from

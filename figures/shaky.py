@@ -15,8 +15,8 @@ import numpy as np
 import sdhj
 from sdhj.arm.workspace import Disk, Still
 from sdhj.cli import plainly
-from sdhj.grid import FloatArray
-from sdhj.table import Table
+from sdhj.kernels import FloatArray
+from sdhj.table.batches import Table
 
 ADVERSARIES = ("random", "worst")
 BATCH = 100_000  # runs at a time; batch b has the seed b

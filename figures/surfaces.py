@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-from sdhj.compiling import kernel
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import kernel
 from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS, State
-from sdhj.table import Table
+from sdhj.problem.grid import Grid
+from sdhj.table.batches import Table
 
 LIGHT = np.array([-0.45, -0.55, 0.70])  # towards the lamp, over the viewer's left shoulder
 CAP = 1e-3  # share of a cell at which a set that leaves the box is closed

@@ -7,9 +7,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from widgets import Explorer, Numbers, choice, slider
 
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS
+from sdhj.problem.grid import Grid
 
 OPERATIONS = ("union", "intersection", "difference")
 

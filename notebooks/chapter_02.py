@@ -11,10 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from widgets import Explorer, Numbers, choice, slider
 
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
-from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.problem.dynamics import Velocities
+from sdhj.problem.grid import Grid
+from sdhj.solver.schemes import Scheme, evolve
 
 DIFFERENCES = ("left", "central", "right")
 INTEGRATOR = {1: "euler", 2: "rk2", 3: "rk3"}  # as accurate in time as the differences are in space

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, choice, slider
 
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import OUTCOME_INK
 
 BLUE, GREY, GREEN, RED = "#0b3c5d", "#8c8c8c", "#2e7d32", "#e8b4a0"

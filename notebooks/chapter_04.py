@@ -13,13 +13,14 @@ from widgets import Explorer, Numbers, choice, slider
 
 import sdhj
 from sdhj.arm.workspace import Disk, Line, Still
-from sdhj.games import HJIGames
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_tubes, plane
 from sdhj.plotting.looks import FULL_LOOKS, TARGET_LOOKS
-from sdhj.problem import Dynamics, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.schemes import Scheme
-from sdhj.table import Table
+from sdhj.problem.problem import Dynamics, ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.solver.games import HJIGames
+from sdhj.solver.schemes import Scheme
+from sdhj.table.batches import Table
 
 
 def away(moving: Disk) -> Callable[[FloatArray, float], FloatArray]:

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, choice, slider
 
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
+from sdhj.problem.grid import Grid
 
 Games = Mapping[str, FloatArray]
 HELD = {"to the left": -0.8, "none": 0.0, "to the right": 0.8}  # m/s

@@ -8,10 +8,11 @@ from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, agent_sliders, angle, slider
 
 from sdhj.arm.case_studies import scene
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_constraints, draw_set, draw_workspace, frame_slice, plane
 from sdhj.plotting.looks import INK, UNSAFE_LOOKS
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
 
 
 def union_of_samples(part: UnsafeSet, points: FloatArray, t0: float, t1: float, samples: int) -> FloatArray:

@@ -16,7 +16,7 @@ import sdhj
 from sdhj.arm.workspace import Disk, Line
 from sdhj.plotting import plane, step_colours
 from sdhj.plotting.looks import OUTCOME_INK
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 
 def draw_row(ax: Axes, table: Table, *, start: int, point: Sequence[float]) -> Numbers:

@@ -23,7 +23,7 @@ import sdhj
 from sdhj.arm.case_studies import OBSTACLES, scene
 from sdhj.arm.workspace import Disk, Still
 from sdhj.plotting import draw_arm, draw_workspace
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 PLANES = {"q1 and q2": (0, 1), "px and py": (2, 3), "q1 and px": (0, 2), "q2 and py": (1, 3)}
 

@@ -14,11 +14,12 @@ from paper import LIGHT, block, isosurface
 from PIL import Image
 from widgets import Explorer, Numbers, agent_sliders, played, slider, step_sliders
 
-from sdhj.compiling import kernel
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import kernel
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
-from sdhj.table import Table
+from sdhj.problem.grid import Grid
+from sdhj.table.batches import Table
 
 TURNED = {"hji": "#6aa6d6", "projected": "#46ab9f"}  # the colours of Fig. 13
 VIEW = 1.85  # half a side of the picture of a turned box, whose half-diagonal is 1.73

@@ -27,14 +27,14 @@ from widgets import Explorer, Numbers, agent_sliders, angle, choice, played, sli
 
 import sdhj
 from sdhj.arm.case_studies import scene
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_path, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.plotting.trajectories import WAY
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import Adversary, Moment
 from sdhj.simulation.runs import SUBSTEPS
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 
 def explore_run(

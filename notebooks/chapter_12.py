@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, choice, slider
 
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 
 FALSE, LOST = "#c62828", "#8c8c8c"

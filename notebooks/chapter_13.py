@@ -13,7 +13,7 @@ from widgets import Explorer, Numbers, agent_sliders, slider, step_sliders
 
 from sdhj.plotting import plane, step_colours
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK, UNSAFE_LOOKS
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 
 def draw_certified(

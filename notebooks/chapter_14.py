@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, agent_sliders, slider
 
 import sdhj
-from sdhj.grid import FloatArray
-from sdhj.table import Table
+from sdhj.kernels import FloatArray
+from sdhj.table.batches import Table
 
 
 def draw_limits(ax: Axes, bounds: FloatArray, shares: FloatArray, limit: float) -> None:

@@ -10,7 +10,7 @@ from widgets import Explorer, Numbers, angle, slider
 
 from sdhj.plotting import draw_constraints, draw_path, draw_set, draw_tubes, plane
 from sdhj.plotting.looks import INK, TARGET_LOOKS
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 
 def draw_plane_tubes(ax: Axes, table: Table, *, through: Sequence[float], within: int | None = None) -> None:

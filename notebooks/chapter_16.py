@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from widgets import Explorer, Numbers, slider
 
 import sdhj
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting import plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK, TARGET_LOOKS
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 Row = tuple[str, Sequence[tuple[Any, Any]], str]  # what is written, intervals, and "known" or "true"
 COLOURS = {"true": TARGET_LOOKS["facecolor"], "known": "#f2c14e"}

@@ -4,7 +4,8 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 from sdhj import Grid, Scheme
-from sdhj.schemes import Velocities, evolve
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver.schemes import evolve
 
 
 @exercise("5.1")

@@ -7,7 +7,7 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 import sdhj
-from sdhj.grid import Grid
+from sdhj.problem.grid import Grid
 from sdhj.simulation.runs import Z95
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from exercises import Unanswered, exercise, expect, expect_close
 from numba import njit
 
-from sdhj.grid import Grid
-from sdhj.schemes import Scheme, Velocities, evolve
+from sdhj.problem.dynamics import Velocities
+from sdhj.problem.grid import Grid
+from sdhj.solver.schemes import Scheme, evolve
 
 
 @exercise("10.1")

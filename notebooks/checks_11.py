@@ -7,8 +7,8 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 import sdhj
-from sdhj.resolution import ResolutionWarning
 from sdhj.simulation.runs import Z95
+from sdhj.solver.resolution import ResolutionWarning
 
 
 @cache

@@ -12,11 +12,13 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from sdhj.arm.case_studies import scene
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_workspace, frame_slice, plane, step_colours
 from sdhj.plotting.looks import OUTCOME_INK, UNSAFE_LOOKS, look
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import Table
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.table.batches import Table
 
 Extent = tuple[float, float, float, float]
 POSTURE = (1.3, 0.9)  # of the arm, where a picture starts, rad

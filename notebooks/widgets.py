@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 
 from sdhj.arm.case_studies import scene
 from sdhj.plotting.looks import UNDATED, new_figure, style
-from sdhj.problem import ReachAvoidProblem
-from sdhj.resolution import ResolutionWarning
-from sdhj.table import Table
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.resolution import ResolutionWarning
+from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)

@@ -23,11 +23,8 @@ array([ True, False])
 (3, array([1.]))
 """
 
-import importlib
 import os
-import sys
 import warnings
-from typing import TYPE_CHECKING, Any
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
 # some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.
@@ -40,39 +37,22 @@ if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not
     )
     del os.environ["NUMBA_NUM_THREADS"]
 
-__version__ = "0.2.0"
-
-# The command `sdhj`, or `python -m sdhj`, ends well at Ctrl-C from here on: the imports below take a second.
-if os.path.basename("".join(sys.argv[:1])) in ("sdhj", "sdhj.exe", *["-m"] * ("sdhj" in sys.orig_argv)):
-    from sdhj.stopping import stop_at_signals
-
-    stop_at_signals()
-
-from sdhj.controller import Controller, NotAdmissible
-from sdhj.dynamics import Dynamics
-from sdhj.grid import Grid
-from sdhj.methods import HJI, HopfLax, solve
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.schemes import Scheme
-from sdhj.sensing import Sensing
-from sdhj.table import LookupTable
-
-if TYPE_CHECKING:
-    from sdhj.arm.case_studies import arm_case_study, evader_case_study
-    from sdhj.files import TableFileError, load
-    from sdhj.projections import Projected
-    from sdhj.simulation.runs import monte_carlo, simulate
-
-_ELSEWHERE = {  # imported when they are asked for: the outer rings, and what plays against a controller
-    "Certified": "sdhj.certified",
-    "Projected": "sdhj.projections",
-    "TableFileError": "sdhj.files",
-    "load": "sdhj.files",
-    "monte_carlo": "sdhj.simulation.runs",
-    "simulate": "sdhj.simulation.runs",
-    "arm_case_study": "sdhj.arm.case_studies",
-    "evader_case_study": "sdhj.arm.case_studies",
-}
+from sdhj.arm.case_studies import arm_case_study, evader_case_study
+from sdhj.certified.sets import Certified
+from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.simulation.runs import monte_carlo, simulate
+from sdhj.solver.methods import HJI, HopfLax
+from sdhj.solver.projections import Projected
+from sdhj.solver.schemes import Scheme
+from sdhj.solving import load, solve
+from sdhj.table.controller import Controller, NotAdmissible
+from sdhj.table.files import VERSION as __version__
+from sdhj.table.files import TableFileError
+from sdhj.table.table import LookupTable
 
 __all__ = [
     "HJI",
@@ -90,6 +70,7 @@ __all__ = [
     "TableFileError",
     "TargetSet",
     "UnsafeSet",
+    "__version__",
     "arm_case_study",
     "evader_case_study",
     "load",
@@ -97,9 +78,3 @@ __all__ = [
     "simulate",
     "solve",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _ELSEWHERE:
-        raise AttributeError(f"module 'sdhj' has no attribute {name!r}")
-    return getattr(importlib.import_module(_ELSEWHERE[name]), name)

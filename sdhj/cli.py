@@ -1,29 +1,59 @@
 """The command line: `sdhj --help`."""
 
 import functools
-import importlib
 import json
+import os
 import re
 import reprlib
+import signal
 import sys
 import time
 import uuid
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
+from pkgutil import resolve_name
 from tempfile import TemporaryDirectory, gettempdir
+from types import FrameType
 from typing import Any
 
 import click
 import numpy as np
 
-import sdhj
-from sdhj.compiling import announced
-from sdhj.files import header, imported, writable_file
-from sdhj.problem import VIEW_TIMES
-from sdhj.resolution import ResolutionWarning
+from sdhj.arm.case_studies import arm_case_study
+from sdhj.certified.check import verify as check
+from sdhj.certified.labels import shares
+from sdhj.certified.sets import Certified
+from sdhj.kernels.compiling import announced
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import MOST_RUNS
+from sdhj.simulation.runs import MOST_RUNS, monte_carlo, simulate
+from sdhj.solver.resolution import ResolutionWarning
+from sdhj.solving import load, solve
+from sdhj.table.controller import Controller
+from sdhj.table.files import TEMPORARIES, VERSION, header, writable_file
+
+
+def stop(number: int, frame: FrameType | None) -> None:
+    """Clean up and end the process, status 128 + the signal's number; an exception might be swallowed on its way."""
+    for temporary in list(TEMPORARIES):
+        with suppress(OSError):
+            temporary.unlink()
+    what = "interrupted" if number == signal.SIGINT else "told to end"
+    with suppress(OSError):
+        os.write(2, f"\nsdhj was {what}; what it was writing is not there, older files are as they were\n".encode())
+    os._exit(128 + number)
+
+
+def stop_at_signals() -> None:
+    """Have Ctrl-C and SIGTERM end this process so."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with suppress(ValueError):  # only the main thread may
+            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, stop)
+
 
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])
@@ -80,7 +110,7 @@ def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> N
     writable_file(path)
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which says what kind of picture to write")
-    importlib.import_module("sdhj.plotting")
+    from sdhj.plotting import write  # noqa: F401 - where it cannot be imported that is said before long work
 
 
 def loaded(path: Path) -> Any:
@@ -94,7 +124,7 @@ def loaded(path: Path) -> Any:
             "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))\n"
             "A certified one is checked by `sdhj verify --problem module:function`"
         )
-    return sdhj.load(path)
+    return load(path)
 
 
 def whole_numbers(option: str, text: str) -> list[int]:
@@ -106,7 +136,7 @@ def whole_numbers(option: str, text: str) -> list[int]:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
-@click.version_option(sdhj.__version__, prog_name="sdhj")
+@click.version_option(VERSION, prog_name="sdhj")
 def main() -> None:
     """Sampled-data Hamilton-Jacobi reachability for robust motion planning."""
 
@@ -128,9 +158,9 @@ def solve_command(
         raise ValueError(f"--cells goes with --method certified, got --method {method}")
     counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
-    problem = sdhj.arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
-    chosen = sdhj.Certified(cells=counts) if method == "certified" else method
-    table = sdhj.solve(problem, chosen)
+    problem = arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
+    chosen = Certified(cells=counts) if method == "certified" else method
+    table = solve(problem, chosen)
     name = click.format_filename(_saved(table, output))
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
     click.echo(f"{name}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
@@ -180,11 +210,11 @@ def simulate_command(
         raise ValueError(f"--start must be four finite numbers, got {' '.join(map(str, start))}")
     if start is not None and runs is not None:
         raise ValueError("--start plays one run from a state, --runs many from states that are drawn; give one of them")
-    controller = sdhj.Controller(loaded(table), rule=rule)
+    controller = Controller(loaded(table), rule=rule)
     if start is None:
-        click.echo(str(sdhj.monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
+        click.echo(str(monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
         return
-    trajectory = sdhj.simulate(controller, np.array(start), adversary=adversary, seed=seed)
+    trajectory = simulate(controller, np.array(start), adversary=adversary, seed=seed)
     for t, state in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in state))
     click.echo(f"outcome: {trajectory.outcome}")
@@ -208,11 +238,9 @@ def info(table: Path) -> None:
     click.echo(f"  details: {json.dumps(told['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {told['digest']}")
     if not told["recipe"]:
-        click.echo(
-            "  your own problem, whose functions are not in the file: sdhj.load(path, problem=...) reads the rest"
-        )
+        click.echo("  your own problem, whose functions are not in the file: load(path, problem=...) reads the rest")
         return
-    read = sdhj.load(table)
+    read = load(table)
     shares = [read.fraction(start=0, within=n) for n in range(steps + 1)]
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
 
@@ -254,8 +282,6 @@ def verify_command(
             "draw; leave out --certified and -o, or name an interpolated table first"
         )
     if certain:
-        from sdhj.certified.check import verify as check
-
         read = None  # the check reads the file itself, and both are large
         began = time.perf_counter()
         report = check(table, own_problem(problem), samples=samples or None, seed=seed)
@@ -282,17 +308,15 @@ def own_problem(name: str | None) -> Any:
         raise ValueError(f"--problem must be module:function, got {name!r}")
     sys.path.insert(0, "")
     try:
-        problem = imported(name)()
+        problem = resolve_name(name)()
     except Exception as error:  # whatever is wrong with code that is not ours
         raise ValueError(f"--problem {name} cannot be called: {type(error).__name__}: {error}") from error
-    if not isinstance(problem, sdhj.ReachAvoidProblem):
+    if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"--problem {name} must return a ReachAvoidProblem, got {reprlib.repr(problem)}")
     return problem
 
 
 def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
-    from sdhj.certified.labels import shares
-
     for name, share in shares(table, proof, within=table.steps, seed=seed).items():
         click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
     if output is not None:
@@ -318,23 +342,27 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
     for method in methods:
         began = time.perf_counter()
         say(f"warming up {method}")
-        chosen = sdhj.Certified(cells=WARM_CELLS) if method == "certified" else method
+        chosen = Certified(cells=WARM_CELLS) if method == "certified" else method
         with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # nobody wants this table
-            table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), chosen, progress=False)
-        sdhj.monte_carlo(sdhj.Controller(table), runs=10, adversary="worst", seed=0, progress=False)
+            table = solve(arm_case_study(nodes=9, steps=2), chosen, progress=False)
+        monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
             _compile_checker(table)
         say(f"  {time.perf_counter() - began:.1f} s")
 
 
 def _compile_checker(table: Any) -> None:
-    from sdhj.certified.check import verify as check
-
     with TemporaryDirectory() as folder:
         path = Path(folder) / "certified.h5"
         table.save(path)
         check(path, samples=10, progress=False)
 
 
-if __name__ == "__main__":
+def command() -> None:
+    """The command `sdhj`: `main`, which ends at Ctrl-C and SIGTERM at once."""
+    stop_at_signals()
     main()
+
+
+if __name__ == "__main__":
+    command()

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 
 
 @contextmanager

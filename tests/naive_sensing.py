@@ -1,4 +1,4 @@
-"""Slow twin of `sdhj.prediction`: the game of what a robot knows, played tick by tick on a torus of nodes.
+"""Slow twin of `sdhj.problem.sensing`: the game of what a robot knows, played tick by tick on a torus of nodes.
 
 Imports nothing from sdhj. In every tick an input moves the state by whole nodes, and the adversary adds up to `most`
 nodes on each axis. A measurement is off by up to `error` nodes. Everything is listed and the worst of it taken.

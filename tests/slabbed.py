@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 import sdhj
-from sdhj.methods import method_of
 from sdhj.outofcore.solve import planned, task_bytes
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.methods import method_of
 
 
 def room(problem: ReachAvoidProblem, method="hji", width=8, axis=0) -> int:

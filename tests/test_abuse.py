@@ -12,8 +12,9 @@ import pytest
 from toys import interval_problem, interval_table, unicycle_problem
 
 import sdhj
-from sdhj import Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet, memory
+from sdhj import Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
 from sdhj.certified import Certified, LipschitzBounds
+from sdhj.problem import memory
 
 LINE = interval_problem()
 ONE = np.array([2.0])
@@ -374,7 +375,7 @@ def test_address_space_is_a_limit_and_is_named():
     code = "\n".join(
         [
             "import resource, sdhj",
-            "from sdhj import memory",
+            "from sdhj.problem import memory",
             "resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, resource.RLIM_INFINITY))",
             "memory.require(10**8, 'little')",
             "memory.require(29 * 10**8, 'much')",

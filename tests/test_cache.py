@@ -1,8 +1,8 @@
 """What is compiled is kept on disk, and never run when it is old.
 
 Numba throws a cached kernel away when its own source file changes, and only then: an edit to a helper or a constant in
-another file goes unseen. `sdhj.compiling.kernel` watches the whole package, so everything here is compiled by it (the
-independent checker, which imports nothing of the package, has its own decorator for its folder).
+another file goes unseen. `sdhj.kernels.compiling.kernel` watches the whole package, so everything here is compiled by
+it (the independent checker, which imports nothing of the package, has its own decorator for its folder).
 """
 
 import ast
@@ -17,12 +17,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sdhj import compiling
-from sdhj.compiling import LINE, choice, chosen, inlined, kernel
+from sdhj.kernels import compiling
+from sdhj.kernels.compiling import LINE, choice, chosen, inlined, kernel
 
 PACKAGE = Path(__file__).parent.parent / "sdhj"
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "stencil", "cfunc", "overload", "register_jitable"}
-MAKERS = {Path("compiling.py"), Path("certified/check/bits.py")}  # of the two decorators
+MAKERS = {Path("kernels/compiling.py"), Path("certified/check/bits.py")}  # of the two decorators
 FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 
@@ -128,7 +128,7 @@ def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
     """A helper or a constant of another file; what has not changed is read from the disk in the next process."""
     package = tmp_path / "small"
     package.mkdir()
-    shutil.copy(PACKAGE / "compiling.py", package)
+    shutil.copy(PACKAGE / "kernels" / "compiling.py", package)
     for name, text in SMALL.items():
         (package / name).write_text(text, encoding="utf-8")
     code = "from small.apart import twice; print(twice(1), len(twice.stats.cache_hits), len(twice.stats.cache_misses))"
@@ -150,7 +150,7 @@ def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
 def test_functions_outside_the_package_see_their_own_file_change(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text(
-        "from sdhj.compiling import kernel\n@kernel()\ndef helper(x):\n    return x + 1\n", encoding="utf-8"
+        "from sdhj.kernels.compiling import kernel\n@kernel()\ndef helper(x):\n    return x + 1\n", encoding="utf-8"
     )
     code = "from mine import helper; print(helper(1), len(helper.stats.cache_hits))"
     assert run(code, tmp_path).split() == ["2", "0"]
@@ -165,8 +165,9 @@ def test_the_stage_is_read_from_the_disk(tmp_path: Path) -> None:
     code = """
 import numpy as np
 from sdhj import Grid, Scheme
-from sdhj.schemes import Velocities, evolve
-from sdhj.stages import stage
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver.schemes import evolve
+from sdhj.kernels.stages import stage
 grid, speed = Grid([0.0] * 2, [1.0] * 2, [6, 7]), np.ones(2)
 evolve(grid, np.zeros(grid.shape), Velocities(-speed, speed), 0.1, Scheme())
 print(len(stage.stats.cache_hits), len(stage.stats.cache_misses))
@@ -196,7 +197,7 @@ def test_compiling_is_said_once_and_reading_from_the_cache_is_not(tmp_path: Path
 import sys
 import numpy as np
 import sdhj
-from sdhj.compiling import announced
+from sdhj.kernels.compiling import announced
 sys.stderr = sys.stdout
 grid = sdhj.Grid([0.0], [1.0], [5], [True])
 with announced(progress={progress}):
@@ -223,7 +224,7 @@ def triple(x):
     return 3 * x
 """
 ASKED = "from mine import triple; print(triple(2), len(triple.stats.cache_hits))"
-DECORATORS = [("sdhj.compiling", "kernel"), ("sdhj.certified.check.bits", "compiled")]
+DECORATORS = [("sdhj.kernels.compiling", "kernel"), ("sdhj.certified.check.bits", "compiled")]
 
 
 def process(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:

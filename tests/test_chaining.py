@@ -8,7 +8,7 @@ import pytest
 from toys import interval_problem, unicycle_problem
 
 import sdhj
-from sdhj.chaining import Relay
+from sdhj.table.controller import Relay
 
 CERTIFIED = sdhj.Certified(cells=(80,))
 

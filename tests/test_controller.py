@@ -13,12 +13,11 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.ahead import WIDER
-from sdhj.batches import CHUNK, Batch, batched, take_best
-from sdhj.controller import RULES, Candidates, Controller
-from sdhj.problem import ReachAvoidProblem
-from sdhj.shield import fallbacks
-from sdhj.table import AvoidTubes, LookupTable
+from sdhj.kernels.lookup import take_best
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import CHUNK, Batch, batched
+from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
+from sdhj.table.table import WIDER, AvoidTubes, LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)

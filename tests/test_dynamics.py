@@ -12,7 +12,7 @@ import toys
 
 import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.dynamics import Interval, arguments
+from sdhj.problem.dynamics import Interval, arguments
 
 ROUNDING = 1e-12  # some dozen operations on numbers of order one
 

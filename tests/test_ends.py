@@ -10,7 +10,7 @@ from toys import interval_problem
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.certified.sets import LipschitzBounds
-from sdhj.simulation.runs import OUTCOMES
+from sdhj.simulation.outcomes import OUTCOMES
 
 HALF = np.array([1.0, 0.8])
 ACCELERATIONS = np.linspace(-3.0, 3.0, 7)

@@ -4,8 +4,6 @@ import dataclasses
 import json
 import os
 import re
-import subprocess
-import sys
 
 import h5py
 import numpy as np
@@ -14,10 +12,10 @@ from forging import forged
 from toys import interval_problem, one_row, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj.files import FORMAT_VERSION, RECIPES, TABLES, header, imported, replaced_whole, writable_file
-from sdhj.identity import ROW, ULPS, _signed, alike
 from sdhj.plotting.looks import writable_folder
-from sdhj.table import entries
+from sdhj.problem.problem import ROW, ULPS, _signed, alike
+from sdhj.table.files import FORMAT_VERSION, header, replaced_whole, writable_file
+from sdhj.table.table import entries
 
 
 def test_a_file_takes_its_name_when_it_is_whole(tmp_path):
@@ -144,7 +142,7 @@ def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypa
     def fail(*args, **kwargs):
         raise OSError("disk full")
 
-    monkeypatch.setattr("sdhj.table.entries", fail)
+    monkeypatch.setattr("sdhj.table.table.entries", fail)
     with pytest.raises(OSError, match="disk full"):
         table.save(path)
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.h5"]
@@ -215,16 +213,6 @@ def test_the_header_is_what_the_file_says(arm_table, tmp_path):
     assert (told["problem"], told["method"], told["sdhj_version"]) == (problem.name, "hji", sdhj.__version__)
     with pytest.raises(FileNotFoundError, match="no file"):
         header(tmp_path / "none.h5")
-
-
-def test_what_files_name_is_there_and_not_imported_before():
-    for name in TABLES.values():
-        assert callable(imported(name).read)
-    for name in set(RECIPES.values()):
-        assert callable(imported(name))
-    code = "import sys, sdhj\nprint([name for name in sys.modules if name.startswith(('sdhj.arm', 'sdhj.certified'))])"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
 
 
 # ---- one problem on two machines

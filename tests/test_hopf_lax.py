@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdhj import Grid, Scheme
-from sdhj.hopf_lax import INTERPOLATIONS, maximum_over_boxes, maximum_over_interval
-from sdhj.schemes import Velocities, evolve
+from sdhj.problem.boxes import INTERPOLATIONS, maximum_over_boxes, maximum_over_interval
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver.schemes import evolve
 
 ROUNDING = 1e-12  # a dozen float64 operations on values of order one
 

@@ -18,13 +18,13 @@ from toys import interval_problem
 
 import sdhj
 from sdhj import cli
-from sdhj.files import replaced_whole, writable_file
+from sdhj.table.files import replaced_whole, writable_file
 
 WRITING = """
 import sys
 sys.argv[0] = {name!r}
 import sdhj, time
-from sdhj.files import replaced_whole
+from sdhj.table.files import replaced_whole
 with replaced_whole("a.txt") as temporary:
     temporary.write_text("half")
     print("writing", flush=True)
@@ -219,7 +219,7 @@ def solve_to(path, **options):
 @pytest.fixture
 def full(tmp_path, monkeypatch):
     """A folder on a disk that fills up while the table is solved."""
-    from sdhj.table import LookupTable
+    from sdhj.table.table import LookupTable
 
     (tmp_path / "full").mkdir()
     save = LookupTable.save

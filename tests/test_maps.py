@@ -15,7 +15,7 @@ from PIL import Image
 import sdhj
 from sdhj import UnsafeSet
 from sdhj.certified import Certified, LipschitzBounds
-from sdhj.maps import clearance
+from sdhj.problem.maps import clearance
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
 YAML = """image: map.pgm

@@ -10,8 +10,8 @@ import toys
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.methods import METHODS, method_of
-from sdhj.recursion import GridSets
+from sdhj.solver.methods import METHODS, method_of
+from sdhj.solver.recursion import GridSets
 
 # ---- a method of one's own: exact on a ring of nodes where every velocity moves the state by whole nodes
 
@@ -178,7 +178,9 @@ def test_a_short_form_stands_for_the_object_with_its_usual_options():
         assert method_of(name) == method and method_of(method) is method and method.name == name
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")  # dropping x loses the target, dropping y not
+@pytest.mark.filterwarnings(
+    "ignore::sdhj.solver.projections.ProjectionWarning"
+)  # dropping x loses the target, dropping y not
 @pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
 def test_a_short_form_gives_the_table_of_its_object(name, method):
     problem = replace(toys.torus_problem(nodes=9, steps=2), target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.5))

@@ -58,11 +58,11 @@ def pinned() -> dict[str, str]:
 
 
 def source_version() -> str:
-    for node in ast.parse((ROOT / "sdhj" / "__init__.py").read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__version__":
+    for node in ast.parse((ROOT / "sdhj" / "table" / "files.py").read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "VERSION":
             version: str = ast.literal_eval(node.value)
             return version
-    raise AssertionError("sdhj/__init__.py has no __version__ = ...")
+    raise AssertionError("sdhj/table/files.py has no VERSION = ...")
 
 
 def test_version_is_the_same_everywhere() -> None:
@@ -87,7 +87,7 @@ def main_job(tmp_path: Path) -> tuple[Path, Path]:
     site = environment / "lib" / "python3.11" / "site-packages"
     for folder in (results, site / "sdhj", site / "sdhj-0.1.0.dist-info"):
         folder.mkdir(parents=True)
-    record = "../../../bin/sdhj,sha256=x,1\nsdhj/grid.py,sha256=x,0\nsdhj-0.1.0.dist-info/RECORD,,\n"
+    record = "../../../bin/sdhj,sha256=x,1\nsdhj/problem/grid.py,sha256=x,0\nsdhj-0.1.0.dist-info/RECORD,,\n"
     (site / "sdhj-0.1.0.dist-info" / "RECORD").write_text(record)
     (results / "fig10.png").write_bytes(b"picture")
     (results / "results.csv").write_text("table")
@@ -162,7 +162,7 @@ OURS = {"sdhj"} | {path.stem for folder in ("figures", "notebooks", "tests") for
     ("pattern", "extras"),
     [
         ("sdhj/*.py", []),
-        ("sdhj/maps.py", ["maps"]),
+        ("sdhj/problem/maps.py", ["maps"]),
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
         ("sdhj/certified/**/*.py", []),
@@ -179,7 +179,7 @@ def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
     declared = {requirement.name.replace("-", "_") for requirement in requirements(*extras)}
     if pattern.startswith("tests"):
         declared.add("playwright")  # of the group `dev`; skipped without it
-    own = {"sdhj/maps.py", "sdhj/certified/enclosures.py", "sdhj/simulation/environment.py"} - {
+    own = {"sdhj/problem/maps.py", "sdhj/certified/enclosures.py", "sdhj/simulation/environment.py"} - {
         pattern
     }  # these have extras of their own
     undeclared = {name: files - own for name, files in imported(pattern).items() if name not in declared}
@@ -207,7 +207,7 @@ def test_the_front_door_opens_the_core_only() -> None:
     """A robot needs neither pictures nor Jupyter, and imports no proof that it does not ask for."""
     run = fresh("import sys, sdhj; print(*sys.modules)")
     modules = set(run.stdout.split())
-    assert "sdhj.recursion" in modules, run.stderr
+    assert "sdhj.solver.recursion" in modules, run.stderr
     later = {"arm", "certified", "cli", "files", "maps", "outofcore", "plotting", "shield", "simulation"}
     assert not modules & {f"sdhj.{name}" for name in later}
     assert not modules & {"IPython", "PIL", "click", "gymnasium", "h5py", "ipywidgets", "matplotlib"}

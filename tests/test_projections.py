@@ -10,14 +10,17 @@ import pytest
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
-from sdhj.games import HJIGames
-from sdhj.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
-from sdhj.recursion import InputRows, add_input, avoid_tubes
-from sdhj.table import AvoidTubes
+from sdhj.kernels.union import add_input
+from sdhj.solver.games import HJIGames
+from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
+from sdhj.solver.recursion import InputRows, avoid_tubes
+from sdhj.table.table import AvoidTubes
 
 DOUBLE = Scheme(dtype="float64")
 MONOTONE = HopfLax("linear", "float64")  # leaves the order of sets alone
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")  # each test says what it expects
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sdhj.solver.projections.ProjectionWarning"
+)  # each test says what it expects
 
 
 def chase_problem(*, nodes=15, steps=3, moving=False, view_time="swept"):
@@ -351,7 +354,8 @@ def test_finite_differences_are_inside_but_for_scheme_error():
 @pytest.mark.slow
 def test_first_order_with_equal_steps_is_inside_to_rounding(rng):
     """That it is the time steps alone: a monotone scheme with the same steps on grid and subgrid keeps the order."""
-    from sdhj.schemes import Velocities, evolve
+    from sdhj.problem.dynamics import Velocities
+    from sdhj.solver.schemes import evolve
 
     grid = Grid([-1.0] * 3, [1.0] * 3, [9, 10, 11], [True, False, False])
     values = rng.normal(size=grid.shape)

@@ -10,15 +10,15 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, HopfLax, Projected, Scheme
-from sdhj.games import HJIGames, HopfLaxGames
-from sdhj.recursion import recursion
+from sdhj.solver.games import HJIGames, HopfLaxGames
+from sdhj.solver.recursion import recursion
 
 DOUBLE = Scheme(dtype="float64")
 LINEAR = HopfLax("linear", "float64")
 
 
 class FiniteSets:
-    """`sdhj.recursion.Sets` of whole numbers: a game on few states that a child could play out.
+    """`sdhj.solver.recursion.Sets` of whole numbers: a game on few states that a child could play out.
 
     goals[k]: the states to be in at step k; leads[k][j][q]: the states that u_j may lead to from q, empty where it is
     not safe there. Where `timeless`, all steps are step 0.

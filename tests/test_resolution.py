@@ -9,7 +9,8 @@ import pytest
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.resolution import ResolutionWarning, check_resolution, least_in_cells
+from sdhj.problem.problem import least_in_cells
+from sdhj.solver.resolution import ResolutionWarning, check_resolution
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 

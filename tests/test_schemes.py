@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from sdhj import Grid, Scheme
-from sdhj.schemes import Velocities, evolve
-from sdhj.stages import HAMILTONIANS
+from sdhj.kernels.stages import HAMILTONIANS
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver.schemes import evolve
 
 FLUXES = ("godunov", "lax-friedrichs")
 DOUBLE = Scheme(dtype="float64", frame="fixed")

@@ -12,8 +12,9 @@ import toys
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
-from sdhj.files import header
-from sdhj.prediction import boxes, predicted
+from sdhj.problem.problem import boxes
+from sdhj.table.controller import predicted
+from sdhj.table.files import header
 
 EXACT = HopfLax("linear", "float64")
 PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05)
@@ -27,7 +28,7 @@ def interval_tables(sensing, **options):
 
 
 def closed_form(sensing, n, b=0.2, delta=0.5):
-    """Half-width of W^n, by the docstring of `sdhj.prediction`."""
+    """Half-width of W^n, by the docstring of `sdhj.problem.sensing`."""
     box = sensing.error + sensing.delay * b
     return 1.0 - 2 * box + n * ((1.0 - b) * (delta - 2 * sensing.jitter) - 2 * box), box
 

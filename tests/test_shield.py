@@ -10,9 +10,8 @@ import toys
 
 import sdhj
 from sdhj.certified import Certified, LipschitzBounds
-from sdhj.controller import Controller
-from sdhj.shield import fallbacks
-from sdhj.table import Table
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller, fallbacks
 
 MOST, ENDS, FASTEST = 0.5, 0.9, 0.8  # of the adversary's acceleration, m/s^2; of position, m, and speed, m/s
 

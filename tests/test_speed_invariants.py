@@ -9,9 +9,12 @@ import pytest
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import Grid, Scheme, memory, recursion, schemes
-from sdhj.schemes import Velocities, evolve
-from sdhj.table import entries
+from sdhj import Grid, Scheme
+from sdhj.problem import memory
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver import recursion, schemes
+from sdhj.solver.schemes import evolve
+from sdhj.table.table import entries
 
 # The two paths compute the same differences in the same order; a fused multiply-add more or less is a rounding.
 ROUNDING = 1e-13
@@ -148,7 +151,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
         sdhj.solve(problem)
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.projections.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
     [pytest.param(np.eye(4), id="boxes"), pytest.param(np.ones((4, 4)), id="coupled", marks=pytest.mark.slow)],

@@ -8,8 +8,8 @@ import pytest
 from toys import interval_problem, one_row, torus_problem
 
 import sdhj
-from sdhj.controller import Controller
-from sdhj.table import AvoidTubes, LookupTable, entries, entry
+from sdhj.table.controller import Controller
+from sdhj.table.table import AvoidTubes, LookupTable, entries, entry
 
 
 @pytest.fixture(scope="module")

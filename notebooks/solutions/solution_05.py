@@ -4,7 +4,8 @@ import numpy as np
 from checks_05 import check_axes, check_claims, check_count, check_evader, check_two
 
 from sdhj import Scheme
-from sdhj.schemes import Velocities, evolve
+from sdhj.problem.dynamics import Velocities
+from sdhj.solver.schemes import evolve
 
 
 def claimed_in_error(reach, avoid):

@@ -7,19 +7,23 @@ level-set function is in metres.
 
 import inspect
 import math
+import os
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
-from sdhj.checks import number, whole
-from sdhj.dynamics import MOST_INPUTS, Dynamics
-from sdhj.grid import FloatArray, Grid
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import number, whole
+from sdhj.problem.dynamics import MOST_INPUTS, Dynamics
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.table.files import TableFileError
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
@@ -231,6 +235,20 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
     """
     given = _known_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
+
+
+def problem_told(
+    path: str | os.PathLike[str], told: Mapping[str, Any], problem: ReachAvoidProblem | None
+) -> ReachAvoidProblem:
+    """The problem given, or the case study that a table tells of."""
+    if problem is not None:
+        return problem
+    if str(told["recipe"].get("builder")) not in BUILDERS:
+        raise TableFileError(
+            f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
+        )
+    built: ReachAvoidProblem = rebuild(told["recipe"])
+    return replace(built, sensing=told["sensing"]) if told["sensing"] else built
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:

@@ -5,7 +5,6 @@ are from the arm's *skeleton* (its two links as segments) to a point or to the t
 half-width w is clear of a disk of radius r where ``distance - r - w > 0``.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdhj.checks import number, pair
-from sdhj.compiling import kernel
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
+from sdhj.kernels.skeleton import POINT, clearance, joints
+from sdhj.problem.checks import number, pair
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
-POINT = np.finfo(np.float64).tiny  # a segment whose squared length is below it counts as a point
 
 
 def _dot_product(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -69,45 +67,8 @@ def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, 
     smaller `point_segment_distance` to the last bit, in one pass: runs spend most of their time here.
     """
     out = np.empty(len(elbow))
-    _skeleton_clearance(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
+    clearance(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
     return out
-
-
-@kernel(nogil=True)
-def _joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
-    """Positions (M, 2) of the joints of arms whose links point to (cos, sin), each (M,); both are overwritten."""
-    for m in range(cos_1.size):
-        elbow[m, 0], elbow[m, 1] = lengths[0] * cos_1[m], lengths[0] * sin_1[m]
-        tip[m, 0], tip[m, 1] = elbow[m, 0] + lengths[1] * cos_2[m], elbow[m, 1] + lengths[1] * sin_2[m]
-
-
-@kernel(nogil=True)
-def _skeleton_clearance(elbow, tip, centres, radii, out):
-    """`skeleton_clearance` into out (M,), overwritten."""
-    for m in range(out.size):
-        out[m] = np.inf
-        for d in range(radii.size):
-            distance = _to_skeleton(elbow[m, 0], elbow[m, 1], tip[m, 0], tip[m, 1], centres[m, d, 0], centres[m, d, 1])
-            if not distance - radii[d] >= out[m]:  # so that a NaN comes out as one
-                out[m] = distance - radii[d]
-
-
-@kernel(inline="always")
-def _to_skeleton(elbow_x, elbow_y, tip_x, tip_y, x, y):
-    """Distance from one point to the links of one arm."""
-    least = np.inf
-    for link in range(2):
-        from_x, from_y = (0.0, 0.0) if link == 0 else (elbow_x, elbow_y)
-        to_x, to_y = (elbow_x, elbow_y) if link == 0 else (tip_x, tip_y)
-        along_x, along_y = to_x - from_x, to_y - from_y
-        square = along_x * along_x + along_y * along_y
-        foot = ((x - from_x) * along_x + (y - from_y) * along_y) / (square if square > POINT else np.inf)
-        s = min(max(foot, 0.0), 1.0)
-        dx, dy = from_x + s * along_x - x, from_y + s * along_y - y
-        distance = math.sqrt(dx * dx + dy * dy)
-        if not distance >= least:  # so that a NaN comes out as one
-            least = distance
-    return least
 
 
 @dataclass(frozen=True)
@@ -308,7 +269,7 @@ class Arm:
         if relative:
             second = first + second
         elbow, tip = np.empty((first.size, 2)), np.empty((first.size, 2))
-        _joints(np.cos(first), np.sin(first), np.cos(second), np.sin(second), (l1, reach), elbow, tip)
+        joints(np.cos(first), np.sin(first), np.cos(second), np.sin(second), (l1, reach), elbow, tip)
         return elbow.reshape(q.shape), tip.reshape(q.shape)
 
     def tip(self, q: FloatArray) -> FloatArray:

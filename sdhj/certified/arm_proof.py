@@ -10,26 +10,23 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
-from sdhj.certified.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
-from sdhj.certified.links import Agent, joint_moves
-from sdhj.certified.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
-from sdhj.checks import whole
-from sdhj.compiling import hidden
-from sdhj.files import stored
-from sdhj.grid import FloatArray
-from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem
-
-if TYPE_CHECKING:
-    from sdhj.certified.table import CertifiedTable
+from sdhj.certified.cells import MOST_PIECES, CellAxis, CellTable, moved_bounds, unknown, velocity_bounds
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
+from sdhj.kernels.links import Agent, joint_moves
+from sdhj.kernels.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
+from sdhj.problem.checks import whole
+from sdhj.problem.memory import require
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.files import stored
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
@@ -130,14 +127,14 @@ class ArmProof:
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
-    def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
+    def inputs(self, table: CellTable, states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, 4), bool (M, L); places of S_k^n and S_{k+1}^{n-1} in the index."""
         out = np.empty((len(states), self.motion.parts.size), np.bool_)
         index, following = (table.index[place] for place in places)
         arm_inputs(states, step, table.cells, self.motion, index, following, table.pool, out)
         return out
 
-    def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
+    def hazards(self, table: CellTable, states: FloatArray, step: int) -> FloatArray:
         """As `GeneralProof.hazards`: < 0 where an input is proved to stay clear from the cell of a state.
 
         How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.

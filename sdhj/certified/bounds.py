@@ -21,10 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import real_array
-from sdhj.dynamics import Dynamics
-from sdhj.grid import FloatArray, Grid
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import real_array
+from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
 PAIRS = 2000  # of states, by which the bounds along an axis are tried
 ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one

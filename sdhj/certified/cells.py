@@ -16,14 +16,15 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.certified.packed import Cells
-from sdhj.grid import FloatArray, Grid
-from sdhj.problem import ReachAvoidProblem
+from sdhj.kernels import FloatArray
+from sdhj.kernels.packed import Cells
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
 
 IndexArray = NDArray[np.int64]
 
@@ -31,6 +32,17 @@ MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
 DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
+
+
+class CellTable(Protocol):
+    """What a proof reads of the table that it answers for: see `sdhj.certified.table.CertifiedTable`."""
+
+    @property
+    def index(self) -> FloatArray: ...
+    @property
+    def pool(self) -> FloatArray: ...
+    @property
+    def cells(self) -> Cells: ...
 
 
 def exact(value: float) -> Fraction:
@@ -169,7 +181,7 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
 
 
 def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
-    """By how much a prediction may be off on one axis, exactly, for constant dynamics (`sdhj.prediction`)."""
+    """By how much a prediction may be off on one axis, exactly, for constant dynamics (`sdhj.problem.sensing`)."""
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
     return measured(error) + measured(sensing.delay) * (fast - slow) / 2

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 
 try:
     import ival

@@ -19,32 +19,170 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.batches import threads
-from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds
-from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of, moved_cells
-from sdhj.certified.guesses import unsure
-from sdhj.certified.lattices import NARROW, lattice_of
-from sdhj.certified.packed import STATE_SLACK, TOUCHING, Cells, to_words
-from sdhj.certified.rooms import PLACES, peak, place_axes, shapes
-from sdhj.certified.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
-from sdhj.checks import whole
-from sdhj.compiling import hidden
-from sdhj.files import stored
-from sdhj.grid import FloatArray
-from sdhj.interpolation import SLACK
-from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem
+from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
+from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, CellTable, cells_of, moved_cells, unknown
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.kernels.interpolation import SLACK
+from sdhj.kernels.packed import STATE_SLACK, TOUCHING, Cells, to_words
+from sdhj.kernels.stencils import Boxes, Moves, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
+from sdhj.problem.checks import whole
+from sdhj.problem.memory import require
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import UnsafeSet
+from sdhj.table.batches import threads
+from sdhj.table.controller import STRIDES
+from sdhj.table.files import stored
 
-if TYPE_CHECKING:
-    from sdhj.certified.table import CertifiedTable
+PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
+PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
+GUESSES = 40
+ROUNDED = 1 + 1e-12
+
+
+def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
+    """E (ndim,); ValueError where no bound is found."""
+    sensing, ndim = problem.sensing, problem.grid.ndim
+    if not sensing:
+        return np.zeros(ndim)
+    if problem.dynamics.constant:
+        return np.array([float(unknown(problem, axis)) for axis in range(ndim)])
+    error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
+    if not sensing.delay:
+        return error
+    spread, box = _Spread(problem, stated), error
+    for _ in range(GUESSES):
+        wider = (error + sensing.delay * spread(box)) * ROUNDED
+        if (wider <= box).all():
+            return wider
+        box = wider * (1 + 1e-3) + 1e-12
+        if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
+            break
+    raise ValueError(f"after a delay of {sensing.delay:g} s nothing is known of the state: the dynamics are too fast")
+
+
+class _Spread:
+    """D: how far velocities may be from those without an adversary, within a box."""
+
+    def __init__(self, problem: ReachAvoidProblem, stated: LipschitzBounds) -> None:
+        still = np.zeros(problem.dynamics.adversaries)
+        calm = replace(problem, dynamics=replace(problem.dynamics, bounds=still), sensing=Sensing())
+        self.problem, self.any, self.calm = problem, Bounds(problem, stated), Bounds(calm, stated)
+        grid, known = problem.grid, self.any.reads.any(axis=0)
+        pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
+        corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
+        size = np.subtract(grid.upper, grid.lower) / pieces
+        self.low, self.high = grid.lower + corners * size, grid.lower + (corners + 1) * size
+        self.strides = []
+        for step in range(problem.steps if problem.dynamics.timed else 1):
+            cuts = problem.time(step) - problem.sensing.delay * np.arange(STRIDES, -1, -1) / STRIDES
+            self.strides += list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
+        self.strides = self.strides if problem.dynamics.timed else self.strides[:1]
+        nowhere = np.zeros(self.low[:1].shape)
+        self.travel = [(nowhere, nowhere)] * (len(self.strides) * len(problem.inputs))
+        fastest = zip(*self._ends(self.any, 0.0), strict=True)
+        stride = problem.sensing.delay / STRIDES * ROUNDED
+        self.travel = [
+            (np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest
+        ]
+
+    def _ends(self, bounds: Bounds, more: FloatArray | float) -> FloatArray:
+        """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
+        asked = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
+        found = [
+            np.stack(bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times))
+            for (j, times), (back, ahead) in asked
+        ]
+        return np.stack(found, axis=1)
+
+    def __call__(self, box: FloatArray) -> FloatArray:
+        least, most = self._ends(self.any, box)
+        slow, fast = self._ends(self.calm, 0.0)
+        return np.maximum(most - slow, fast - least).max(axis=(0, 1))
+
+
+NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
+MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
+BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+PIECES_OF_A_CELL = 16  # on each axis, at most
+
+
+def lattice_of(
+    bounds: Bounds, axes: Sequence[CellAxis], part: UnsafeSet, times: Sequence[tuple[float, float]], steps: int
+) -> Boxes:
+    """The boxes that may meet an unsafe set in each of some times, counted; for how many steps it is asked."""
+    own = [axes[axis] for axis in part.axes]
+    room = BOXES_OF_A_SET / (len(times) * steps * math.prod(axis.count for axis in own))
+    fine = min(max(int(room ** (1 / len(own))), 1), PIECES_OF_A_CELL)
+    pitch = np.array([float(axis.width) / fine for axis in own])
+    sizes = np.array([axis.count * fine for axis in own])
+    lower = np.array([float(axis.lower) for axis in own])
+    length = np.array([float(sum(axis.extent) / 2) for axis in own])
+    periodic = np.array([axis.periodic for axis in own])
+    corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
+    sums = []
+    for t0, t1 in times:
+        least, _ = bounds.level(part, corner - MARGIN_OF_BOXES, corner + pitch + MARGIN_OF_BOXES, t0, t1)
+        meets = ~(least > 0.0).reshape(sizes)
+        for k in np.flatnonzero(periodic).tolist():
+            meets = np.concatenate([meets, meets], axis=k)
+        counted = np.pad(meets, [(1, 0)] * len(own)).astype(np.int32)
+        for k in range(len(own)):
+            np.cumsum(counted, axis=k, out=counted)
+        sums.append(counted.ravel())
+    laps = sizes * np.where(periodic, 2, 1)
+    return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
+
+
+BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
+PLACES = 1 << 15  # whose tubes are in memory at once
+
+
+def shapes(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
+) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
+    """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
+    counts, count, strides = np.array([axis.count for axis in axes]), len(problem.inputs), np.zeros(len(axes), np.int64)
+    strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
+    timed = problem.steps if problem.dynamics.timed else 1
+    times = problem.steps if any(part.moving for part in problem.unsafe) else timed
+    return (
+        strides,
+        (timed, count, math.prod(counts[own].tolist()), len(axes)),
+        (times, math.prod(counts.tolist()), -(-count // 8)),
+    )
+
+
+def peak(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
+) -> int:
+    """See `GeneralProof.peak`; moves and clear are shapes."""
+    boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
+    needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
+    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
+
+
+def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], bounds: Bounds) -> FloatArray:
+    """Which axes an image depends on, (ndim,) bool.
+
+    Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
+    and leave again within an interval.
+    """
+    own: FloatArray = np.logical_or.reduce(bounds.reads, axis=0)
+    for place, axis in enumerate(axes):
+        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
+        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
+    return own
+
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
 TRIES = 12  # to find a box that the state stays in
@@ -120,7 +258,7 @@ class GeneralProof:
         moves = Moves(self.low[start], self.high[start], self.strides, self.layout.safe)
         return moves, self.clear[min(step, len(self.clear) - 1)]
 
-    def inputs(self, table: "CertifiedTable", states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
+    def inputs(self, table: CellTable, states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
         return self._inputs(states, step, table.index[places[1]], table.pool)
 
@@ -129,7 +267,7 @@ class GeneralProof:
         certified_inputs(np.ascontiguousarray(states), self.cells, *self._at(step), index, pool, out)
         return out
 
-    def hazards(self, table: "CertifiedTable", states: FloatArray, step: int) -> FloatArray:
+    def hazards(self, table: CellTable, states: FloatArray, step: int) -> FloatArray:
         """< 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0: (M, L).
 
         How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sdhj.grid import FloatArray
-from sdhj.table import Table
+from sdhj.kernels import FloatArray
+from sdhj.table.batches import Table
 
 LABELS = ("certified", "not certified", "outside")
 

@@ -19,25 +19,22 @@ led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
 """
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
-from numba import prange
 from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, LipschitzBounds
 from sdhj.certified.cells import CellAxis
-from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import BIT, has_bit, to_words
-from sdhj.certified.rooms import PLACES, place_axes, shapes
-from sdhj.certified.stencils import cell_of, image_inside
-from sdhj.compiling import hidden, kernel
-from sdhj.grid import FloatArray
-from sdhj.memory import require
-from sdhj.problem import ReachAvoidProblem
+from sdhj.certified.general_proof import PLACES, GeneralProof, place_axes, shapes
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.kernels.packed import to_words
+from sdhj.kernels.stencils import lose
+from sdhj.problem.memory import require
+from sdhj.problem.problem import ReachAvoidProblem
 
 MOST_VERTICES = 64
 
@@ -119,50 +116,3 @@ class LosingProof(GeneralProof):
             safe=np.stack(self.problem.grid.faces("unsafe"))
         )  # past these nothing is asked of an image
         lose(cells, inside, following, moves, len(self.vertices), self.cells, self.problem.stays)
-
-
-@kernel(parallel=True)
-def lose(own, inside, following, moves, vertices, cells, stays):
-    """Keep of `own` what is `inside`, or led into `following` under every input by some vertex; stays: add such cells.
-
-    own, inside, following (R, W), `own` modified in place; input j under vertex v is row j * vertices + v of the moves.
-    """
-    last, ndim, index = cells.counts[-1], cells.counts.size, np.arange(len(own))
-    for row in prange(len(own)):
-        cell, room = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64)
-        for bit in range(last):
-            if has_bit(own[row], bit) == stays or has_bit(inside[row], bit):
-                continue
-            cell_of(np.int64(row) * last + bit, cells.counts, cell)
-            place, lost, tried = np.sum(cell * moves.strides), True, 0
-            for j in range(moves.low.shape[0] // vertices):
-                answered = False
-                for turn in range(vertices):
-                    v = (tried + turn) % vertices  # what served against the input before is tried first
-                    at = j * vertices + v
-                    if image_inside(
-                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
-                    ):
-                        answered, tried = True, v
-                        break
-                if not answered:
-                    lost = False
-                    break
-            if lost == stays:
-                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)
-
-
-def lost_cells(
-    problem: ReachAvoidProblem,
-    axes: Sequence[CellAxis],
-    parts: int = 10,
-    stated: LipschitzBounds | None = None,
-    progress: bool | None = None,
-) -> Any:
-    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
-    from sdhj.certified.sets import CellSets
-    from sdhj.recursion import recursion
-
-    sets = CellSets(LosingProof.against(problem, tuple(axes), parts, stated or LipschitzBounds()), progress)
-    recursion(sets, problem.most_steps, lambda: None)
-    return sets.finish({})

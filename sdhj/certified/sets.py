@@ -31,9 +31,9 @@ The obligations of the proof, where each is met, and the test in tests/certified
     both are below 1e-12 in a step. [test_state_on_an_edge]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target]
-10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.prediction`. An image is of
-    the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of the
-    cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
+10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
+    is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
+    the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
     [test_no_prediction_is_farther_off_than_proved]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input]
@@ -50,23 +50,21 @@ pursuer.
 import math
 import reprlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, ClassVar
-
-import numpy as np
+from typing import ClassVar
 
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.table import CertifiedTable
-from sdhj.checks import whole
-from sdhj.grid import MAX_NODES, FloatArray
-from sdhj.problem import ReachAvoidProblem
-from sdhj.recursion import PROCESS
+from sdhj.certified.table import CellSets
+from sdhj.problem.checks import whole
+from sdhj.problem.grid import MAX_NODES
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.recursion import PROCESS
 
 ARM_CELLS = (419, 419, 72, 72)
 GENERAL_CELLS = 64  # on each axis
@@ -179,68 +177,3 @@ class Estimate:
 
     def __str__(self) -> str:
         return f"{self.cells:.1e} cells: about {self.nbytes / 1e9:.2g} GB of memory, {self.seconds:.0f} s"
-
-
-class CellSets:
-    """Every S_k^n as packed blocks (rows, words); what the recursion asks of them.
-
-    Two sets are kept whole, S_k^n at hand and S_{k+1}^{n-1}; of all others only the rows that they add to the set with
-    a step less.
-    """
-
-    def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
-        counts = [axis.count for axis in proof.axes]
-        self.timeless = isinstance(proof, GeneralProof) and proof.timeless
-        self.proof, self.prepared = proof, proof.prepare(progress)
-        self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
-        self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
-
-    def goal(self, step: int) -> None:
-        """S_k^N = L(t_k) minus G(t_k)."""
-        self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
-        self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
-
-    def extend(self, step: int, within: int) -> None:
-        """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
-        rows, blocks = self._added(step + 1, within - 1)
-        self.following[rows] = blocks
-        before, stays = self.cells.copy(), self.proof.problem.stays
-        self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
-        self._keep(step, within, (self.cells != before).any(axis=1))
-
-    def stopped(self, step: int, within: int) -> bool:
-        """Whether entry (step, within) is the one of (step, within - 1)."""
-        return not self._added(step, within)[0].size
-
-    def share(self, step: int, within: int) -> None:
-        """Entry (step, within) is the one of (step, within - 1)."""
-        self._keep(step, within, np.zeros(self.shape[0], np.bool_))
-
-    def _keep(self, step: int, within: int, changed: FloatArray) -> None:
-        rows = np.flatnonzero(changed)
-        self.added[step, within] = rows, self.cells[rows]
-
-    def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
-        return self.added[0 if self.timeless else step, within]
-
-    def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
-        """The table; to `details` is added what there is to say of the cells."""
-        proof, problem = self.proof, self.proof.problem
-        told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
-        if problem.steps is None:
-            changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
-            told["endless"] = True
-            if (last := max(changed, default=1)) == problem.most_steps:
-                raise ValueError(f"the sets still change after {last:,} steps; give the problem a number of steps")
-            proof = replace(proof, problem=replace(problem, steps=last))
-        index = np.zeros((len(self.added), self.shape[0]), np.uint32)
-        pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
-        for place, (step, within) in enumerate(sorted(self.added)):
-            rows, blocks = self.added.pop((step, within))
-            index[place] = index[place - 1] if within else 0
-            index[place, rows] = np.arange(used, used + rows.size)
-            pool.append(blocks)
-            used += rows.size
-        if problem.steps is None:  # without a target only what stays clear for ever
-            index = index[-1:] if problem.stays else index[: last + 1]
-        return CertifiedTable(proof, index, np.concatenate(pool), told)

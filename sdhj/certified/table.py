@@ -3,23 +3,26 @@
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from typing import Any, ClassVar
 
 import h5py
 import numpy as np
 
-from sdhj.batches import NOT_ADMISSIBLE, Batch, batched
 from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
-from sdhj.checks import real_array, states_array
-from sdhj.files import PACKING, stored, written_table
-from sdhj.grid import FloatArray
-from sdhj.problem import ReachAvoidProblem
-from sdhj.table import OfProblem, entry
+from sdhj.certified.losing import LosingProof
+from sdhj.kernels import FloatArray
+from sdhj.kernels.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.problem.checks import real_array, states_array
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.recursion import recursion
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, batched
+from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.table import OfProblem, entry
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -230,8 +233,6 @@ class CertifiedTable(OfProblem):
         Of a problem of one's own, by intervals of its functions; computed when it is asked for. ValueError where
         intervals cannot follow a function, as those of the arm's case study.
         """
-        from sdhj.certified.losing import lost_cells
-
         return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
 
     def unknown(self, *, start: int, within: int) -> float:
@@ -278,3 +279,81 @@ def _slabs(array: FloatArray) -> Iterator[FloatArray]:
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
     """Outer product of vectors, one axis for each, as one row."""
     return reduce(np.multiply.outer, factors, np.ones(())).ravel()
+
+
+class CellSets:
+    """Every S_k^n as packed blocks (rows, words); what the recursion asks of them.
+
+    Two sets are kept whole, S_k^n at hand and S_{k+1}^{n-1}; of all others only the rows that they add to the set with
+    a step less.
+    """
+
+    def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
+        counts = [axis.count for axis in proof.axes]
+        self.timeless = isinstance(proof, GeneralProof) and proof.timeless
+        self.proof, self.prepared = proof, proof.prepare(progress)
+        self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
+        self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
+
+    def goal(self, step: int) -> None:
+        """S_k^N = L(t_k) minus G(t_k)."""
+        self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
+        self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
+
+    def extend(self, step: int, within: int) -> None:
+        """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
+        rows, blocks = self._added(step + 1, within - 1)
+        self.following[rows] = blocks
+        before, stays = self.cells.copy(), self.proof.problem.stays
+        self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
+        self._keep(step, within, (self.cells != before).any(axis=1))
+
+    def stopped(self, step: int, within: int) -> bool:
+        """Whether entry (step, within) is the one of (step, within - 1)."""
+        return not self._added(step, within)[0].size
+
+    def share(self, step: int, within: int) -> None:
+        """Entry (step, within) is the one of (step, within - 1)."""
+        self._keep(step, within, np.zeros(self.shape[0], np.bool_))
+
+    def _keep(self, step: int, within: int, changed: FloatArray) -> None:
+        rows = np.flatnonzero(changed)
+        self.added[step, within] = rows, self.cells[rows]
+
+    def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
+        return self.added[0 if self.timeless else step, within]
+
+    def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
+        """The table; to `details` is added what there is to say of the cells."""
+        proof, problem = self.proof, self.proof.problem
+        told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
+        if problem.steps is None:
+            changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
+            told["endless"] = True
+            if (last := max(changed, default=1)) == problem.most_steps:
+                raise ValueError(f"the sets still change after {last:,} steps; give the problem a number of steps")
+            proof = replace(proof, problem=replace(problem, steps=last))
+        index = np.zeros((len(self.added), self.shape[0]), np.uint32)
+        pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
+        for place, (step, within) in enumerate(sorted(self.added)):
+            rows, blocks = self.added.pop((step, within))
+            index[place] = index[place - 1] if within else 0
+            index[place, rows] = np.arange(used, used + rows.size)
+            pool.append(blocks)
+            used += rows.size
+        if problem.steps is None:  # without a target only what stays clear for ever
+            index = index[-1:] if problem.stays else index[: last + 1]
+        return CertifiedTable(proof, index, np.concatenate(pool), told)
+
+
+def lost_cells(
+    problem: ReachAvoidProblem,
+    axes: Sequence[CellAxis],
+    parts: int = 10,
+    stated: LipschitzBounds | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
+    sets = CellSets(LosingProof.against(problem, tuple(axes), parts, stated or LipschitzBounds()), progress)
+    recursion(sets, problem.most_steps, lambda: None)
+    return sets.finish({})

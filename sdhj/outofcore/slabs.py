@@ -21,15 +21,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdhj.avoid import Danger
-from sdhj.games import Axes, HJIGames, HopfLaxGames, Wall
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
+from sdhj.kernels.stages import REACH
+from sdhj.kernels.union import add_input
 from sdhj.outofcore.store import CACHE_BYTES, Runs, TableStore
-from sdhj.problem import ReachAvoidProblem
-from sdhj.recursion import InputRows, add_input
-from sdhj.schemes import STAGES
-from sdhj.stages import REACH
-from sdhj.table import AvoidTubes
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.avoid import Danger
+from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Wall
+from sdhj.solver.recursion import InputRows
+from sdhj.solver.schemes import STAGES
+from sdhj.table.table import AvoidTubes
 
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
 KINDS = "static", "moving"  # avoid tubes
@@ -229,7 +231,7 @@ def _goal(plan: Plan, store: TableStore, task: Task) -> None:
 
 
 def _avoid(plan: Plan, store: TableStore, task: Task) -> list[bool]:
-    """The avoid tubes of one slab, or of all where they know nothing of the cut: see `sdhj.avoid.avoid_tubes`.
+    """The avoid tubes of one slab, or of all where they know nothing of the cut: see `sdhj.solver.avoid.avoid_tubes`.
 
     Returns of each game whether any node is in danger.
     """

@@ -1,7 +1,6 @@
-"""Theorem 2 on slabs: the recursion of `sdhj.recursion`, whose sets are in a store."""
+"""Theorem 2 on slabs: the recursion of `sdhj.solver.recursion`, whose sets are in a store."""
 
 import copy
-import importlib
 import json
 import math
 import os
@@ -21,22 +20,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-import sdhj
-from sdhj.avoid import dangers, never_felt
-from sdhj.checks import whole
-from sdhj.compiling import announced, hidden
-from sdhj.files import TableFileError, table_told
-from sdhj.games import KEPT
-from sdhj.grid import Grid
-from sdhj.memory import available, require
-from sdhj.methods import HJI, HopfLax, method_of
+from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
 from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, alone, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable, digests, same_problem
-from sdhj.problem import ReachAvoidProblem
-from sdhj.recursion import PROCESS, recursion
-from sdhj.resolution import check_resolution
-from sdhj.table import AvoidTubes, LookupTable
+from sdhj.problem.checks import whole
+from sdhj.problem.grid import Grid
+from sdhj.problem.memory import available, require
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.avoid import dangers, never_felt
+from sdhj.solver.games import KEPT
+from sdhj.solver.methods import HJI, HopfLax, method_of
+from sdhj.solver.recursion import PROCESS, recursion
+from sdhj.solver.resolution import check_resolution
+from sdhj.table.files import VERSION, TableFileError, table_told
+from sdhj.table.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
 PACKED = 2**26  # bytes of chunks on their way through Zarr
@@ -132,7 +130,8 @@ def runner(plan: Plan, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
     """What does tasks: this process, or the workers of a Dask client."""
     if client is None:
         return lambda tasks: (work(plan, task) for task in tasks)
-    shared_out: Any = importlib.import_module("sdhj.outofcore.cluster").shared_out
+    from sdhj.outofcore.cluster import shared_out
+
     return lambda tasks: shared_out(client, plan, tasks)
 
 
@@ -273,9 +272,9 @@ def _arrays(plan: Plan) -> dict[str, Any]:
 
 def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
     """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
-    if told["sdhj_version"] != sdhj.__version__:
+    if told["sdhj_version"] != VERSION:
         raise TableFileError(
-            f"{path} was begun by sdhj {told['sdhj_version']}, and this is {sdhj.__version__}, which may round "
+            f"{path} was begun by sdhj {told['sdhj_version']}, and this is {VERSION}, which may round "
             "otherwise; solve it anew"
         )
     options = json.loads(json.dumps(method.told))

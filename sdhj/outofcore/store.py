@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.files import TableFileError, locks, probed, unwritable
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
+from sdhj.table.files import TableFileError, locks, probed, unwritable
 
 STORE_FORMAT = 1
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least

@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.ahead import ROOM, LookAhead, look_ahead
-from sdhj.batches import Batch, batched
-from sdhj.checks import real_array, states_array, whole
-from sdhj.files import TableFileError, believed, problem_told, what_differs
-from sdhj.grid import FloatArray, Grid
-from sdhj.identity import alike, identity
-from sdhj.memory import require
+from sdhj.arm.case_studies import problem_told
+from sdhj.kernels import FloatArray
 from sdhj.outofcore.slabs import KINDS, around, read_window
 from sdhj.outofcore.store import Runs, TableStore, blocks
-from sdhj.problem import ReachAvoidProblem
-from sdhj.table import AvoidTubes, LookupTable, OfProblem, entry
+from sdhj.problem.checks import real_array, states_array, whole
+from sdhj.problem.grid import Grid
+from sdhj.problem.memory import require
+from sdhj.problem.problem import ReachAvoidProblem, alike, identity
+from sdhj.table.batches import Batch, batched
+from sdhj.table.files import TableFileError, believed, what_differs
+from sdhj.table.table import ROOM, AvoidTubes, LookAhead, LookupTable, OfProblem, entry, look_ahead
 
 LOOKED_UP = 2**23  # values that are looked up in at a time
 

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from sdhj.files import probed, replaced_whole, unwritable
+from sdhj.table.files import probed, replaced_whole, unwritable
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from sdhj.arm.case_studies import ArmScene
 from sdhj.arm.workspace import Disk
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, PURSUER_LOOKS, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks
 
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time

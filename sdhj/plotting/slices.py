@@ -11,8 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
 from sdhj.certified.labels import LABELS, labels
-from sdhj.checks import whole
-from sdhj.grid import FloatArray, Grid
+from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import (
     FULL_LOOKS,
     INK,
@@ -22,8 +21,11 @@ from sdhj.plotting.looks import (
     look,
     step_colours,
 )
-from sdhj.problem import ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table import Table
+from sdhj.problem.checks import whole
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.table.batches import Table
 
 RESOLUTION = 121  # points along each side of a slice: finer than any grid of the case study, 10 ms to evaluate
 AXIS_LABELS = {

@@ -10,9 +10,9 @@ from sdhj.arm.case_studies import scene
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
 from sdhj.plotting.scenes import draw_workspace
 from sdhj.plotting.slices import draw_constraints, draw_path, draw_set, plane
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import Trajectory
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 LIVE = 97  # points along each side of a slice of which an animation shows many
 WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}

@@ -11,10 +11,11 @@ from itertools import product
 
 import numpy as np
 
-from sdhj.dynamics import Interval
-from sdhj.grid import FloatArray
-from sdhj.problem import ReachAvoidProblem, UnsafeSet
-from sdhj.table import Table
+from sdhj.kernels import FloatArray
+from sdhj.problem.dynamics import Interval
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
+from sdhj.table.batches import Table
 
 SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import finite_array
-from sdhj.controller import Controller
-from sdhj.grid import FloatArray
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import finite_array
 from sdhj.simulation.adversaries import Adversary, first_moment
-from sdhj.simulation.runs import OUTCOMES, UNDECIDED, _adversary, _interval, admissible_states
-from sdhj.table import Table
+from sdhj.simulation.outcomes import OUTCOMES, UNDECIDED, play_interval
+from sdhj.simulation.runs import admissible_states, adversary_of
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller
 
 try:
     import gymnasium
@@ -52,7 +53,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        self.controller, self.play, self.shield = Controller(table), _adversary(adversary), shield
+        self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         if table.problem.sensing:
             raise ValueError("an agent sees the state exactly and at once: give a table solved without sensing")
         grid = table.grid
@@ -92,7 +93,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         time, inputs, runs = problem.time(now), np.array([applied]), np.array([0])
         to_go, left = self.table.batch(states, now).steps_to_go, np.array([self.table.steps - end])
         begun = first_moment(self.table, problem, states, inputs, to_go, now, time, runs, self.np_random, left)
-        states, ended = _interval(begun, self.play, None, walls=True)
+        states, ended = play_interval(begun, self.play, None, walls=True)
         self.state, self.now = states[0], end
         if ended[0] != UNDECIDED:
             self.outcome = OUTCOMES[ended[0]]

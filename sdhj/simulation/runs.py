@@ -15,29 +15,27 @@ Where the interpolated table calls a state reached that is truly just outside, t
 bring it back into the target: known geometry is measured, not interpolated.
 """
 
-import importlib
 import reprlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.batches import CHUNK, threads
-from sdhj.checks import finite_array, real_array, sealed, whole
-from sdhj.compiling import announced, hidden
-from sdhj.controller import Controller
-from sdhj.grid import FloatArray
-from sdhj.memory import require
-from sdhj.sensing import Sensing
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import announced, hidden
+from sdhj.problem.checks import finite_array, whole
+from sdhj.problem.memory import require
+from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
+from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, OUTCOMES, REACHED, UNDECIDED, Watch, play_interval
+from sdhj.simulation.sensed import sensed_rollouts
+from sdhj.table.batches import CHUNK, threads
+from sdhj.table.controller import Controller
 
-OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
-REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
-UNDECIDED = -1
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
 FOREVER_PLAYED = 100  # steps, where staying clear has no end
 MOST_RUNS = 10**8  # whose starts and ends are held in memory
@@ -76,10 +74,6 @@ class Trajectory:
     def samples(self) -> FloatArray:
         """The states at the sampling times, (K + 1, ndim), or (K, ndim) where a collision ended an interval early."""
         return self.states[::SUBSTEPS]
-
-
-# After each substep: the moment it began, what was played (M, D), where that led (M, ndim), the clearance there (M,).
-Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 
 
 @dataclass(frozen=True)
@@ -169,7 +163,7 @@ def simulate(
         time.
     """
     check_controller(controller)
-    play, seed = _adversary(adversary), whole("seed", seed, least=0)
+    play, seed = adversary_of(adversary), whole("seed", seed, least=0)
     start = finite_array("q0", q0)
     controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
     seen: list[tuple[float, FloatArray, FloatArray]] = []
@@ -225,7 +219,7 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play, began, length = _adversary(adversary), time.perf_counter(), _length(controller, steps)
+    play, began, length = adversary_of(adversary), time.perf_counter(), _length(controller, steps)
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
     require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
@@ -279,7 +273,7 @@ def check_controller(given: Any) -> None:
         raise ValueError(f"controller must be a Controller, for example Controller(table), got {type(given).__name__}")
 
 
-def _adversary(adversary: str | Adversary) -> Adversary:
+def adversary_of(adversary: str | Adversary) -> Adversary:
     if callable(adversary):
         return adversary
     if not isinstance(adversary, str) or adversary not in ADVERSARIES:
@@ -333,8 +327,7 @@ def rollouts(
     """
     problem, last = controller.problem, controller.problem.steps if steps is None else steps
     if sensing := problem.sensing if sensing is None else sensing:
-        sensed = importlib.import_module("sdhj.simulation.sensed").sensed_rollouts
-        return sensed(controller, starts, play, rng, watch, walls, steps, sensing)
+        return sensed_rollouts(controller, starts, play, rng, watch, walls, steps, sensing)
     states, alive = starts.copy(), np.arange(len(starts))
     outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
     outcomes[problem.unsafe_value(states, problem.time(0)) <= 0] = COLLIDED
@@ -356,45 +349,7 @@ def rollouts(
         if not alive.size:
             break
         begun = first_moment(controller.table, problem, states[alive], inputs[known], to_go, step, now, alive, rng)
-        states[alive], outcomes[alive] = _interval(begun, play, watch, walls)
+        states[alive], outcomes[alive] = play_interval(begun, play, watch, walls)
         taken[alive] += 1
     outcomes[outcomes == UNDECIDED] = LATE
     return outcomes, taken
-
-
-def _interval(
-    begun: Moment, play: Adversary, watch: Watch | None, walls: bool, substeps: range = range(SUBSTEPS)
-) -> tuple[FloatArray, FloatArray]:
-    """Hold the inputs over some substeps of an interval: the states at their end (M, ndim), and how runs ended (M,)."""
-    begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
-    states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
-    lost = ("unsafe",) if walls else ("unsafe", "wall")
-    for substep in substeps:
-        gone = (substep - substeps.start) * begun.duration
-        now, left = begun.time + gone, begun.remaining - gone
-        moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
-        v = _checked(play(moment), moment.bounds)
-        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
-        met = begun.problem.grid.held(states, "safe")  # what lies beyond a safe end no longer matters
-        clearance = begun.problem.unsafe_value(met, now + begun.duration)
-        ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
-        if begun.problem.stays:
-            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
-        if watch is not None:
-            watch(moment, v, states, clearance)
-        if (ended != UNDECIDED).all():
-            break
-    return states, ended
-
-
-def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """What an adversary returned, if it keeps to its box, bounds (M, D)."""
-    v = real_array("what the adversary returns", v)  # a copy: it is read again
-    if v.shape != bounds.shape:
-        raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")
-    outside = ~(np.abs(v) <= bounds * (1 + 1e-12))  # also where it is NaN
-    if outside.any():
-        own = bounds[outside.any(axis=1)][0]
-        raise ValueError(f"the adversary must keep each component of v within +-{own.tolist()} and finite")
-    return v

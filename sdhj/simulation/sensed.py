@@ -2,8 +2,8 @@
 
 The adversary then has three things to choose, and may choose them together: the disturbance, at every substep; the
 error of every measurement; when the next input starts. A run begins when the first input starts, in a state that is
-known to within the box E of `sdhj.prediction`. It ends as in `sdhj.simulation.runs`, but for this: reached is what the
-controller knows to be reached, its prediction has no steps to go and the state is truly in the target.
+known to within the box E of `sdhj.problem.sensing`. It ends as in `sdhj.simulation.runs`, but for this: reached is what
+the controller knows to be reached, its prediction has no steps to go and the state is truly in the target.
 
 An adversary that is a function of a `Moment` chooses the disturbance alone. One that has methods `mislead(sight)`,
 which returns the errors (M, ndim), and `shift(moment)`, which returns -1, 0 or 1 (M,) for the next input to start
@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.checks import real_array, sealed
-from sdhj.controller import Controller
-from sdhj.grid import FloatArray
-from sdhj.prediction import predicted
-from sdhj.problem import ReachAvoidProblem
-from sdhj.sensing import Sensing
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
-from sdhj.simulation.runs import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, _interval
+from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
+from sdhj.table.controller import Controller, predicted
 
 LOST = np.finfo(np.float64).max  # worse than any level-set value
 
@@ -189,13 +188,13 @@ class _Runs:
             last["v"] = real_array("what the adversary returns", self.play(now))
             return last["v"]
 
-        states, ended = _interval(begun, play, watch, walls, range(SUBSTEPS - after))
+        states, ended = play_interval(begun, play, watch, walls, range(SUBSTEPS - after))
         seen = states
         if after:
             rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
             parts = range(SUBSTEPS - after, SUBSTEPS)
             later = replace(begun, states=states, previous=last["v"], **rest)
-            states, then = _interval(later, play, watch, walls, parts)
+            states, then = play_interval(later, play, watch, walls, parts)
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
         self.taken[rows] += 1

@@ -12,9 +12,10 @@ import pytest
 from sdhj.arm import case_studies
 from sdhj.arm.case_studies import BUILDERS, arm_case_study, evader_case_study, rebuild, scene
 from sdhj.arm.workspace import KINEMATICS, Circle, Disk, Line, Still
-from sdhj.dynamics import Dynamics
-from sdhj.grid import Grid
-from sdhj.problem import ReachAvoidProblem, TargetSet
+from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet
 
 ROUNDING = 1e-13  # some dozen operations on numbers of order one
 

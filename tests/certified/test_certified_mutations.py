@@ -9,13 +9,11 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CELLS, PACKED, LINKS, CONTACT, GENERAL, BOUNDS, STENCILS, INTERVALS, LATTICES, GUESSES = (
-    f"certified/{name}.py"
-    for name in (
-        *("cells", "packed", "links", "contact", "general_proof", "bounds", "stencils", "enclosures"),
-        *("lattices", "guesses"),
-    )
+CELLS, GENERAL, BOUNDS, INTERVALS = (
+    f"certified/{name}.py" for name in ("cells", "general_proof", "bounds", "enclosures")
 )
+LATTICES = GUESSES = GENERAL
+PACKED, LINKS, CONTACT, STENCILS = (f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils"))
 FARTHER = "test_no_prediction_is_farther"
 SENSED = "test_what_an_interval_does_to_predictions"
 SAMPLES, GROWTH, IMAGES = "test_every_sample_is_inside", "test_general_reach_box", "test_images_and_tubes"

@@ -16,8 +16,8 @@ from sdhj.certified import LipschitzBounds
 from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.packed import to_bits
-from sdhj.prediction import predicted
+from sdhj.kernels.packed import to_bits
+from sdhj.table.controller import predicted
 
 ALL = Sensing(0.005, 0.02, 0.005)
 PUSHES = ("switching", "to the post", "off the target")
@@ -37,7 +37,7 @@ def solved(sensing=ALL, cells=(60, 60, 57)):
     ids=["exact", "error", "delay", "jitter", "all"],
 )
 def test_the_closed_form(sensing):
-    """As `sdhj.prediction` derives it, less the cell that the end of a set is in: whole cells are counted."""
+    """As `sdhj.problem.sensing` derives it, less the cell that the end of a set is in: whole cells are counted."""
     table = sdhj.solve(replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,)), progress=False)
     box, width = sensing.error + 0.2 * sensing.delay, float(table.axes[0].width)
     for n in range(6):

@@ -15,7 +15,7 @@ import sdhj
 from sdhj.certified import Certified, CertifiedTable, LipschitzBounds
 from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels, shares
-from sdhj.files import header
+from sdhj.table.files import header
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
     """Numba's workqueue layer ends the process where two threads call parallel kernels at once."""
     table.save(tmp_path / "certified.h5")
     code = (
-        "import sys, sdhj\nfrom sdhj import batches\nfrom sdhj.simulation import runs\n"
+        "import sys, sdhj\nfrom sdhj.table import batches\nfrom sdhj.simulation import runs\n"
         "batches.threads = runs.threads = lambda: 2\n"
         "controller = sdhj.Controller(sdhj.load(sys.argv[1]))\n"
         "print(sdhj.monte_carlo(controller, 10_000, 'random', progress=False).counts['reached'])"
@@ -141,7 +141,7 @@ def test_solve_makes_certified_tables(monkeypatch):
 
 
 def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("sdhj.memory.available", lambda: (10_000_000, "are available"))
+    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (10_000_000, "are available"))
     with pytest.raises(MemoryError, match=r"cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
         sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
 

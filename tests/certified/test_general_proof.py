@@ -13,10 +13,9 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj.certified import LipschitzBounds
 from sdhj.certified.bounds import Bounds
-from sdhj.certified.general_proof import GeneralProof
-from sdhj.certified.lattices import lattice_of
-from sdhj.certified.packed import Cells, to_words
-from sdhj.certified.stencils import image_inside
+from sdhj.certified.general_proof import GeneralProof, lattice_of
+from sdhj.kernels.packed import Cells, to_words
+from sdhj.kernels.stencils import image_inside
 
 UNICYCLE = LipschitzBounds(
     dynamics=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]), sets={"target": [1.0, 1.0], "pillar": [1.0, 1.0]}

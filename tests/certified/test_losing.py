@@ -11,9 +11,10 @@ from toys import interval_problem, unicycle_problem
 import sdhj
 from sdhj.certified.bounds import Bounds, LipschitzBounds
 from sdhj.certified.cells import cells_of
-from sdhj.certified.losing import MOST_VERTICES, LosingProof, lose, lost_cells
-from sdhj.certified.packed import to_bits, to_words
-from sdhj.certified.stencils import Moves
+from sdhj.certified.losing import MOST_VERTICES, LosingProof
+from sdhj.certified.table import lost_cells
+from sdhj.kernels.packed import to_bits, to_words
+from sdhj.kernels.stencils import Moves, lose
 
 
 def solved(problem, **options):

@@ -89,10 +89,10 @@ def test_the_method_agrees_with_the_exact_one(names: dict[str, Any]) -> None:
 def test_the_numerical_hamiltonian_lies_between_the_two_that_are_there(tmp_path: Path) -> None:
     """In a copy of the package: dissipation grows from Godunov's flux over the local one to Lax-Friedrichs."""
     package = shutil.copytree(ROOT / "sdhj", tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
-    source = (package / "stages.py").read_text(encoding="utf-8")
+    source = (package / "kernels" / "stages.py").read_text(encoding="utf-8")
     above, below = source.split("\n_differences, _hamiltonian", 1)
-    added = f"{above}\n{block('sdhj/stages.py')}\n_differences, _hamiltonian{below}"
-    (package / "stages.py").write_text(added, encoding="utf-8")
+    added = f"{above}\n{block('sdhj/kernels/stages.py')}\n_differences, _hamiltonian{below}"
+    (package / "kernels" / "stages.py").write_text(added, encoding="utf-8")
     code = INLINE[0].replace("table = sdhj.solve(problem)", "") + (
         "for flux in ('lax-friedrichs', 'local-lax-friedrichs', 'godunov'):\n"
         "    scheme = sdhj.Scheme(flux=flux, frame='fixed', order=1)\n"

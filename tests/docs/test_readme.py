@@ -48,14 +48,15 @@ def test_a_readme_without_its_command_is_refused(text: str, said: str) -> None:
 
 
 def test_files_that_are_named_are_there() -> None:
-    """Links, pictures, scripts, and the modules of the table of the core: all of them, and no other."""
+    """Links, pictures, scripts, and the rooms of the table: all of them, and no other."""
     targets = re.findall(r"\]\(([^)#:]+)\)", TEXT) + re.findall(r'src="([^"]+)"', TEXT)
     targets += re.findall(r"python (\S+\.py)", TEXT)
     assert len(targets) > 30
     assert [target for target in targets if not (ROOT / target).exists()] == []
-    table = TEXT[TEXT.index("| core |") : TEXT.index("| around it |")]
-    core = {path.name for path in (ROOT / "sdhj").glob("*.py")} - {"__init__.py", "__main__.py", "cli.py"}
-    assert set(re.findall(r"`(\w+\.py)`", table)) == core
+    table = TEXT[TEXT.index("| room |") :]
+    rooms = {f"sdhj/{path.parent.name}/" for path in (ROOT / "sdhj").glob("*/__init__.py")}
+    files = {f"sdhj/{path.name}" for path in (ROOT / "sdhj").glob("*.py")} - {"sdhj/__init__.py", "sdhj/__main__.py"}
+    assert set(re.findall(r"`(sdhj/\w+(?:/|\.py))`", table)) == rooms | files
 
 
 def test_commands_that_are_named_are_there() -> None:

@@ -9,7 +9,7 @@ import pytest
 from maze import SCOTS_SHARE, SIDE, TARGET, WALLS, maze, solved, to_box, to_walls, velocity
 
 import sdhj
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 README = Path(__file__).parents[2] / "README.md"
 

@@ -15,8 +15,8 @@ from click.testing import CliRunner
 import sdhj
 from sdhj.arm.case_studies import OBSTACLES
 from sdhj.arm.workspace import Circle, Disk, Line, Still
-from sdhj.controller import Controller
 from sdhj.simulation.runs import SUBSTEPS, admissible_states, simulate
+from sdhj.table.controller import Controller
 
 if importlib.util.find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed: pip install 'sdhj[physics]'", allow_module_level=True)

@@ -12,10 +12,11 @@ from search import Margins, planned, search_losing
 
 import sdhj
 from sdhj.certified import CertifiedTable
-from sdhj.controller import Controller
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, rollouts, simulate
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import SUBSTEPS, rollouts, simulate
+from sdhj.table.controller import Controller
 
 PLAY = ("aggressive", "worst")
 COLLIDED = OUTCOMES.index("collided")

@@ -144,7 +144,7 @@ def small_car():
 
 @pytest.mark.parametrize("kind", ["error", "delay", "jitter"])
 def test_more_uncertainty_promises_less(small_car, kind):
-    """Sets shrink, as `sdhj.prediction` says; the first value is that of the perfect robot."""
+    """Sets shrink, as `sdhj.problem.sensing` says; the first value is that of the perfect robot."""
     methods = {"hji": "hji", "certified": sdhj.Certified(cells=(40, 40, 38), parts=2)}
     perfect = {}
     found = sweep_sensing(small_car, methods, kind, (0.0, 0.02, 0.05), perfect)

@@ -36,8 +36,8 @@ from PIL import Image
 import sdhj
 from sdhj.plotting import plane
 from sdhj.plotting.looks import style
-from sdhj.schemes import Scheme
-from sdhj.table import LookupTable
+from sdhj.solver.schemes import Scheme
+from sdhj.table.table import LookupTable
 
 pytestmark = pytest.mark.slow  # most of them solve the four-dimensional case study
 PNG = b"\x89PNG"

@@ -6,14 +6,14 @@ import toys
 from slabbed import assert_bit_equal, room, rough_problem
 
 import sdhj
-from sdhj import dynamics as dynamics_module
-from sdhj import grid as grid_module
-from sdhj.avoid import dangers
 from sdhj.outofcore import solve
 from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 from sdhj.outofcore.solve import planned
+from sdhj.problem import dynamics as dynamics_module
+from sdhj.problem import grid as grid_module
+from sdhj.solver.avoid import dangers
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.resolution.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
 ROUGHEST = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler", frame="fixed"))
 EXACT = sdhj.HJI(scheme=sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64"))
 

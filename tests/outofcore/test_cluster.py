@@ -11,10 +11,10 @@ import toys
 from slabbed import assert_bit_equal, files_of, room
 
 import sdhj
-from sdhj.methods import method_of
 from sdhj.outofcore.cluster import shared_out
 from sdhj.outofcore.slabs import Task
 from sdhj.outofcore.solve import planned
+from sdhj.solver.methods import method_of
 
 cloudpickle = pytest.importorskip("cloudpickle")
 distributed = pytest.importorskip("distributed")

@@ -12,9 +12,9 @@ from slabbed import room, rough_problem
 
 import sdhj
 from sdhj.outofcore import estimate, solve
-from sdhj.recursion import PROCESS
+from sdhj.solver.recursion import PROCESS
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.resolution.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
 COST = {"static": 50.0, "moving": 7.0, "goal": 2.0, "extend": 11.0}  # s, by the clock of these tests
 
 

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 CHILD = """
 import sys
 import sdhj, large
-from sdhj.methods import method_of
+from sdhj.solver.methods import method_of
 from sdhj.outofcore.solve import planned, task_bytes
 
 def told(key):

@@ -8,9 +8,9 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.controller import Controller
 from sdhj.simulation.adversaries import ADVERSARIES, Moment
 from sdhj.simulation.runs import SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.table.controller import Controller
 
 
 def moment(controller: Controller, states: np.ndarray, **changes: object) -> Moment:

@@ -10,7 +10,7 @@ import toys
 
 import sdhj
 from sdhj.certified import Certified, LipschitzBounds
-from sdhj.table import Table
+from sdhj.table.batches import Table
 
 gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'sdhj[gym]'")
 from gymnasium.utils.env_checker import check_env  # noqa: E402

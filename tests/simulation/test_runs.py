@@ -9,12 +9,13 @@ import toys
 from scipy.stats import binomtest
 
 import sdhj
-from sdhj.controller import Controller
-from sdhj.problem import ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import Moment
-from sdhj.simulation.runs import OUTCOMES, SUBSTEPS, admissible_states, monte_carlo, simulate
-from sdhj.table import LookupTable
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import SUBSTEPS, admissible_states, monte_carlo, simulate
+from sdhj.table.controller import Controller
+from sdhj.table.table import LookupTable
 
 DOUBLE = sdhj.Scheme(dtype="float64")
 PLAYERS = ("none", "random", "aggressive", "worst")
@@ -205,7 +206,7 @@ def test_own_functions_are_named_in_the_report() -> None:
     def still(m: Moment) -> np.ndarray:
         return np.zeros_like(m.previous)
 
-    def first(candidates: "sdhj.controller.Candidates") -> np.ndarray:
+    def first(candidates: "sdhj.table.controller.Candidates") -> np.ndarray:
         return candidates.inputs
 
     report = monte_carlo(Controller(toys.interval_table(), first), 50, still, progress=False)

@@ -1,0 +1,233 @@
+"""Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens."""
+
+import os
+import pickle
+import sys
+import threading
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import njit, threading_layer
+from numba.core.event import Listener, install_listener
+from numba.extending import overload
+from tqdm import tqdm
+
+LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
+_listening: list[Listener] = []
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
+
+    Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
+    constant of another file, and with damaged code. Here any change to a file of this package throws what is kept away,
+    and so does damage. Functions compiled in other packages or notebooks may use it too: changes to their own file
+    count as ever. Where nothing can be kept, the kernel is compiled in every process.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        try:
+            dispatcher = njit(cache=True, **options)(function)
+        except RuntimeError as error:  # no folder for it can be written
+            _say_uncached(str(error))
+            dispatcher = njit(**options)(function)
+        # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
+        found: Any = getattr(dispatcher, "_cache", None)
+        if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
+            found._cache_file = MachineCode(found._cache_file)
+            found._guard_against_spurious_io_errors = _cache_is_optional
+        return Shared(dispatcher) if options.get("parallel") else dispatcher
+
+    return compiled
+
+
+class MachineCode:
+    """Compiled versions of a function on disk, a file for each: what it belongs to and a digest, and then the code.
+
+    Takes the place of the files of Numba's cache: damaged code ends the process, a damaged index every later one.
+    """
+
+    def __init__(self, files: Any) -> None:
+        self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
+        self.stamp = repr((numba.__version__, files._source_stamp, package_digest())).encode()
+        self.flush, self.dump = files.flush, files._dump
+
+    def _path(self, key: Any) -> Path:
+        return Path(f"{self.start}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}.code")
+
+    def load(self, key: Any) -> Any:
+        """What was kept under a key; None where that is nothing, old or damaged."""
+        try:
+            whole = self._path(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        if whole[:64] != blake2b(self.stamp + whole[64:]).digest():
+            return None
+        kept, data = pickle.loads(whole[64:])
+        return data if kept == key else None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep it, in place of what was kept under that key before."""
+        code, temporary = self.dump((key, data)), Path(f"{self.start}.{uuid.uuid4().hex}")
+        try:
+            temporary.write_bytes(blake2b(self.stamp + code).digest() + code)
+            os.replace(temporary, self._path(key))
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _cache_is_optional() -> Iterator[None]:
+    """Whatever is wrong with what is kept on disk: the kernel is compiled, or not kept."""
+    try:
+        yield
+    except Exception as error:
+        _say_uncached(str(error))
+
+
+@cache
+def _say_uncached(why: str) -> None:
+    if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
+        warnings.warn(
+            f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
+            "written and has room",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+class Shared:
+    """A compiled function that shares its loops out over threads; one such call at a time, others wait.
+
+    On the simplest of Numba's threading layers two at once would end the process, and a process that is forked off one
+    whose OpenMP threads have started would end, or wait for ever, at its first call.
+    """
+
+    running = threading.RLock()
+    lost = False  # whether this process was forked off one whose threads cannot be used here
+
+    def __init__(self, dispatcher: Any) -> None:
+        self.dispatcher = dispatcher
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # which copies ask of one that is still empty
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    def __call__(self, *arguments: Any) -> Any:
+        if Shared.lost:
+            raise RuntimeError(
+                "this process was forked off one in which sdhj had started threads, which OpenMP does not survive; "
+                "start processes with multiprocessing.get_context('spawn'), or set NUMBA_THREADING_LAYER=workqueue"
+            )
+        with Shared.running:
+            return self.dispatcher(*arguments)
+
+
+def _forked() -> None:
+    Shared.running = threading.RLock()
+    with suppress(ValueError):  # no threads were started
+        lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
+        Shared.lost = Shared.lost or lost
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
+
+
+def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as `kernel`.
+
+    It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
+    compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
+    """
+
+    inside: Any = {"forceinline": True, **options}
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        overload(function, strict=False, jit_options=inside)(lambda *types: function)
+        return function
+
+    return compiled
+
+
+def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
+    """A function that is one of a table of `inlined` ones: its first argument is `choice(table, name)`, others follow.
+
+    Which one it is, is known when compiling: the length of a tuple is part of its type.
+    """
+    functions = tuple(table.values())
+
+    def call(place: tuple[int, ...], *arguments: Any) -> Any:
+        return functions[len(place)](*arguments)
+
+    def compiled(place: Any, *types: Any) -> Callable[..., Any]:
+        function = functions[len(place)]
+        return lambda place, *arguments: function(*arguments)
+
+    overload(call, strict=False, jit_options={"forceinline": True})(compiled)
+    return call
+
+
+def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
+    """What stands for an entry of a table where `chosen` picks a function: as many zeros as entries precede it."""
+    return (0,) * list(table).index(name)
+
+
+@cache
+def package_digest() -> str:
+    """A digest of all source files of this package, names included."""
+    folder, digest = Path(__file__).parent, blake2b(digest_size=16)
+    for file in sorted(folder.rglob("*.py")):
+        text = file.read_bytes()
+        digest.update(f"{file.relative_to(folder).as_posix()} {len(text)} ".encode() + text)
+    return digest.hexdigest()
+
+
+class _Announcer(Listener):
+    """Says `LINE` when the first kernel of this package is compiled, not when it is read from the cache."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:
+        kernel = event.data["dispatcher"].py_func
+        if not self.said and kernel.__module__.startswith("sdhj."):
+            self.said = True
+            tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+def hidden(progress: bool | None) -> bool:
+    """Whether nothing is to be shown while work goes on; progress as for `solve`.
+
+    A program without a console, or with that descriptor closed, has no standard error, which tqdm does not survive.
+    """
+    stream: Any = sys.stderr
+    return stream is None or not (stream.isatty() if progress is None else progress)
+
+
+@contextmanager
+def announced(progress: bool | None = None) -> Iterator[None]:
+    """Within it, say once on standard error that kernels are compiled, should any be.
+
+    progress : as for `solve`; by default where standard error is a terminal.
+    """
+    if _listening or hidden(progress):  # what is around it says it already
+        yield
+        return
+    listener = _Announcer()
+    _listening.append(listener)
+    try:
+        with install_listener("numba:compile", listener):
+            yield
+    finally:
+        _listening.remove(listener)

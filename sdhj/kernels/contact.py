@@ -1,0 +1,280 @@
+"""Compiled proofs that what moves does not meet the arm, for whole cells and intervals, and the inputs of a state.
+
+Nothing here reads a problem: `sdhj.certified.arm_proof` prepares the arrays.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels import FloatArray, links
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.links import CONTACT_MARGIN, LINKS, Agent
+from sdhj.kernels.packed import BIT, FULL, cells_at, has_bit, has_bits, row_and_bit, set_bits
+
+
+class Disks(NamedTuple):
+    """Moving disks during the intervals of all steps, at most 64.
+
+    delta, depth : length of an interval, and how often it is halved at most; both 0 for an instant
+    centres (2^(depth + 1) + 1, steps, disks, 2) : each interval cut evenly
+    radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed
+    """
+
+    delta: float
+    depth: int
+    centres: FloatArray
+    radii: FloatArray
+    speeds: FloatArray
+
+
+class ArmMotion(NamedTuple):
+    """What one interval does to the cells of an arm and a pursuer, for `arm_inputs`.
+
+    first, number (4, L, n) : cells that cover the image of each cell of each axis, padded to one length
+    moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts
+    allowed (steps, L, n1, n2) : `cells_clear`
+    arm (3,) : see `link_points`
+    pursued : False where no pursuer can touch the arm
+    """
+
+    first: FloatArray
+    number: FloatArray
+    moves: FloatArray
+    parts: FloatArray
+    allowed: FloatArray
+    arm: FloatArray
+    agent: Agent
+    pursued: bool
+
+
+# ---- the pursuer
+
+
+@kernel()
+def touch_swept(link, moves1, moves2, arm, agent, room, block):
+    """Set the bits of the pursuer's cells from which it can meet a link during one interval. In place.
+
+    `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
+    part m the pursuer is within unsure + speed * (m + 1) * delta / parts of its cell on each axis.
+    """
+    parts, rows = moves2.shape[0], (0, agent.nx)
+    for part in range(parts):
+        n, remainder = links.link_points(link, moves1[part], moves2[part], arm, room)
+        size = links.convex_hull(n, room)
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
+        radius = agent.radius + CONTACT_MARGIN + remainder
+        links.touch_cells(size, radius, growth, agent, rows, room, block)
+
+
+@kernel(parallel=True)
+def pursuer_clear(moves1, moves2, arm, agent, out):
+    """Cells of the pursuer which it cannot use to touch the arm during one interval under one input.
+
+    moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints
+    out : (n1, n2, W) uint64, overwritten
+    """
+    n1, n2, words = out.shape
+    bits = agent.nx * agent.ny
+    for i1 in prange(n1):
+        room, first_link = links.make_room(), np.zeros(words, np.uint64)
+        touch_swept(0, moves1[i1], moves2[0], arm, agent, room, first_link)
+        for i2 in range(n2):
+            block = first_link.copy()
+            touch_swept(1, moves1[i1], moves2[i2], arm, agent, room, block)
+            for word in range(words):
+                out[i1, i2, word] = ~block[word]
+            if bits % 64:
+                out[i1, i2, words - 1] &= (BIT << np.uint64(bits % 64)) - BIT
+
+
+# ---- disks whose path is known
+
+
+@kernel(inline="always")
+def joints_during(cell, tau0, tau1, room):
+    """`joint_ends` of both joints in room.ends; cell (2, 4) has low, high, slow and fast of each."""
+    for joint in range(2):
+        low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
+        links.joint_ends(low, high, slow, fast, tau0, tau1, room.ends[joint])
+
+
+@kernel(inline="always")
+def disks_met(disks, instant, near, wanted, arm, room):
+    """Those of the `wanted` steps (bits) in which the arm, its joints within room.ends, may meet a disk.
+
+    The disks are within a time `near` of where they are at an instant of the interval.
+    """
+    met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
+    for link in range(LINKS if wanted != 0 else 0):
+        n, remainder = links.link_points(link, room.ends[0], room.ends[1], arm, room)
+        size = links.convex_hull(n, room)
+        left, right, low, high = links.box_of(room.hull_x, room.hull_y, size)
+        for step in range(len(centres)):
+            bit = BIT << np.uint64(step)
+            if wanted & bit == 0:
+                continue
+            for disk in range(radii.size):
+                px, py = centres[step, disk, 0], centres[step, disk, 1]
+                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN
+                if px < left - gap or px > right + gap or py < low - gap or py > high + gap:
+                    continue
+                if links.hull_distance(px, py, size, room) <= gap:
+                    met |= bit
+                    break
+    return met
+
+
+@kernel()
+def steps_blocked(cell, disks, arm, room, wanted):
+    """Steps (bits) in whose interval the arm may meet a disk from a cell under one input; cell as in `joints_during`.
+
+    The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that
+    is there, halving would not help. wanted (depth + 1,) is scratch: the steps that each level has to decide.
+    """
+    blocked, deep, here = np.uint64(0), 0, 0
+    wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
+    while here >> deep == 0:  # part `here` of 2^deep is at hand
+        span, instant = disks.delta / (1 << deep), (2 * here + 1) << (disks.depth - deep)
+        left = wanted[deep] & ~blocked
+        if left != 0:
+            joints_during(cell, span * here, span * (here + 1), room)
+            left = disks_met(disks, instant, span / 2, left, arm, room)
+            if deep == disks.depth:
+                blocked |= left
+            elif left != 0:
+                joints_during(cell, span * (here + 0.5), span * (here + 0.5), room)
+                blocked |= disks_met(disks, instant, 0.0, left, arm, room)
+            left &= ~blocked
+        if left != 0:
+            deep, here = deep + 1, 2 * here
+            wanted[deep] = left
+        else:
+            while here & 1:
+                deep, here = deep - 1, here >> 1
+            here += 1
+    return blocked
+
+
+@kernel(parallel=True)
+def cells_clear(ends1, ends2, velocities, disks, arm, out):
+    """Cells of the joint angles from which the arm stays clear of moving disks at every time of an interval.
+
+    ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least
+    and the greatest. out (steps, L, n1, n2) bool, overwritten.
+    """
+    steps, inputs, n1, n2 = out.shape
+    for i1 in prange(n1):
+        room, cell, wanted = links.make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
+        cell[0, 0], cell[0, 1] = ends1[i1, 0], ends1[i1, 1]
+        for i2 in range(n2):
+            cell[1, 0], cell[1, 1] = ends2[i2, 0], ends2[i2, 1]
+            for j in range(inputs):
+                for joint in range(2):
+                    cell[joint, 2], cell[joint, 3] = velocities[joint, j, 0], velocities[joint, j, 1]
+                blocked = steps_blocked(cell, disks, arm, room, wanted)
+                for step in range(steps):
+                    out[step, j, i1, i2] = (blocked >> np.uint64(step)) & BIT == 0
+
+
+# ---- tips inside the target
+
+
+@kernel(parallel=True)
+def tips_within(moves1, moves2, radius, arm, agent, out):
+    """Cells of all four axes whose every tip is within `radius` of wherever the agent of its cell may be.
+
+    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. out (n1, n2, W) uint64, overwritten.
+    """
+    n1, n2, _ = out.shape
+    for i1 in prange(n1):
+        room = links.make_room()
+        for i2 in range(n2):
+            out[i1, i2] = 0
+            n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
+            for bit in range(agent.nx * agent.ny):
+                left = agent.x + (bit // agent.ny) * agent.width_x - agent.unsure
+                low = agent.y + (bit % agent.ny) * agent.width_y - agent.unsure
+                right, high = left + agent.width_x + 2 * agent.unsure, low + agent.width_y + 2 * agent.unsure
+                furthest = 0.0
+                for corner in range(2, n):
+                    dx = max(abs(room.x[corner] - left), abs(room.x[corner] - right))
+                    dy = max(abs(room.y[corner] - low), abs(room.y[corner] - high))
+                    furthest = max(furthest, math.hypot(dx, dy))
+                if furthest + remainder + CONTACT_MARGIN <= radius:
+                    set_bits(out[i1, i2], bit, bit + 1)
+
+
+# ---- the inputs of a state
+
+
+@kernel()
+def image_certified(cell, j, motion, cells, index, pool):
+    """Whether the cells that cover the image of a cell under input j are all in the set (index, pool)."""
+    x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
+    x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
+    n1, n2, ny = cells.counts[0], cells.counts[1], cells.counts[3]
+    i1 = motion.first[0, j, cell[0]]
+    for _ in range(motion.number[0, j, cell[0]]):
+        i2 = motion.first[1, j, cell[1]]
+        for _ in range(motion.number[1, j, cell[1]]):
+            which = index[i1 * n2 + i2]
+            if which == 0:  # the empty block
+                return False
+            for x in range(x0, x1):
+                if not has_bits(pool[which], x * ny + y0, x * ny + y1):
+                    return False
+            i2 = i2 + 1 if i2 + 1 < n2 else 0
+        i1 = i1 + 1 if i1 + 1 < n1 else 0
+    return True
+
+
+@kernel()
+def pursuer_meets(cell, j, motion, room, block):
+    """Whether the pursuer of one cell can touch the arm under input j: what `pursuer_clear` says, for one cell.
+
+    Half the margin of `pursuer_clear` is enough, and makes sure that a difference in rounding between the two never
+    takes from a certified cell the input it was certified with.
+    """
+    agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
+    bit = cell[2] * agent.ny + cell[3]
+    left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
+    for part in range(parts):
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
+        ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
+        for link in range(LINKS):
+            n, remainder = links.link_points(link, ends1, ends2, motion.arm, room)
+            radius = agent.radius + 0.5 * CONTACT_MARGIN + remainder
+            least_x, most_x, least_y, most_y = links.box_of(room.x, room.y, n)
+            reach = radius + growth
+            beside = least_x - reach > left + agent.width_x or most_x + reach < left
+            if beside or least_y - reach > low + agent.width_y or most_y + reach < low:
+                continue
+            block[bit >> 6] = 0
+            links.touch_cells(links.convex_hull(n, room), radius, growth, agent, rows, room, block)
+            if has_bit(block, bit):
+                return True
+    return False
+
+
+@kernel(nogil=True)
+def arm_inputs(states, step, cells, motion, index, following, pool, out):
+    """The inputs certified for states (M, 4): out (M, L) bool, overwritten.
+
+    index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks
+    """
+    room, block, found = links.make_room(), np.empty(pool.shape[1], np.uint64), np.empty((16, 4), np.int64)
+    out[:] = False
+    for m in range(len(states)):
+        for k in range(cells_at(states[m], cells, found)):
+            cell = found[k]
+            row, bit = row_and_bit(cell, cells)
+            if not has_bit(pool[index[row]], bit):
+                continue
+            for j in range(out.shape[1]):
+                if out[m, j] or not motion.allowed[step, j, cell[0], cell[1]]:
+                    continue
+                if image_certified(cell, j, motion, cells, following, pool):
+                    out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, room, block))

@@ -1,0 +1,127 @@
+"""Multilinear interpolation on a grid, in any number of dimensions, and what compiled look-ups share with it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels.compiling import kernel
+
+OUTSIDE = np.inf  # what a level-set function is worth where nothing is known: outside every set
+SLACK = 1e-6  # cells beyond a wall that still count as on it: the rounding of lower + i * spacing
+FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it in one
+
+
+class Lattice(NamedTuple):
+    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, as `Grid` names them.
+
+    What is looked up may hold some of the nodes only, `extent` of each axis from the node `first` on (`Window`).
+    """
+
+    lower: Any
+    spacing: Any
+    shape: Any
+    periodic: Any
+    least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
+    most: Any
+    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2, ndim)
+    first: Any
+    extent: Any
+
+
+@kernel()
+def locate(coordinate, axis, lattice):
+    """(node at or left of a coordinate, weight of the node to its right); beyond a wall, those of the wall.
+
+    Nodes of a periodic axis are to be taken modulo its shape.
+    """
+    position = (coordinate - lattice.lower[axis]) / lattice.spacing[axis]
+    if lattice.periodic[axis]:
+        left = int(np.floor(position))
+    else:
+        position = min(max(position, 0.0), lattice.shape[axis] - 1.0)
+        left = min(int(position), lattice.shape[axis] - 2)
+    return left, position - left
+
+
+@kernel()
+def on_grid(point, lattice):
+    """Whether a point (ndim,) is finite and within the walls."""
+    for axis in range(point.size):
+        position = (point[axis] - lattice.lower[axis]) / lattice.spacing[axis]
+        if not (abs(position) < FAR):
+            return False
+        if not lattice.periodic[axis] and not (-SLACK <= position <= lattice.shape[axis] - 1 + SLACK):
+            return False
+    return True
+
+
+@kernel()
+def corners(point, axes, lattice, tiny, index, weight):
+    """Flat indices and weights of the nodes around a point on the subgrid of `axes`; returns how many.
+
+    Nodes of no weight are left out; a weight below `tiny` is taken for rounding, the point for one on the other node.
+    `index` and `weight`, both (2^len(axes),), are modified in place.
+    """
+    index[0] = 0
+    weight[0] = 1.0
+    count = 1
+    for axis in axes:
+        nodes = lattice.shape[axis]
+        left, right = locate(point[axis], axis, lattice)
+        if right >= 1.0 - tiny:
+            left += 1
+            right = 0.0
+        elif right < tiny:
+            right = 0.0
+        here = (left - lattice.first[axis]) % nodes
+        there = (left + 1 - lattice.first[axis]) % nodes
+        more = count
+        for c in range(count):
+            start = index[c] * lattice.extent[axis]
+            if right > 0.0:
+                index[more] = start + there
+                weight[more] = weight[c] * right
+                more += 1
+            index[c] = start + here
+            weight[c] *= 1.0 - right
+        count = more
+    return count
+
+
+@kernel()
+def weighted(values, row, index, weight, count):
+    """The interpolated `values[row]`, of values (rows, size), between the nodes that `corners` found."""
+    total = 0.0
+    for c in range(count):
+        total += weight[c] * values[row, index[c]]
+    return total
+
+
+@kernel(parallel=True)
+def interpolate(values, points, lattice):
+    """Interpolate grid `values` (1, size) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
+    count, ndim = points.shape
+    out = np.empty(count)
+    chunk = 1024  # one pair of scratch rows for each chunk of points
+    for block in prange((count + chunk - 1) // chunk):
+        index = np.empty(1 << ndim, np.int64)
+        weight = np.empty(1 << ndim)
+        axes = np.arange(ndim)
+        start = np.int64(block) * chunk
+        for m in range(start, min(start + chunk, count)):
+            if on_grid(points[m], lattice):
+                out[m] = weighted(values, 0, index, weight, corners(points[m], axes, lattice, 0.0, index, weight))
+            else:
+                out[m] = OUTSIDE
+    return out
+
+
+@kernel(nogil=True)
+def wrap(points, lower, upper, periodic):
+    """Turn the coordinates of periodic axes to where they are between the ends, upper left out; `points` is written."""
+    for m in range(points.shape[0]):
+        for axis in range(points.shape[1]):
+            if periodic[axis]:
+                turned = lower[axis] + (points[m, axis] - lower[axis]) % (upper[axis] - lower[axis])
+                points[m, axis] = turned if turned < upper[axis] else lower[axis]  # rounding may reach the end

@@ -1,0 +1,242 @@
+"""Compiled operations on packed sets of cells, and the questions of states about them.
+
+A *block* holds the packed cells of one row cell: bit b of the block is bit b % 64 of its word b // 64. Where two packed
+axes x and y have nx and ny cells, cell (x, y) is bit x * ny + y.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import kernel
+
+STATE_SLACK = 1e-10  # of a state's coordinate: see the docstring of sdhj.certified.sets
+TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
+FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
+BIT = np.uint64(1)
+
+
+class Cells(NamedTuple):
+    """The cells of every axis as arrays of shape (ndim,), and how blocks are packed."""
+
+    lower: FloatArray
+    width: FloatArray
+    length: FloatArray
+    counts: FloatArray
+    periodic: FloatArray
+    rows: int  # leading axes that number the blocks; the others are packed
+
+
+def to_words(bits: FloatArray) -> FloatArray:
+    """Bool (..., n) as uint64 (..., ceil(n / 64)), the first bit lowest."""
+    padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
+    padded[..., : bits.shape[-1]] = bits
+    return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
+
+
+def to_bits(blocks: FloatArray, count: int) -> FloatArray:
+    """Blocks (R, W) as bool (R, count)."""
+    return np.unpackbits(blocks.view(np.uint8), axis=1, count=count, bitorder="little").view(np.bool_)
+
+
+# ---- bits of a block
+
+
+@kernel(inline="always")
+def has_bit(block, bit):
+    return (block[bit >> 6] >> np.uint64(bit & 63)) & BIT != 0
+
+
+@kernel(inline="always")
+def bits_between(word, start, stop):
+    """The bits of word number `word` that are among the bits start..stop-1 of a block."""
+    bits = FULL
+    if word == start >> 6:
+        bits &= FULL << np.uint64(start & 63)
+    if word == (stop - 1) >> 6:
+        bits &= FULL >> np.uint64(63 - ((stop - 1) & 63))
+    return bits
+
+
+@kernel(inline="always")
+def set_bits(block, start, stop):
+    """Set the bits start..stop-1 of a block. In place."""
+    for word in range(start >> 6, ((stop - 1) >> 6) + 1):
+        block[word] |= bits_between(word, start, stop)
+
+
+@kernel(inline="always")
+def has_bits(block, start, stop):
+    """Whether the bits start..stop-1 are all set."""
+    for word in range(start >> 6, ((stop - 1) >> 6) + 1):
+        if ~block[word] & bits_between(word, start, stop) != 0:
+            return False
+    return True
+
+
+@kernel(inline="always")
+def _shifted_word(block, word, shift):
+    """Word `word` of the block moved so that bit b shows bit b + shift (zero beyond the ends)."""
+    source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
+    shown = np.uint64(0)
+    if 0 <= source < block.size:
+        shown |= block[source] >> np.uint64(bit)
+    if bit > 0 and 0 <= source + 1 < block.size:
+        shown |= block[source + 1] << np.uint64(64 - bit)
+    return shown
+
+
+# ---- whole sets
+
+
+@kernel(parallel=True)
+def erode_packed(cells, shifts, passes):
+    """AND of shifted copies of every block, one packed axis after the other.
+
+    cells (R, W) uint64, modified in place. shifts (A, K) int64 : for each packed axis in bits, zero entries are
+    skipped. passes (A, K, W) uint64 : bits whose shifted neighbour lies beyond a wall, they pass.
+    """
+    rows, words = cells.shape
+    for row in prange(rows):
+        block = np.empty(words, np.uint64)
+        for axis in range(shifts.shape[0]):
+            for word in range(words):
+                block[word] = cells[row, word]
+            for k in range(shifts.shape[1]):
+                for word in range(words if shifts[axis, k] != 0 else 0):
+                    cells[row, word] &= _shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
+
+
+@kernel(parallel=True)
+def erode_rows(cells, first, number, out):
+    """out[i] = AND of cells[(first[i] + c) % n] for c < number[i], of rows of (n, W) arrays."""
+    n, words = cells.shape
+    for row in prange(n):
+        i, k = np.int64(row), first[row]
+        for word in range(words):
+            out[i, word] = cells[k, word]
+        for _ in range(1, number[i]):
+            k = k + 1 if k + 1 < n else 0
+            for word in range(words):
+                out[i, word] &= cells[k, word]
+
+
+@kernel(parallel=True)
+def add_certified(cells, first, number, allowed, clear, out):
+    """out |= (erosion of `cells` along the middle axis, as in `erode_rows`) & clear, for the row cells where `allowed`.
+
+    cells, clear, out (A, n, W) uint64, `out` modified in place; first, number (n,) int64; allowed (A, n) bool.
+    """
+    outer, n, words = cells.shape
+    for a in prange(outer):
+        block = np.empty(words, np.uint64)
+        for i in range(n):
+            if not allowed[a, i]:
+                continue
+            k, some = first[i], np.uint64(0)
+            for word in range(words):
+                block[word] = cells[a, k, word] & clear[a, i, word]
+                some |= block[word]
+            for _ in range(1, number[i]):
+                if some == 0:
+                    break
+                k, some = k + 1 if k + 1 < n else 0, np.uint64(0)
+                for word in range(words):
+                    block[word] &= cells[a, k, word]
+                    some |= block[word]
+            for word in range(words if some != 0 else 0):
+                out[a, i, word] |= block[word]
+
+
+# ---- questions about states
+#
+# Serial and without Python's lock: batches are shared out over threads, and only some of Numba's threading layers take
+# calls of parallel kernels from several threads at once.
+
+
+@kernel()
+def cells_at(state, cells, found):
+    """The cells within STATE_SLACK of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
+
+    None off a bounded axis.
+    """
+    held = 1
+    for axis in range(state.size):
+        count, length, width = cells.counts[axis], cells.length[axis], cells.width[axis]
+        offset = state[axis] - cells.lower[axis]
+        if cells.periodic[axis]:
+            offset -= length * math.floor(offset / length)
+        elif offset < -STATE_SLACK or offset > length + STATE_SLACK:
+            return 0
+        below, above = offset - STATE_SLACK, offset + STATE_SLACK
+        first = min(max(math.floor(below / width), 0), count - 1)
+        last = min(max(math.floor(above / width), 0), count - 1)
+        if cells.periodic[axis] and below < 0.0:
+            first = count - 1
+        if cells.periodic[axis] and above >= length:
+            last = 0
+        for k in range(held):
+            found[k, axis] = first
+            if last != first:
+                found[held + k, :axis] = found[k, :axis]
+                found[held + k, axis] = last
+        held *= 1 if last == first else 2
+    return held
+
+
+@kernel(inline="always")
+def row_and_bit(cell, cells):
+    """(row, bit) of a cell."""
+    row, bit = 0, 0
+    for axis in range(cell.size):
+        if axis < cells.rows:
+            row = row * cells.counts[axis] + cell[axis]
+        else:
+            bit = bit * cells.counts[axis] + cell[axis]
+    return row, bit
+
+
+@kernel(nogil=True)
+def fewest_steps(states, cells, index, pool, out):
+    """The first of nested sets with a certified cell within STATE_SLACK of each of the states (M, ndim).
+
+    index (n, R), pool (B, W) : the blocks of each row of the n sets, each inside the next
+    out (M,) int64 : 0 to n - 1, or n where none holds the state. Overwritten.
+    """
+    found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
+    for m in range(states.shape[0]):
+        out[m] = index.shape[0]
+        for k in range(cells_at(states[m], cells, found)):
+            row, bit = row_and_bit(found[k], cells)
+            least, most = 0, out[m]  # bisection: the sets before `least` do not hold the cell, `most` may
+            while least < most:
+                middle = (least + most) // 2
+                if has_bit(pool[index[middle, row]], bit):
+                    most = middle
+                else:
+                    least = middle + 1
+            out[m] = most
+
+
+@kernel(nogil=True)
+def held_in_boxes(first, last, cells, index, pool, out):
+    """Whether all, and whether any, of the cells from first to last, both (M, ndim), are in a set: out (2, M) bool.
+
+    index (R,), pool (B, W) : the set's blocks. Overwritten.
+    """
+    for m in range(first.shape[0]):
+        cell, more = first[m].copy(), True
+        out[0, m], out[1, m] = True, False
+        while more and (out[0, m] or not out[1, m]):
+            row, bit = row_and_bit(cell, cells)
+            held = has_bit(pool[index[row]], bit)
+            out[0, m], out[1, m] = out[0, m] and held, out[1, m] or held
+            axis = cell.size - 1
+            while axis >= 0 and cell[axis] == last[m, axis]:
+                cell[axis] = first[m, axis]
+                axis -= 1
+            more = axis >= 0
+            cell[axis] += 1 if more else 0

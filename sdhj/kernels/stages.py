@@ -1,0 +1,317 @@
+"""Compiled kernels behind `sdhj.solver.schemes`: one Runge-Kutta stage of a Hamilton-Jacobi equation on the whole grid.
+
+`stage` serves any number of dimensions, order of differences and numerical Hamiltonian. What belongs to an axis stands
+in a tuple with one entry for each; functions that go through it by calling themselves with what is left of it are
+unrolled when compiled (`sdhj.kernels.compiling.inlined`), so all that happens at a node is one loop without branches,
+in registers. The loop runs over planes of the last two axes, which carry ghost nodes and so are one long row that the
+compiler vectorises; other axes find their neighbouring planes in a table (`Layout`).
+
+Pieces of whole rows are shared by threads, each written by one, so results do not depend on how many there are.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import chosen, inlined, kernel
+
+REACH = 3  # nodes to each side that the kernels can read
+BLOCKS = 64  # pieces that threads share a stage in
+# Fused multiply-adds and the sign of zero may vary; NaN and infinity keep their meaning.
+MATH = {"contract", "nsz"}
+_inlined = inlined(fastmath=MATH)
+
+
+class Layout(NamedTuple):
+    """How a grid function lies in memory: planes of the last two axes (one row, for one axis alone), with ghost nodes.
+
+    A plane is flat: rows + 2 top padded rows of `width` = nodes + 2 ghosts values. The kernels run over `chunks` runs
+    of whole rows of it, ghost nodes in between included, because one long loop is faster than many short ones; the
+    ghost nodes are set afterwards.
+    """
+
+    near: FloatArray  # (planes, ndim, 6): where a plane begins when moved 1, 2, 3 nodes left or right along each axis
+    source: FloatArray  # (rows + 2 top,): the row whose values each padded row holds
+    rows: int
+    top: int
+    nodes: int
+    width: int
+    ghosts: int
+    chunks: int
+    periodic: bool  # the last axis
+
+
+@_inlined
+def _smaller(a, b):
+    return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
+
+
+@_inlined
+def _larger(a, b):
+    return a if a > b else b
+
+
+# Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
+@_inlined
+def first_order(c, left, right):
+    return c - left[0], right[0] - c
+
+
+@_inlined
+def second_order(c, left, right):
+    """Each difference is corrected by half the smaller of the second differences at its two nodes."""
+    half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
+    minus, plus = c - m1, p1 - c
+    bend = plus - minus
+    return minus + half * _smaller(minus - (m1 - m2), bend), plus - half * _smaller((p2 - p1) - plus, bend)
+
+
+@_inlined
+def third_order(c, left, right):
+    """The parabola through the node and two on one side, or one on each, whichever bends less; the smaller cubic."""
+    half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
+    (m1, m2, m3), (p1, p2, p3) = left, right
+    minus, plus = c - m1, p1 - c
+    far_minus, far_plus = m1 - m2, p2 - p1
+    bend_m, bend, bend_p = minus - far_minus, plus - minus, far_plus - plus
+    inner_m, inner_p = bend - bend_m, bend_p - bend
+    outer_m, outer_p = bend_m - (far_minus - (m2 - m3)), ((p3 - p2) - far_plus) - bend_p
+    near_m = half * bend - sixth * _smaller(inner_m, inner_p)
+    near_p = half * bend + sixth * _smaller(inner_p, inner_m)
+    far_m = half * bend_m + third * _smaller(outer_m, inner_m)
+    far_p = half * bend_p - third * _smaller(outer_p, inner_p)
+    return minus + (far_m if abs(bend_m) < abs(bend) else near_m), plus - (far_p if abs(bend_p) < abs(bend) else near_p)
+
+
+# Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
+@_inlined
+def godunov(minus, plus, low, high):
+    """The exact one: each velocity takes its upwind difference, standing still is allowed where the box holds zero."""
+    zero = type(low)(0.0)
+    best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
+    return _larger(best, zero) if (low < zero) & (high > zero) else best
+
+
+@_inlined
+def lax_friedrichs(minus, plus, low, high):
+    """H of the mean difference and just enough dissipation."""
+    half = type(low)(0.5)
+    mean = half * (minus + plus)
+    return _larger(low * mean, high * mean) + half * _larger(abs(low), abs(high)) * (plus - minus)
+
+
+# An order or a numerical Hamiltonian of your own is a function like those above and an entry in its table here.
+DIFFERENCES = {1: first_order, 2: second_order, 3: third_order}
+HAMILTONIANS = {"godunov": godunov, "lax-friedrichs": lax_friedrichs}
+_differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
+
+
+@_inlined
+def _axes(rest, near, start, first, velocities):
+    """For each axis where the runs to its left and to its right begin, and its velocities; `rest` has those to come.
+
+    Read before the loop and kept in registers: for all the compiler knows, the loop may write over any array.
+    """
+    if len(rest) == 0:
+        return ()
+    axis = len(near) - len(rest)
+    at = near[axis]
+    left = np.uint64(at[0] + start), np.uint64(at[1] + start), np.uint64(at[2] + start)
+    right = np.uint64(at[3] + start), np.uint64(at[4] + start), np.uint64(at[5] + start)
+    this = left, right, _velocity(velocities, axis, len(near), first)
+    return (this, *_axes(rest[1:], near, start, first, velocities))
+
+
+@_inlined
+def _velocity(velocities, axis, ndim, first):
+    """The lower and upper velocity of an axis; or, where they depend on the state, where those begin, and 1 / dx."""
+    box = velocities[0]
+    if len(velocities) == 1:
+        return box[axis], box[ndim + axis]
+    size = box.size // (2 * ndim)
+    at = first % size  # there may be one plane for all
+    return np.uint64(axis * size + at), np.uint64((ndim + axis) * size + at), velocities[1][axis]
+
+
+@_inlined
+def _upwind(phi, axis, box, order, c, i):
+    """p-, p+ and the velocities of one axis at node i of a run, where phi is c."""
+    (l1, l2, l3), (r1, r2, r3), velocity = axis
+    left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
+    return _scaled(*_differences(order, c, left, right), velocity, box, i)
+
+
+@_inlined
+def _scaled(minus, plus, velocity, box, i):
+    if len(velocity) == 2:  # constants, which have been divided by dx
+        return minus, plus, velocity[0], velocity[1]
+    low, high, inverse = velocity
+    return inverse * minus, inverse * plus, box[low + i], box[high + i]
+
+
+@_inlined
+def _sum(axes, total, phi, box, scheme, c, i):
+    """`total` and the numerical Hamiltonians of the axes at node i, one after the other."""
+    if len(axes) == 0:
+        return total
+    order, flux = scheme
+    total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
+    return _sum(axes[1:], total, phi, box, scheme, c, i)
+
+
+@_inlined
+def _dot(rest, total, p, field, at, stride, i):
+    """`total` and the products p * field of the axes at node i; `rest` has those to come, `stride` lies between two."""
+    if len(rest) == 0:
+        return total
+    total += p[len(p) - len(rest), i] * field[at + i]
+    return _dot(rest[1:], total, p, field, at + stride, stride, i)
+
+
+@_inlined
+def _kept(keep, old):
+    """keep * old, and 0 where nothing is kept: what was there need not even be a number."""
+    return keep * (old if keep > 0 else keep)
+
+
+@kernel(fastmath=MATH)
+def _advance_box(out, phi, here, count, axes, box, scheme, step):
+    """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
+
+    Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
+    """
+    dt, keep = step
+    zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
+    for node in range(count):
+        i = np.uint64(node)
+        c = phi[here + i]
+        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
+
+
+@kernel(fastmath=MATH)
+def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
+    """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
+    half = phi.dtype.type(0.5)
+    for node in range(mean.size):
+        i = np.uint64(node)
+        minus, plus, low, high = _upwind(phi, axis, box, order, phi[here + i], i)
+        mean[i] = half * (minus + plus)
+        rhs[i] += half * _larger(abs(low), abs(high)) * (plus - minus)
+
+
+@kernel(fastmath=MATH)
+def raise_to(out, wall):
+    for i in range(out.size):
+        out[i] = _larger(out[i], wall[i])
+
+
+@kernel(fastmath=MATH)
+def _raise_to_mode(best, p, axes, drift, gain, first):
+    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on; drift (ndim, nodes) and so on."""
+    value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
+    at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
+    for node in range(value.size):
+        i = np.uint64(node)
+        value[i] = _dot(axes, zero, p, flat, at, stride, i)
+    for d in range(gain.shape[1]):
+        size, flat = gain.shape[2], gain.ravel()
+        at, stride = np.uint64(d * size + first % size), np.uint64(gain.shape[1] * size)
+        for node in range(value.size):
+            i = np.uint64(node)
+            value[i] += abs(_dot(axes, zero, p, flat, at, stride, i))
+    raise_to(best, value)
+
+
+@kernel(fastmath=MATH)
+def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
+    """As `_advance_box`, for coupled velocities: loop by loop, as there are too many of them for the registers."""
+    (dt, keep), (box, _, drift, gain) = step, velocities
+    rest, like = phi.dtype.type(1.0) - keep, phi[:count]
+    p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
+    for axis in range(len(axes)):
+        _mean_and_dissipation(p[axis], rhs, phi, here, axes[axis], box, order)
+    for mode in range(len(drift)):
+        _raise_to_mode(best, p, axes, drift[mode], gain[mode], np.int64(here))
+    for node in range(count):
+        i = np.uint64(node)
+        out[here + i] = _kept(keep, out[here + i]) + rest * (phi[here + i] + dt * (rhs[i] + best[i]))
+
+
+@kernel()
+def _fill_ghosts(plane, layout, begin, end):
+    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
+    n, g, width = layout.nodes, layout.ghosts, layout.width
+    for row in range(begin + layout.top, end + layout.top):
+        base = row * width
+        for o in range(g):
+            left, right = (n + o, g + o) if layout.periodic else (g, n + g - 1)
+            plane[base + o] = plane[base + left]
+            plane[base + n + g + o] = plane[base + right]
+    for ghost in range(2 * layout.top):
+        row = ghost if ghost < layout.top else ghost + layout.rows
+        source = layout.source[row]
+        for i in range(width if begin <= source < end else 0):  # slices bring an error message, seconds of compiling
+            plane[row * width + i] = plane[(source + layout.top) * width + i]
+
+
+@kernel(fastmath=MATH)
+def _share(phi, out, wall, velocities, scheme, layout, step, share):
+    """What one thread does of `stage`: (which share, of how many)."""
+    flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
+    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
+    for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
+        plane = task // layout.chunks
+        chunk = task - plane * layout.chunks
+        begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
+        start = (begin + layout.top) * layout.width + layout.ghosts
+        first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
+        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
+        if len(velocities) == 4:
+            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
+        else:
+            _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
+        if least.size > 0:
+            raise_to(ahead[first : first + count], least[first : first + count])
+        _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
+
+
+@kernel(parallel=True, fastmath=MATH)
+def stage(phi, out, wall, velocities, order, flux, layout, step):
+    """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
+
+    phi, out : values as `Layout` has them, an axis of the array for each of the grid; `out` is modified in place, ghost
+        nodes included.
+    wall : the obstacle, likewise, or (0,) for none.
+    velocities : as many as there are say what they are when this is compiled:
+        (box,): the lower velocities of all axes and the upper ones, divided by dx;
+        (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
+        (box, inverse, drift, gain): coupled ones, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs:
+        H = max over modes of p . drift + sum_d |p . gain_d|, the box gives the dissipation.
+        Any of the three has one plane instead of all where it does not depend on the state.
+    order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
+    step : dt and keep.
+    """
+    blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
+    for block in prange(blocks):
+        _share(phi, out, wall, velocities, (order, flux), layout, step, (np.int64(block), blocks))
+
+
+@kernel(parallel=True)
+def to_planes(values, out, layout):
+    """Copy values (planes, rows, nodes) into `out` (planes, padded rows, width), ghost nodes included."""
+    for plane in prange(values.shape[0]):
+        for row in range(layout.rows):
+            for i in range(layout.nodes):
+                out[plane, layout.top + row, layout.ghosts + i] = values[plane, row, i]
+        _fill_ghosts(out[plane].ravel(), layout, 0, layout.rows)
+
+
+@kernel(parallel=True)
+def from_planes(phi, out, layout):
+    """Copy phi (planes, padded rows, width) into `out` (planes, rows, nodes), without the ghost nodes."""
+    for plane in prange(out.shape[0]):
+        for row in range(layout.rows):
+            for i in range(layout.nodes):
+                out[plane, row, i] = phi[plane, layout.top + row, layout.ghosts + i]

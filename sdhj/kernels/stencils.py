@@ -1,0 +1,309 @@
+"""Compiled tests of packed cells: which images are in a set, which tubes meet an unsafe set, what a change can reach.
+
+A cell of a set is bit `cell[-1]` of its row; rows count the cells of all other axes, the last of them fastest. How far
+an interval moves a cell is told in cells: from cell + low to cell + high on each axis, clipped at the ends of a bounded
+one. It depends on some of the axes only: on the cell's *place*, their part of it, a row of `Moves`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.packed import BIT, STATE_SLACK, cells_at, has_bit, has_bits, row_and_bit
+
+
+class Moves(NamedTuple):
+    """The cells that everything a cell can lead to lies in: low, high (L, places, ndim) int16, from its own on.
+
+    strides (ndim,) int64: a cell is at the place sum(cell * strides). safe (2, ndim): the safe ends, infinite where
+    there are none: of what is past one by a cell or more, and so by more than rounding, no cell is asked for.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    strides: FloatArray
+    safe: FloatArray
+
+
+class Boxes(NamedTuple):
+    """Boxes of equal size on the axes that an unsafe set depends on, and how many of them may meet it.
+
+    axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. sums
+    (parts, prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the
+    interval, or one for all.
+    """
+
+    axes: FloatArray
+    sizes: FloatArray
+    lower: FloatArray
+    pitch: FloatArray
+    length: FloatArray
+    periodic: FloatArray
+    sums: FloatArray
+
+
+@kernel(inline="always")
+def cell_of(number, counts, cell):
+    """Write the cell whose flat number, last axis fastest, is `number`."""
+    for back in range(counts.size):
+        axis = counts.size - 1 - back
+        cell[axis] = number % counts[axis]
+        number //= counts[axis]
+
+
+@kernel()
+def image_inside(cell, low, high, safe, cells, index, pool, room):
+    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
+
+    safe (2, ndim): see `Moves`.
+    """
+    first, number, at, last, total = room[0], room[1], room[2], cell.size - 1, 1
+    for axis in range(cell.size):
+        count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
+        if not cells.periodic[axis]:
+            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
+                return True
+            begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
+        elif end - begin >= count:
+            begin, end = 0, count - 1
+        first[axis], number[axis], at[axis] = begin, end - begin + 1, 0
+        total *= number[axis] if axis < last else 1
+    count = cells.counts[last]
+    begin = first[last] % count
+    end = begin + number[last]
+    for _ in range(total):
+        row = 0
+        for axis in range(last):
+            row = row * cells.counts[axis] + (first[axis] + at[axis]) % cells.counts[axis]
+        block = pool[index[row]]
+        if not has_bits(block, begin, min(end, count)) or (end > count and not has_bits(block, 0, end - count)):
+            return False
+        axis = last - 1
+        while axis >= 0:
+            at[axis] += 1
+            if at[axis] < number[axis]:
+                break
+            at[axis] = 0
+            axis -= 1
+    return True
+
+
+@kernel(parallel=True)
+def grow(rows, own, following, clear, moves, cells, stays):
+    """Of the cells in some rows, add those that an input takes into `following`; stays: keep only those of `own`.
+
+    own, following (R, W), `own` modified in place; clear (cells, bytes): which inputs are safe from each cell.
+    """
+    last, ndim = cells.counts[-1], cells.counts.size
+    index, inputs = np.arange(len(own)), moves.low.shape[0]
+    for i in prange(rows.size):
+        row = rows[i]
+        cell, room, tried = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64), 0
+        for bit in range(last):
+            if has_bit(own[row], bit) != stays:
+                continue
+            cell_of(row * last + bit, cells.counts, cell)
+            place, found, safe = np.sum(cell * moves.strides), False, clear[row * last + bit]
+            for turn in range(inputs):
+                j = (tried + turn) % inputs  # what served the cell before is tried first
+                if (safe[j >> 3] >> (j & 7)) & 1 and image_inside(
+                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, index, following, room
+                ):
+                    found, tried = True, j
+                    break
+            if found != stays:
+                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)
+
+
+@kernel()
+def reached_rows(rows, reach, cells, out):
+    """Mark the rows with cells whose images may hold cells of some rows; reach (2, ndim), the greatest of all moves."""
+    last = cells.counts.size - 1
+    counts, cell, at = cells.counts[:last], np.empty(last, np.int64), np.empty((2, last), np.int64)
+    for row in rows:
+        cell_of(row, counts, cell)
+        total = 1
+        for axis in range(last):
+            count, begin, end = counts[axis], cell[axis] - reach[1, axis], cell[axis] - reach[0, axis]
+            if cells.periodic[axis]:
+                end = min(end, begin + count - 1)
+            else:  # the end cells are in every image that was clipped
+                begin = 0 if cell[axis] == 0 else max(begin, 0)
+                end = count - 1 if cell[axis] == count - 1 else min(end, count - 1)
+            at[0, axis], at[1, axis] = begin, max(end - begin + 1, 0)
+            total *= at[1, axis]
+        for code in range(total):
+            rest, flat, stride = code, 0, 1
+            for back in range(last):
+                axis = last - 1 - back
+                flat += (at[0, axis] + rest % at[1, axis]) % counts[axis] * stride
+                rest //= at[1, axis]
+                stride *= counts[axis]
+            out[flat] = True
+
+
+@kernel(inline="always")
+def boxes_meeting(box, part, lattice, at):
+    """How many lattice boxes that may meet the set in a part a box (2, d) overlaps; at (2, d) is scratch."""
+    for k in range(at.shape[1]):
+        size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
+        begin, end = box[0, k] - lattice.lower[k], box[1, k] - lattice.lower[k]
+        if lattice.periodic[k]:
+            lap = size // 2
+            if end - begin >= length:
+                at[0, k], at[1, k] = 0, lap
+                continue
+            begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
+            at[0, k] = min(math.floor(begin / pitch), lap - 1)
+            if end > length:
+                at[1, k] = lap + min(math.ceil((end - length) / pitch), lap)
+            else:
+                at[1, k] = min(math.ceil(end / pitch), lap)
+        else:
+            at[0, k] = min(max(math.floor(begin / pitch), 0), size - 1)
+            at[1, k] = min(max(math.ceil(end / pitch), 0), size)
+        at[1, k] = max(at[1, k], at[0, k] + 1)
+    total = 0
+    for corner in range(1 << at.shape[1]):
+        flat, sign = 0, 1
+        for k in range(at.shape[1]):
+            side = (corner >> k) & 1
+            sign = sign if side else -sign
+            flat = flat * (lattice.sizes[k] + 1) + at[side, k]
+        total += sign * lattice.sums[part, flat]
+    return total
+
+
+class Placed(NamedTuple):
+    """Cells by place and the rest: number = begin[place] + offset[rest], rest < free; and their edges.
+
+    counts (ndim,); edges (ndim, most + 1); safe (2, ndim): the safe ends, infinite where there are none.
+    """
+
+    counts: FloatArray
+    begin: FloatArray
+    offset: FloatArray
+    free: int
+    edges: FloatArray
+    safe: FloatArray
+
+
+@kernel()
+def parts_inside(cell, tube, layout):
+    """In how many parts of the interval, from the first on, what was in a cell may still be between the safe ends."""
+    for axis in range(cell.size):
+        if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
+            break
+    else:
+        return tube.shape[0]
+    for part in range(tube.shape[0]):
+        for axis in range(cell.size):
+            if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] + STATE_SLACK or (
+                layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis] - STATE_SLACK
+            ):
+                return part
+    return tube.shape[0]
+
+
+@kernel(parallel=True)
+def strike(clear, tubes, places, lattice, bit, layout, narrow):
+    """Clear a bit of the cells from which a tube may meet an unsafe set.
+
+    clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
+    cell at a place move in each part of the interval. places (begin, end) of the cells looked at. narrow: what rounding
+    may have added to a tube, which the lattice's boxes are wider by.
+    """
+    ndim, axes, kinds = layout.counts.size, lattice.axes, lattice.sums.shape[0]
+    for i in prange((places[1] - places[0]) * layout.free):
+        cell, box, at = np.empty(ndim, np.int64), np.empty((2, axes.size)), np.empty((2, axes.size), np.int64)
+        place, met = places[0] + i // layout.free, False
+        number = layout.begin[place] + layout.offset[i % layout.free]
+        if clear[number] & bit == 0:
+            continue
+        cell_of(number, layout.counts, cell)
+        tube = tubes[place - places[0]]
+        tube = tube[: parts_inside(cell, tube, layout)]
+        for part in range(-1 if kinds == 1 else 0, tube.shape[0]):  # where one lattice is that of all, all parts first
+            begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
+            for k in range(axes.size):
+                axis = axes[k]
+                box[0, k] = layout.edges[axis, cell[axis]] + tube[begin:end, axis, 0].min() + narrow
+                box[1, k] = layout.edges[axis, cell[axis] + 1] + tube[begin:end, axis, 1].max() - narrow
+            met = boxes_meeting(box, max(part, 0) % kinds, lattice, at) > 0
+            if met == (part >= 0):
+                break
+        if met:
+            clear[number] &= ~bit
+
+
+@kernel(parallel=True)
+def strike_ends(clear, tubes, places, faces, bit, layout):
+    """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none."""
+    ndim = layout.counts.size
+    for i in prange((places[1] - places[0]) * layout.free):
+        cell, place = np.empty(ndim, np.int64), places[0] + i // layout.free
+        number = layout.begin[place] + layout.offset[i % layout.free]
+        cell_of(number, layout.counts, cell)
+        tube = tubes[place - places[0]]
+        tube = tube[: parts_inside(cell, tube, layout)]
+        for axis in range(ndim):
+            if layout.edges[axis, cell[axis]] + tube[:, axis, 0].min() < faces[0, axis] or (
+                layout.edges[axis, cell[axis] + 1] + tube[:, axis, 1].max() > faces[1, axis]
+            ):
+                clear[number] &= ~bit
+
+
+@kernel(nogil=True)
+def certified_inputs(states, cells, moves, clear, index, pool, out):
+    """Inputs that are safe and lead into a set with rows pool[index], of all cells within STATE_SLACK of each state.
+
+    clear (cells, bytes); out (M, L) bool, overwritten. Where the pool is empty: inputs that are safe.
+    """
+    ndim = states.shape[1]
+    found, room = np.empty((1 << ndim, ndim), np.int64), np.empty((3, ndim), np.int64)
+    out[:] = False
+    for m in range(states.shape[0]):
+        for k in range(cells_at(states[m], cells, found)):
+            cell = found[k]
+            row, bit = row_and_bit(cell, cells)
+            safe, place = clear[row * cells.counts[-1] + bit], np.sum(cell * moves.strides)
+            for j in range(out.shape[1]):
+                if (safe[j >> 3] >> (j & 7)) & 1 and not out[m, j]:
+                    out[m, j] = pool.size == 0 or image_inside(
+                        cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, index, pool, room
+                    )
+
+
+@kernel(parallel=True)
+def lose(own, inside, following, moves, vertices, cells, stays):
+    """Keep of `own` what is `inside`, or led into `following` under every input by some vertex; stays: add such cells.
+
+    own, inside, following (R, W), `own` modified in place; input j under vertex v is row j * vertices + v of the moves.
+    """
+    last, ndim, index = cells.counts[-1], cells.counts.size, np.arange(len(own))
+    for row in prange(len(own)):
+        cell, room = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64)
+        for bit in range(last):
+            if has_bit(own[row], bit) == stays or has_bit(inside[row], bit):
+                continue
+            cell_of(np.int64(row) * last + bit, cells.counts, cell)
+            place, lost, tried = np.sum(cell * moves.strides), True, 0
+            for j in range(moves.low.shape[0] // vertices):
+                answered = False
+                for turn in range(vertices):
+                    v = (tried + turn) % vertices  # what served against the input before is tried first
+                    at = j * vertices + v
+                    if image_inside(
+                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
+                    ):
+                        answered, tried = True, v
+                        break
+                if not answered:
+                    lost = False
+                    break
+            if lost == stays:
+                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)

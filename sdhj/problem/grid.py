@@ -1,0 +1,329 @@
+"""Grids: where the level-set functions live.
+
+A set is the zero sublevel set of a function sampled at the nodes: inside is negative (Definition 5), union is
+the minimum, intersection the maximum, complement the negative.
+"""
+
+import math
+import reprlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
+from sdhj.problem.checks import number, points_array, sequence, whole
+from sdhj.problem.memory import require
+
+ENDS = ("unsafe", "wall", "safe")
+MIN_NODES = 5  # the widest stencils reach two nodes to each side
+MAX_NODES = 10**9  # on an axis
+MAX_AXES = 6
+SMALL = 2**20  # nodes for which there is always room
+PIECE = 2**16  # nodes at which functions are sampled at a time: what they make on the way stays in the cache
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangular grid of 1 to 6 axes.
+
+    Parameters
+    ----------
+    lower, upper : sequence of float
+        The ends of each axis, in the units of the state.
+    shape : sequence of int
+        Nodes on each axis, at least 5.
+    periodic : sequence of bool, optional
+        A periodic axis leaves its upper end out (it is the lower end again). A bounded axis holds both ends as
+        nodes. Default: none.
+    ends : str, or sequence of str or of pairs of str, optional
+        What the ends of each bounded axis are, or its lower and its upper end apart: "unsafe" (default), leaving there
+        is losing, as nothing is known of what lies beyond; "wall", the state cannot pass and slides along it; "safe",
+        what leaves there is out of danger for good (for problems without a target). One word stands for all axes.
+    names : sequence of str, optional
+        Axis labels, for plots and files.
+    rim : sequence of (int, int), optional
+        How many of an axis's nodes are past its lower and its upper end: the games are played on a grid that goes on
+        past safe ends (`sdhj.problem.boxes`). Default: none.
+
+    Raises
+    ------
+    ValueError
+        Naming the axis and the value that does not fit.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    shape: tuple[int, ...]
+    periodic: tuple[bool, ...] = ()
+    names: tuple[str, ...] = ()
+    ends: tuple[tuple[str, str], ...] = ()
+    rim: tuple[tuple[int, int], ...] = ()
+
+    def __init__(
+        self,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        shape: Sequence[int],
+        periodic: Sequence[bool] | None = None,
+        names: Sequence[str] | None = None,
+        ends: str | Sequence[Any] = ENDS[0],
+        rim: Sequence[Any] = (),
+    ) -> None:
+        ndim = len(sequence("shape", shape))
+        if not 1 <= ndim <= MAX_AXES:
+            raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
+        periodic = [False] * ndim if periodic is None else periodic
+        names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
+        for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
+            if len(sequence(label, given)) != ndim:
+                raise ValueError(f"{label} has {len(given)} entries for a grid of {ndim} axes")
+        for axis in range(ndim):
+            number(f"upper[{axis}]", upper[axis], above=number(f"lower[{axis}]", lower[axis]))
+            if not isinstance(periodic[axis], bool | np.bool_):
+                raise ValueError(f"periodic[{axis}] must be True or False, got {reprlib.repr(periodic[axis])}")
+        nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
+        object.__setattr__(self, "lower", tuple(float(x) for x in lower))
+        object.__setattr__(self, "upper", tuple(float(x) for x in upper))
+        object.__setattr__(self, "shape", nodes)
+        object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
+        object.__setattr__(self, "names", tuple(str(name) for name in names))
+        given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
+        pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
+        known = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
+        if len(pairs) != ndim or not known:
+            told = reprlib.repr(ends)
+            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {told}")
+        object.__setattr__(self, "ends", pairs)
+        rim = rim if len(rim) else [(0, 0)] * ndim
+        object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)  # exact, however large
+
+    @property
+    def sampling_bytes(self) -> int:
+        """Bytes that it takes to sample functions at all nodes, in `pieces`: in double precision, values thrice."""
+        return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
+
+    @cached_property
+    def spacing(self) -> tuple[float, ...]:
+        """Distance between neighbouring nodes on each axis."""
+        return tuple(
+            (hi - lo) / (n if p else n - 1)
+            for lo, hi, n, p in zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        )
+
+    def nodes(self, axis: int) -> FloatArray:
+        """Coordinates of the nodes on one axis, shape (shape[axis],)."""
+        return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
+
+    def points(self) -> FloatArray:
+        """Coordinates of all nodes, shape (size, ndim), the last axis fastest.
+
+        Raises
+        ------
+        MemoryError
+            Where there is no room for them and functions of them.
+        """
+        self.require_room(8 * (2 * self.ndim + 5))
+        points = np.empty((*self.shape, self.ndim))
+        for axis in range(self.ndim):
+            points[..., axis] = self.lift(self.nodes(axis), [axis])
+        return points.reshape(self.size, self.ndim)
+
+    def require_room(self, each: int = 0) -> None:
+        """Raise MemoryError where there is no room for `each` bytes a node, by default to sample functions."""
+        if self.size > SMALL:
+            require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+
+    def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
+        """Some consecutive nodes of each axis, a periodic one may be gone around: a `Window`, the grid where all."""
+        return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
+
+    def stretch(self, axis: int, first: int, count: int) -> "Grid":
+        """All nodes that are one of `count` along an axis, from the node `first` on: see `window`."""
+        put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
+        return self.window(*zip(*put, strict=True))
+
+    def pieces(self, most: int | None = None, overlap: int = 0, axis: int = 0) -> "Iterator[Grid]":
+        """Windows of about `most` nodes, by default `PIECE`, in the nodes' order: the grid is cut from `axis` on."""
+        rows, some = self.shape[axis], (most or PIECE) // math.prod(self.shape[axis + 1 :])
+        for row in range(0, rows, max(some, 1)):
+            begin, end = max(row - overlap, 0), min(row + max(some, 1), rows)
+            piece = self.stretch(axis, begin, end - begin)
+            yield from [piece] if some else piece.pieces(most, overlap, axis + 1)
+
+    def subgrid(self, axes: Sequence[int]) -> "Grid":
+        """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""
+
+        def pick(field: tuple[Any, ...]) -> list[Any]:
+            return [field[axis] for axis in axes]
+
+        fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
+        return Grid(*(pick(getattr(self, one)) for one in fields))
+
+    @property
+    def inner(self) -> tuple[slice, ...]:
+        """The nodes that are past no end."""
+        return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.rim, strict=True))
+
+    def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+        """Values (shape `shape`) at the two nodes of every edge along an axis, two views of one shape."""
+        if self.periodic[axis]:
+            return values, np.roll(values, -1, axis)
+        behind = (slice(None),) * axis
+        return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
+
+    def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
+        """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
+        return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
+
+    def wrapped(self, points: FloatArray) -> FloatArray:
+        """Points (M, ndim) with the coordinates of periodic axes between the ends, the upper one left out."""
+        if not any(self.periodic):
+            return points
+        points = np.array(points, dtype=np.float64, order="C")
+        wrap(points, *self._ends)
+        return points
+
+    @cached_property
+    def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
+
+    def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        """Interpolate multilinearly.
+
+        Parameters
+        ----------
+        values : (shape) array
+        points : (M, ndim) array
+            Periodic axes are wrapped. Off a bounded axis, and at NaN, the answer is +inf: outside every set.
+
+        Returns
+        -------
+        (M,) float64 array
+        """
+        points = points_array("points", points, self.ndim)
+        return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
+
+    @cached_property
+    def arrays(self) -> Lattice:
+        """The grid as compiled code reads it."""
+        (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
+        slack = SLACK * np.array(self.spacing)
+        return Lattice(
+            np.array(self.lower),
+            np.array(self.spacing),
+            np.array(self.shape, dtype=np.int64),
+            np.array(self.periodic, dtype=np.bool_),
+            least - slack,
+            most + slack,
+            np.array([low - slack, high + slack]),
+            np.zeros(self.ndim, np.int64),
+            np.array(self.shape, dtype=np.int64),
+        )
+
+    def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
+        if kinds not in self._faces:
+            told = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+            past = np.array(self.rim).T * self.spacing
+            low = np.where(told[:, 0], self.lower + past[0], -np.inf)
+            self._faces[kinds] = low, np.where(told[:, 1], self.upper - past[1], np.inf)
+        return self._faces[kinds]
+
+    @cached_property
+    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        return {}
+
+    def to_ends(self, kind: str) -> FloatArray:
+        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
+        out = np.full((1,) * self.ndim, np.inf)
+        for axis, (low, high) in enumerate(zip(*self.faces(kind), strict=True)):
+            nodes = self.nodes(axis)
+            out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
+        return out
+
+    def held(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """States (M, ndim) clipped to the ends of these kinds, by default to walls."""
+        low, high = self.faces(*(kinds or ("wall",)))
+        return np.minimum(np.maximum(states, low), high)
+
+    def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
+        """Whether states (M, ndim) are past an end of these kinds, by more than rounding; (M,) bool."""
+        low, high = self.faces(*kinds)
+        slack = SLACK * np.array(self.spacing)
+        return np.any((states < low - slack) | (states > high + slack), axis=1)
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """The share of the volume that each node stands for, shape `shape`; the end of a bounded axis: half a cell."""
+        total = np.ones(())
+        for axis in range(self.ndim):
+            total = total[..., None] * self.shares(axis)
+        return total
+
+    def shares(self, axis: int) -> FloatArray:
+        """The share of an axis's length that each of its nodes stands for, (shape[axis],)."""
+        share = np.ones(self.shape[axis])
+        if not self.periodic[axis]:
+            share[[0, -1]] = 0.5
+        return share / share.sum()
+
+    def fraction(self, inside: FloatArray) -> float:
+        """Share of the grid's volume where the boolean array `inside` holds."""
+        return float(np.sum(self.weights, where=inside))
+
+
+@dataclass(frozen=True, init=False)
+class Window(Grid):
+    """Some consecutive nodes of each axis of a grid, on which functions are sampled and games played as on the whole.
+
+    Ends, periodicity and spacing are those of the whole grid, and a node has its very coordinates there. Where a window
+    ends and the grid does not, nothing is known of what lies beyond: what is computed close to there is wrong.
+
+    Attributes
+    ----------
+    whole : Grid
+    first : tuple of int
+        The window's first node on each axis.
+    """
+
+    whole: Any = None
+    first: tuple[int, ...] = ()
+
+    def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
+        for name in ("lower", "upper", "periodic", "names", "ends", "rim"):
+            object.__setattr__(self, name, getattr(whole, name))
+        object.__setattr__(self, "shape", tuple(shape))
+        object.__setattr__(self, "whole", whole)
+        object.__setattr__(self, "first", tuple(first))
+        self.__dict__["spacing"] = whole.spacing
+
+    def places(self, axis: int) -> FloatArray:
+        """Which nodes of the whole grid those on one axis are, (shape[axis],)."""
+        return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
+
+    def nodes(self, axis: int) -> FloatArray:
+        return self.whole.nodes(axis)[self.places(axis)]
+
+    def shares(self, axis: int) -> FloatArray:
+        return self.whole.shares(axis)[self.places(axis)]
+
+    def subgrid(self, axes: Sequence[int]) -> Grid:
+        first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
+        return self.whole.subgrid(axes).window(first, shape)
+
+    @cached_property
+    def arrays(self) -> Lattice:
+        first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
+        return self.whole.arrays._replace(first=first, extent=extent)

@@ -1,0 +1,220 @@
+"""Level-set functions of maps and polygons, for `UnsafeSet.from_map` and `UnsafeSet.polygon`.
+
+A pixel that is not free is unsafe as the whole closed square that it is, and so is everything outside the map. Let s be
+the signed distance to all that, negative inside, and h half the side of a pixel. At the *nodes*, the corners, middles
+of edges and centres of pixels, s is known exactly: the nearest point of a square to a node is again a node (clipping a
+multiple of h to an interval between multiples of h gives one), so the exact Euclidean distance transform finds it.
+
+Between the nodes s is interpolated bilinearly: the mean of s at the corners X of a cell, with the weights of a point x.
+It is off s(x) by at most the mean of |X - x|, as s changes by at most the distance; and (mean |X - x|)^2 is at most
+mean |X - x|^2 = (a (1 - a) + b (1 - b)) h^2 <= h^2 / 2. So much is taken off, and the robot's radius:
+
+    interpolant - h / sqrt(2) - radius  <=  s - radius  <=  interpolant + h / sqrt(2) - radius.
+
+The level-set function, the left-hand side, is <= 0 wherever the robot's disk meets what is unsafe, and within the map
+at most the half diagonal of a pixel, sqrt(2) h, below the true one. Along each axis the interpolant changes by
+differences of s between neighbours over their distance, at most 1 per metre; in any direction by at most sqrt(2), the
+`slope` that the set tells. Outside the map the function is its value at the nearest point of the map less the distance
+to that: at most 1 per metre along the normal of the edge and along the edge, so the same bounds hold.
+"""
+
+import math
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import finite_array, number, option, whole
+
+KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server asks for
+MODES = ("trinary", "scale")
+UNKNOWN_GREY = 205  # by which map savers mark the unknown
+MapLevelSet = Callable[[FloatArray, float], FloatArray]
+MISSING = "install the extra that brings it: pip install 'sdhj[maps]'"
+
+
+def map_level_set(
+    source: str | os.PathLike[str] | FloatArray,
+    *,
+    resolution: float | None = None,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    radius: float = 0.0,
+    name: str = "map",
+) -> tuple[MapLevelSet, float]:
+    """The level-set function of a map, and a bound on its slope.
+
+    Parameters
+    ----------
+    source : path of a map server's YAML file, or bool array (rows, columns)
+        Of an array: True where it is occupied or unknown. Row 0 is the top of the map, as in an image.
+    resolution : float
+        Side of a pixel, m. Of an array; a file says its own.
+    origin : (x, y) or (x, y, yaw)
+        Where the lower left corner of the lower left pixel is, m, and by how much the map is turned about it, rad.
+        Likewise.
+    radius : float
+        Of a disk robot whose centre is (x, y), m.
+    name : str
+        What errors call an array.
+
+    Raises
+    ------
+    ValueError
+        Where a file cannot be read or is not what it should be, naming it; where no pixel is free.
+    ImportError
+        Where what reads it is not installed.
+    """
+    if isinstance(source, str | os.PathLike):
+        if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
+            raise ValueError("resolution and origin are what the map's file says; give them with an array only")
+        blocked, resolution, origin = read_map(Path(source))
+    else:
+        blocked = np.asarray(source)
+        if blocked.ndim != 2 or blocked.dtype != np.bool_ or not blocked.size:
+            raise ValueError(
+                "a map must be the path of a YAML file or a bool array (rows, columns), True where it is occupied or "
+                f"unknown, got {type(source).__name__} of {blocked.dtype} of shape {blocked.shape}"
+            )
+    if blocked.all():
+        told = os.fspath(source) if isinstance(source, str | os.PathLike) else name
+        raise ValueError(f"no pixel of the map {told!r} is free")
+    radius, side = number("radius", radius, least=0.0), number("resolution", resolution, above=0.0)
+    if np.shape(origin) not in ((2,), (3,)):
+        raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {origin!r}")
+    x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
+    nodes, cosine, sine = clearance(blocked, side), math.cos(yaw), math.sin(yaw)
+    most = np.array(nodes.shape) - 1.0
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        dx, dy = points[:, 0] - x, points[:, 1] - y
+        places = np.stack([cosine * dx + sine * dy, cosine * dy - sine * dx], axis=1) / (side / 2)
+        held = np.clip(places, 0.0, most)
+        return bilinear(nodes, held) - side / 2 * np.hypot(*(places - held).T) - side / math.sqrt(8.0) - radius
+
+    return level_set, math.sqrt(2.0)
+
+
+def clearance(blocked: FloatArray, side: float) -> FloatArray:
+    """Signed distance to the blocked pixels and the outside of the map, m, at the nodes of the half pixels.
+
+    blocked (rows, columns) bool, row 0 at the top; the answer (2 columns + 1, 2 rows + 1), x before y, both upwards.
+    """
+    try:
+        from scipy.ndimage import distance_transform_edt
+    except ImportError as error:
+        raise ImportError(f"SciPy measures distances on a map; {MISSING}") from error
+
+    def closed(cells: FloatArray) -> FloatArray:
+        """Which nodes touch a cell of (n, m), (2 n + 1, 2 m + 1)."""
+        for axis in (0, 1):
+            wide = np.zeros([2 * n + 1 if own == axis else n for own, n in enumerate(cells.shape)], np.bool_)
+            for shift in range(3):
+                at = [slice(None)] * 2
+                at[axis] = slice(shift, shift + 2 * cells.shape[axis] - 1, 2)
+                wide[tuple(at)] |= cells
+            cells = wide
+        return cells
+
+    cells = blocked[::-1].T
+    unsafe, free = closed(cells), closed(~cells)
+    unsafe[[0, -1]] = unsafe[:, [0, -1]] = True  # what lies outside touches them
+    return (distance_transform_edt(~unsafe) - distance_transform_edt(~free)) * (side / 2)
+
+
+def bilinear(values: FloatArray, places: FloatArray) -> FloatArray:
+    """Values at the nodes (n, m) between them, at places (M, 2) in [0, n - 1] x [0, m - 1] counted in nodes: (M,)."""
+    first = np.minimum(places.astype(np.int64), np.array(values.shape) - 2)
+    (i, j), (a, b) = first.T, (places - first).T
+    low = (1.0 - a) * values[i, j] + a * values[i + 1, j]
+    high = (1.0 - a) * values[i, j + 1] + a * values[i + 1, j + 1]
+    return (1.0 - b) * low + b * high
+
+
+def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
+    """What a map server's YAML file says: the pixels that are not free (rows, columns), resolution and origin.
+
+    As the map server reads it: a pixel is free where its darkness (its lightness with `negate`), 0 to 1, is below
+    `free_thresh`. Everything else is occupied or unknown, in mode "trinary" and in mode "scale" alike; so are pixels
+    that are not opaque.
+    """
+    try:
+        import yaml
+    except ImportError as error:
+        raise ImportError(f"PyYAML reads the file of a map; {MISSING}") from error
+    try:
+        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
+    if not isinstance(told, dict) or (lacking := [key for key in KEYS if key not in told]):
+        what = f"it lacks {', '.join(lacking)}" if isinstance(told, dict) else "it holds no keys"
+        raise ValueError(f"{path} is not the YAML file of a map, which tells {', '.join(KEYS)}: {what}")
+    try:
+        option("mode", told.get("mode", MODES[0]), MODES)
+        negate = bool(whole("negate", int(told["negate"]), least=0, most=1))
+        free = number("free_thresh", told["free_thresh"], least=0.0, most=1.0)
+        number("occupied_thresh", told["occupied_thresh"], least=free, most=1.0)
+        resolution = number("resolution", told["resolution"], above=0.0)
+        origin = finite_array("origin", told["origin"], (3,)).tolist()
+        if not isinstance(told["image"], str):
+            raise ValueError(f"image must be the name of a file, got {told['image']!r}")
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
+    grey, opaque = read_image(path.parent / told["image"])
+    darkness = (grey if negate else 255.0 - grey) / 255.0
+    blocked = ~((darkness < free) & opaque)
+    if (grey[~blocked] == UNKNOWN_GREY).any():
+        warnings.warn(
+            f"{path} counts the grey {UNKNOWN_GREY}, by which maps are saved where nothing is known, as free: its "
+            f"free_thresh {free:g} is above {1 - UNKNOWN_GREY / 255:.4f}; lower it if unknown is what they mean",
+            stacklevel=4,
+        )
+    return blocked, resolution, origin
+
+
+def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque: both (rows, columns)."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError(f"Pillow reads the picture of a map; {MISSING}") from error
+    try:
+        with Image.open(path) as image:
+            if image.mode.startswith("I"):  # 16 bits
+                return np.asarray(image, dtype=np.float64) / 257.0, np.ones(image.size[::-1], np.bool_)
+            pixels = np.asarray(image.convert("RGBA"), dtype=np.float64)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise ValueError(f"{path} is not a picture of a map, such as a PGM or PNG file: {error}") from error
+    return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255.0
+
+
+def polygon_level_set(vertices: FloatArray, *, radius: float = 0.0) -> tuple[MapLevelSet, float]:
+    """The signed distance to a simple polygon with vertices (K, 2), m, less a robot's radius, and its slope, 1.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three vertices, or edges that cross.
+    ImportError
+        Without Shapely.
+    """
+    try:
+        import shapely
+    except ImportError as error:
+        raise ImportError(f"Shapely measures distances to a polygon; {MISSING}") from error
+    corners, radius = finite_array("vertices", vertices), number("radius", radius, least=0.0)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {corners.shape}")
+    shape = shapely.Polygon(corners)
+    if not shape.is_valid or shape.area == 0.0:
+        raise ValueError(f"vertices must go around a polygon whose edges do not meet: {shapely.is_valid_reason(shape)}")
+    shapely.prepare(shape)
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        places = shapely.points(points)
+        inside = np.where(shapely.contains(shape, places), shapely.distance(shape.exterior, places), 0.0)
+        return shapely.distance(shape, places) - inside - radius
+
+    return level_set, 1.0

@@ -1,0 +1,678 @@
+"""The robust motion planning problem of Sec. 2 and 3, as data.
+
+Everything behind this file (kernels, games, recursion, table, controller) knows a robot only through the arrays
+that a `ReachAvoidProblem` samples on its grid.
+"""
+
+import hashlib
+import json
+import reprlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, reduce
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.boxes import maximum_over_boxes
+from sdhj.problem.checks import ARGUMENTS, finite_array, number, option, points_array, repeated, whole
+from sdhj.problem.dynamics import INSTANTS, Dynamics, Interval
+from sdhj.problem.grid import Grid, Window
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import ANYWHERE, LARGEST, STEEP, SUBSAMPLES, VIEW_TIMES, TargetSet, UnsafeSet
+
+
+def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
+    """As `boxes`; zeros where nothing is uncertain."""
+    if not problem.sensing:
+        return np.zeros(problem.grid.ndim), np.zeros(problem.grid.ndim)
+    return boxes(problem)
+
+
+def shrunk(problem: "ReachAvoidProblem", values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
+    """As `less_the_box`, on the grid or that of some axes; `values` where nothing is uncertain."""
+    axes = range(problem.grid.ndim) if axes is None else axes
+    if not problem.half_widths[0][list(axes)].any():
+        return values
+    return less_the_box(problem, values, axes)
+
+
+def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: FloatArray) -> FloatArray:
+    """The largest of interpolated values (*grid.shape) over the box E around points (M, ndim): (M,)."""
+    if not problem.half_widths[0].any():
+        return problem.grid.interpolate(values, points)
+    around = spots_of_the_box(problem, points)
+    found = problem.grid.interpolate(values, around.reshape(-1, problem.grid.ndim))
+    return found.reshape(around.shape[:2]).max(axis=1)
+
+
+SMALLEST = float(np.finfo(np.float32).tiny)  # below it they are taken for 0, and what is outside for inside
+FOREVER = 1000  # steps that are tried where a problem gives no number of them
+MOST_SAMPLED = 1_000_000  # steps of a problem
+
+
+@dataclass(frozen=True)
+class ReachAvoidProblem:
+    """Reach the target within N steps and never touch the unsafe sets, whatever the adversary does (Definition 1).
+
+    Parameters
+    ----------
+    grid : Grid
+    dynamics : Dynamics
+    target : TargetSet, or None
+        None: stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps (`ANYWHERE`).
+    unsafe : sequence of UnsafeSet
+    delta : float
+        Length of a sampling interval, s.
+    steps : int, or None
+        N, how many of them. None: as many as it takes until no further one changes anything, to reach the target some
+        time or to stay clear for ever; where nothing depends on time. The problem of the table has that number.
+    view_time : {"swept", "sampled", "instantaneous"}
+        How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
+        (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
+    recipe : mapping, optional
+        {"builder": name, "arguments": {...}} with which a saved table rebuilds its problem; set by the case studies.
+    sensing : Sensing
+        Measurement error, delay and jitter, by default none; `sdhj.problem.sensing` says what the sets then mean.
+
+    Raises
+    ------
+    ValueError
+        Where shapes, options or numbers do not fit, or the target is unreachable because the unsafe sets hold it.
+    """
+
+    grid: Grid
+    dynamics: Dynamics
+    target: TargetSet | Any
+    unsafe: tuple[UnsafeSet, ...]
+    delta: float
+    steps: int | Any
+    view_time: str = "swept"
+    name: str = "problem"
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    sensing: Sensing = field(default_factory=Sensing)
+
+    def __post_init__(self) -> None:
+        self._check_parts()
+        self.grid.require_room(each=8)
+        option("view_time", self.view_time, VIEW_TIMES)
+        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
+        ndim = self.grid.ndim
+        self.dynamics.check(ndim)
+        parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
+        for part in parts:
+            if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
+                raise ValueError(
+                    f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
+                )
+        if self.steps is None and not self.timeless:
+            raise ValueError(
+                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
+                "or the target depend on time; give a number of steps"
+            )
+        tried(self)
+        if self.sensing:
+            check_sensing(self)
+
+    def _check_parts(self) -> None:
+        if not (isinstance(self.name, str) and self.name.isprintable()):
+            raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
+        try:
+            json.dumps(dict(self.recipe), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"recipe must be a mapping that JSON can tell, or left out: {error}") from None
+        if self.target is None:
+            object.__setattr__(self, "target", ANYWHERE)
+        for name, kind in (("grid", Grid), ("dynamics", Dynamics)):
+            if not isinstance(given := getattr(self, name), kind):
+                raise ValueError(f"{name} must be a sdhj.{kind.__name__}, got {reprlib.repr(given)}")
+        if not isinstance(self.target, TargetSet):
+            raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
+        if not isinstance(self.sensing, Sensing):
+            raise ValueError(
+                f"sensing must be a sdhj.Sensing, as Sensing(error=0.01), got {reprlib.repr(self.sensing)}"
+            )
+        unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
+        if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
+            told = reprlib.repr(self.unsafe)
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {told}")
+        object.__setattr__(self, "unsafe", unsafe)
+        if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
+            raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
+        if self.stays and not unsafe and not any(np.isfinite(face).any() for face in self.grid.faces("unsafe")):
+            raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
+
+    @property
+    def most_steps(self) -> int:
+        """N, or how many steps are tried where none is given."""
+        return self.steps or FOREVER
+
+    @property
+    def stays(self) -> bool:
+        """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
+        return self.target is ANYWHERE
+
+    @property
+    def inputs(self) -> FloatArray:
+        """The quantised inputs u_j, shape (L, m)."""
+        return self.dynamics.inputs
+
+    def time(self, step: int) -> float:
+        """t_k of a step, s; where there is a delay s_k, when its input starts."""
+        return step * self.delta + self.sensing.delay
+
+    def span(self, step: int) -> tuple[float, float]:
+        """When the input of a step may start and end, s, with all jitter."""
+        return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
+
+    half_widths = cached_property(half_widths)
+
+    def interval(self, step: int) -> Interval:
+        """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
+        step = step if self.dynamics.timed else 0
+        if step not in self._intervals:
+            held = self.sensing.held(self.delta)
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *held, self.half_widths[1])
+        return self._intervals[step]
+
+    @cached_property
+    def _intervals(self) -> dict[int, Interval]:
+        return {}
+
+    @cached_property
+    def rimmed(self) -> "ReachAvoidProblem":
+        """This problem as the games are played: on a grid that goes on past its safe ends (`sdhj.problem.boxes`)."""
+        return with_rim(self)
+
+    def moves(self, part: UnsafeSet) -> bool:
+        """Whether the avoid tubes of an unsafe set differ from step to step."""
+        return part.moving or self.dynamics.timed
+
+    def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
+        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need.
+
+        And those with safe ends: who has left over one is met by nothing.
+        """
+        safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
+        axes: tuple[int, ...] = tuple(sorted({*part.axes, *np.flatnonzero(safe).tolist()}))
+        intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
+        while (grown := reduce(lambda known, interval: interval.closed(known), intervals, axes)) != axes:
+            axes = grown
+        return axes
+
+    @cached_property
+    def timeless(self) -> bool:
+        """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the target."""
+        if self.dynamics.timed or any(part.moving for part in self.unsafe):
+            return False
+        first, steps = self.target_at(self.time(0)), range(1, (self.steps or SUBSAMPLES) + 1)
+        return all(np.array_equal(self.target_at(self.time(k)), first) for k in steps)
+
+    def on(self, grid: Grid) -> "ReachAvoidProblem":
+        """The problem on a window of its grid; what depends on the whole grid is as there."""
+        if grid is self.grid:
+            return self
+        part = object.__new__(ReachAvoidProblem)  # its functions have been tried
+        part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
+        if not (self.dynamics.timed or self.dynamics.stateless):
+            part._intervals[0] = self.interval(0).on(grid)
+        if "timeless" in self.__dict__:
+            part.__dict__["timeless"] = self.timeless
+        return part
+
+    def pieces(self) -> "Iterator[ReachAvoidProblem]":
+        """The problem on windows that are small enough to sample functions on: see `Grid.pieces`."""
+        return map(self.on, self.grid.pieces())
+
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
+        subgrid = self.grid.subgrid(axes)
+        values = [self._checked(function(piece.points()), name, piece.size) for piece in subgrid.pieces()]
+        return np.concatenate(values).reshape(subgrid.shape)
+
+    def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
+        values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
+        if (largest := float(np.abs(values).max())) > LARGEST:
+            raise ValueError(
+                f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
+                "from the boundary only the sign counts, so clip it"
+            )
+        if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
+            raise ValueError(
+                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision takes what is nearer to 0 "
+                f"than {SMALLEST:.2g} for 0, which would be another set; scale the function, or let it be 0 there"
+            )
+        return values
+
+    def target_at(self, t: float) -> FloatArray:
+        """Level-set function of the target at time t, on the subgrid of its axes."""
+        return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
+
+    def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+        """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
+        known = [values for one, values in self._static if one is part]
+        if not known:
+            known = [self._sampled(part, lambda points: part.level_set(points, t))]
+            self._static.extend((part, values) for values in known if not part.moving)
+        return known[0]
+
+    def unsafe_over(
+        self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
+    ) -> FloatArray:
+        """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
+        axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
+        values = self._sampled(part, lambda points: part.over(points, t0, t1, view_time))
+        grid = self.grid.subgrid(axes)
+        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
+
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        if part.sampling == "cell":
+            grid = self.grid.subgrid(part.axes)
+            whole = grid.whole if isinstance(grid, Window) else grid
+            least = least_in_cells(whole, lambda points: self._checked(function(points), part.name))
+            return least[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else least
+        values = self.sample(part.axes, function, part.name)
+        return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
+
+    @cached_property
+    def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
+        return []
+
+    def unsafe_when(self, part: UnsafeSet, step: int) -> FloatArray:
+        """As `unsafe_at` at t_k; with jitter at every time that t_k may be."""
+        t, j = self.time(step), self.sensing.jitter
+        return self.unsafe_over(part, t - j, t + j) if j and part.moving else self.unsafe_at(part, t)
+
+    def goal(self, step: int) -> FloatArray:
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
+
+        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends.
+        """
+        t, grid = self.time(step), self.grid
+        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self.target_at(t), self.target.axes)
+        for part in self.unsafe:
+            values = np.maximum(values, -grid.lift(self.unsafe_when(part, step), part.axes))
+        if self.stays:
+            values = np.maximum(values, -grid.to_ends("unsafe"))
+        return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
+        return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
+
+    def target_value(self, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of the target at states (M, ndim), no grid involved."""
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
+
+    def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
+        """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
+        points, t = self.grid.wrapped(points_array("points", points, self.grid.ndim)), number("t", t)
+        values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
+        return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything the solver reads, hexadecimal: two problems with one digest have one table."""
+        return self.identity[0]
+
+    @cached_property
+    def identity(self) -> tuple[str, FloatArray]:
+        """The digest, and sums that tell another problem from another machine's rounding: see `identity` below."""
+        return identity(self)
+
+
+TERMS = 60  # of an exponential series
+
+
+def check_sensing(problem: ReachAvoidProblem) -> None:
+    """Raise ValueError where a problem does not fit its sensing."""
+    sensing, grid, delta = problem.sensing, problem.grid, problem.delta
+    if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
+        raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
+    if problem.steps is None:
+        raise ValueError("sensing is for problems with a number of steps so far, got steps=None; give the problem one")
+    whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
+    if sensing.delay > delta:
+        raise ValueError(
+            f"delay must be at most delta, {delta:g} s: the input before is held meanwhile; got {sensing.delay:g}"
+        )
+    if 2 * sensing.jitter > delta:
+        raise ValueError(f"jitter must be at most half of delta, {delta / 2:g} s, got {sensing.jitter:g}")
+    if sensing.delay + 2 * sensing.jitter > delta:
+        raise ValueError(
+            f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement may come before the input "
+            f"before it has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
+        )
+    steps, j = range(problem.steps + 1), sensing.jitter
+    goals = (problem.target_at(problem.time(step) + late) for step in steps for late in (-j, j))
+    moves = j and not all(np.array_equal(goal, problem.target_at(0.0)) for goal in goals)
+    if j and (moves or problem.dynamics.timed or problem.view_time == "instantaneous"):
+        raise ValueError(
+            "jitter leaves the time open: neither dynamics nor target may depend on it, and view_time must be "
+            '"swept" or "sampled"'
+        )
+    if any(np.isfinite(face).any() for face in grid.faces("safe")):
+        raise ValueError('with sensing no end of the grid may be "safe": nobody knows that the state is past it')
+    goals = (problem.goal(step) for step in steps)
+    if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):
+        raise ValueError(
+            f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no grid node has "
+            "twice that around it inside the target and safe; measure better or sooner, or enlarge the target"
+        )
+
+
+def rates(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
+    """A (ndim, ndim) and b (ndim,): the largest differences between neighbouring nodes, and the adversary's most.
+
+    Between two nodes a velocity that is curved may be steeper, by a share of second order in their distance.
+    """
+    grid, dynamics, axes = problem.grid, problem.dynamics, tuple(range(problem.grid.ndim))
+    points = np.zeros((1, grid.ndim)) if dynamics.stateless else grid.points()
+    slope, push = np.zeros((grid.ndim, grid.ndim)), np.zeros(grid.ndim)
+    steps = range(problem.steps + 1 if dynamics.timed else 1)
+    times = [problem.delta * (step + share) for step in steps for share in (INSTANTS if dynamics.timed else [0.0])]
+    for j, t in product(range(len(problem.inputs)), times):
+        gain = dynamics.gain_at(points, j, t) * dynamics.bounds_at(j, t)
+        push = np.maximum(push, np.abs(gain).sum(axis=2).max(axis=0))
+        if dynamics.stateless:
+            continue
+        parts = np.concatenate([dynamics.drift_at(points, j, t)[..., None], gain], axis=2)
+        parts = parts.reshape(*grid.shape, *parts.shape[1:])
+        for axis in axes:
+            one, other = grid.edges(parts, axis)
+            steepest = np.abs(other - one).sum(axis=-1).max(axis=axes) / grid.spacing[axis]
+            slope[:, axis] = np.maximum(slope[:, axis], steepest)
+    return slope, push
+
+
+def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
+    """w(duration) of dw/dt = slope w + push, w(0) = box: (ndim,), by its series, which has no negative terms."""
+    ndim = len(box)
+    rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
+    rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push
+    total = term.copy()
+    for place in range(1, TERMS):
+        term = rate @ term * (duration / place)
+        total += term
+    return total[:ndim]
+
+
+def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
+    """E, and by how much it widens what can be reached to where the next prediction may be; both (ndim,)."""
+    sensing, nothing = problem.sensing, np.zeros(problem.grid.ndim)
+    slope, push = rates(problem)
+    box = carried(slope, push, nothing + np.array(sensing.error), sensing.delay)
+    return box, box + carried(slope, 0.0, box, problem.delta + 2 * sensing.jitter)
+
+
+def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int]) -> FloatArray:
+    """Level-set function of the places around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
+    ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
+    for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
+        nodes = grid.nodes(axis)
+        beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
+        out = np.maximum(out, beyond.astype(out.dtype))
+    return out
+
+
+def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArray:
+    """Places (M, V, ndim) in the box E around points (M, ndim), among them where what is multilinear is largest there.
+
+    On each axis the ends and the nodes in between, held at the walls; and the points themselves.
+    """
+    grid, columns = problem.grid, []
+    for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
+        x = points[:, axis, None]
+        nodes = lower + h * (np.ceil((x - width - lower) / h) + np.arange(int(2 * width / h) + 1))
+        between = [x - width, np.minimum(nodes, x + width), x + width]
+        columns.append(np.concatenate(between, axis=1) if width else x)
+    places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
+    found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+    return np.concatenate([points[:, None], grid.held(found)], axis=1)
+
+
+RIM = 4  # nodes: the widest stencils reach three
+
+
+def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
+    """The problem on a grid with `RIM` nodes past each safe end; itself where there is none."""
+    grid = problem.grid
+    rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
+    if not rim.any():
+        return problem
+    past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
+    ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
+    wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
+
+    def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
+        own, level, swept = grid.subgrid(part.axes), part.level_set, part.swept
+        return replace(
+            part,
+            level_set=lambda points, t: level(own.held(points, "safe"), t),
+            swept=swept and (lambda points, t0, t1: swept(own.held(points, "safe"), t0, t1)),
+        )
+
+    dynamics = problem.dynamics.restricted(range(grid.ndim), lambda points: grid.held(points, "safe"))
+    return replace(problem, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, problem.unsafe)))
+
+
+FINE = 4  # parts of a cell's edge, where the least value in it is asked for
+
+
+def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
+    here, there = grid.edges(values, axis)
+    return float(np.abs(there - here).max())
+
+
+def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """For each node, a bound from below on a level-set function in all cells that touch it, shape `grid.shape`.
+
+    The least value on a lattice of `FINE` parts a cell, less what the function changes by in half a part along each
+    axis. The interpolant of a set sampled so meets it wherever it is met in truth.
+    """
+    shape = [n * FINE if p else (n - 1) * FINE + 1 for n, p in zip(grid.shape, grid.periodic, strict=True)]
+    fine = Grid(grid.lower, grid.upper, shape, grid.periodic)
+    values = np.asarray(function(fine.points()), dtype=np.float64).reshape(shape)
+    values = values - sum(_steepest(fine, values, axis) for axis in range(grid.ndim)) / 2
+    for axis, (n, periodic) in enumerate(zip(shape, grid.periodic, strict=True)):
+        at = np.arange(0, n, FINE)[:, None] + np.arange(-FINE, FINE + 1)
+        at = at % n if periodic else np.clip(at, 0, n - 1)
+        values = np.minimum.reduce([values.take(column, axis) for column in at.T])
+    return values
+
+
+MOMENTS = 20_000  # times at most
+FEW_STEPS = 50  # steps, each tried in parts
+PARTS = 4  # of a step: a run is judged at 20 times of a step, which are then no closer
+QUESTIONS = 500_000  # values at most of one function
+CHECKED = 5000  # nodes at most
+VISITED = 200  # nodes at which velocities are asked for
+UNDECIDED_STEPS = 20  # of a problem that has no number of steps
+EXCUSED = 1e-9  # that is no change, relative to the values or absolute below one
+SINGLE = 1e-5  # of the largest velocity: what computes in single precision rounds otherwise with the number of points
+
+
+def tried(problem: "ReachAvoidProblem") -> None:
+    """Raise ValueError where a function of a problem is not what it says, or no node is where it has to be."""
+    _try_dynamics(problem)
+    for part in (problem.target, *problem.unsafe):
+        nodes = _some_nodes(problem, part.axes, CHECKED)
+        _try_answers(f"level set of {part.name!r}", part.level_set, nodes, problem.delta, exact=True)
+    for part in problem.unsafe:
+        _try_rate(problem, part)
+        if part.moving and part.swept is not None and problem.view_time == "swept":
+            _try_swept(problem, part)
+    _try_goals(problem)
+
+
+def _moments(problem: "ReachAvoidProblem") -> FloatArray:
+    """Times at which sets are tried, ascending: (T,); a delay and jitter go on into one more interval."""
+    steps = (problem.steps or UNDECIDED_STEPS) + bool(problem.sensing)
+    parts = PARTS if steps <= FEW_STEPS else 1
+    if steps * len(INSTANTS) <= MOMENTS:
+        return np.unique((np.arange(steps * parts)[:, None] + INSTANTS) * (problem.delta / parts))
+    spans = min(steps, MOMENTS)  # one time, drawn, in each
+    drawn = (np.arange(spans) + np.random.default_rng(0).random(spans)) / spans
+    return np.array([0.0, *drawn, 1.0]) * steps * problem.delta
+
+
+def _some_nodes(problem: "ReachAvoidProblem", axes: Sequence[int], most: int) -> FloatArray:
+    """Nodes of some axes, (M, axes)."""
+    grid = problem.grid.subgrid(axes)
+    nodes = np.unique(np.linspace(0, grid.size - 1, min(grid.size, most)).astype(np.int64))
+    return np.array(grid.lower) + np.stack(np.unravel_index(nodes, grid.shape), axis=1) * np.array(grid.spacing)
+
+
+def _try_answers(name: str, asked: Callable[..., FloatArray], points: FloatArray, later: float, exact: bool) -> None:
+    """It says the same when it is asked again, after another question, and when it is asked of a few of the points."""
+    first, _, few = asked(points, 0.0), asked(points, later), slice(1, None, 1 + len(points) // 7)
+    repeated(name, first, asked(points, 0.0))
+    rtol, atol = (EXCUSED, EXCUSED) if exact else (0.0, SINGLE * float(np.abs(first).max()))
+    if not np.allclose(asked(np.ascontiguousarray(points[few]), 0.0), first[few], rtol=rtol, atol=atol):
+        raise ValueError(
+            f"{name} says something else of a point when it is asked of other points with it; points come in pieces, "
+            "and what is said of one must depend on its coordinates alone"
+        )
+
+
+def _try_dynamics(problem: "ReachAvoidProblem") -> None:
+    dynamics, points = problem.dynamics, _some_nodes(problem, range(problem.grid.ndim), VISITED)
+    functions = dynamics.drift_at, dynamics.gain_at, lambda p, *when: np.array([dynamics.bounds_at(*when)] * len(p))
+    for name, function in zip(ARGUMENTS, functions, strict=True):
+        if name in dynamics.takes:  # of the first input, and later of the last
+            asked = lambda p, t, function=function: function(p, -1 if t else 0, t)  # noqa: E731
+            _try_answers(name, asked, points, problem.delta, exact=False)
+
+
+def _try_rate(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
+    times = _moments(problem)
+    points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // len(times)))
+    values = part.level_set(points, 0.0)
+    for before, t in pairwise(times.tolist()):
+        later, span = part.level_set(points, t), t - before
+        changed = float(np.abs(later - values).max())
+        if changed > part.rate * span + EXCUSED * (1.0 + float(np.abs(later).max())):
+            raise ValueError(
+                f"the level-set function of {part.name!r} changes by {changed:.3g} within {span:.3g} s, from t = "
+                f"{before:g} on, more than its rate {part.rate:g} allows; give a rate of at least {changed / span:.3g}"
+            )
+        values = later
+
+
+def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
+    assert part.swept is not None
+    most = MOMENTS // len(INSTANTS)
+    steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, most)).astype(np.int64))
+    points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
+    for step in steps.tolist():
+        (t0, t1), held = problem.span(step), problem.sensing.held(problem.delta)[0]
+        swept = part.swept(points, t0, t1)
+        repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
+        for t in (t0 + INSTANTS * held).tolist():
+            excess = swept - part.level_set(points, t)
+            if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
+                worst = points[int(excess.argmax())].tolist()
+                raise ValueError(
+                    f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
+                    f"function at t = {t:g}, at the node {worst}; it must be at most that at every time of the "
+                    "interval, or leave it out: the library then sweeps the set itself"
+                )
+
+
+def _try_goals(problem: "ReachAvoidProblem") -> None:
+    steps = range((problem.steps or 0) + 1)
+    if any((part.goal(step) <= 0).any() for part in problem.pieces() for step in steps):
+        return
+    if problem.stays:
+        raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
+    axes, target = problem.target.axes, problem.target
+    points = problem.grid.subgrid(axes).points()
+    if not any((target.level_set(points, problem.time(step)) <= 0).any() for step in steps):
+        raise ValueError(
+            "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+            "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
+        )
+    raise ValueError(
+        "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+        "check the sign of their level-set functions (negative is inside)"
+    )
+
+
+ULPS = 16  # units in the last place by which numbers of one problem may differ from machine to machine
+SIGNS = 32
+ROW = 2**12  # numbers of a row: its signs are those of all rows, each of the SIGNS drawings turned or not
+
+
+def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
+    """What tells a problem: two problems with one digest have one table, `alike` sums differ by rounding.
+
+    Returns
+    -------
+    digest : str
+        SHA-256 of everything the solver reads, hexadecimal.
+    sums : (parts, 2 + SIGNS)
+        Of each part how many numbers it has, so many times the logarithm of c, and the numbers' sums with random signs,
+        drawn `SIGNS` times.
+    """
+    grid, sums = problem.grid, []
+    h = hashlib.sha256(f"{problem.view_time} {grid.ends}".encode())
+    reach = float(np.abs([grid.lower, grid.upper]).max())
+    for part in _parts(problem):
+        data = np.ascontiguousarray(part)
+        h.update(repr((data.dtype.str, data.shape)).encode())
+        h.update(data.data)
+        sums.append(_signed(data.ravel().astype(np.float64), reach))
+    return h.hexdigest(), np.array(sums)
+
+
+def alike(sums: FloatArray, others: FloatArray) -> bool:
+    """Whether what `identity` adds up differs by no more than rounding, `ULPS` for each number."""
+    if sums.shape != others.shape:
+        return False
+    return bool((np.abs(sums - others) <= ULPS * np.finfo(np.float64).eps * sums[:, :1]).all())
+
+
+def _signed(values: FloatArray, reach: float) -> list[float]:
+    sizes = np.abs(values)
+    scale = min(float(sizes.mean()), reach) if sizes.any() else 1.0
+    rows = np.zeros((-(-values.size // ROW), ROW))
+    np.divide(values, scale + sizes, out=rows.reshape(-1)[: values.size])
+    random = np.random.PCG64(0)
+    # the signs of a number are those of its column, turned where those of its row are -1
+    total = np.sum(rows @ _signs(random, ROW) * _signs(random, len(rows)), axis=0)
+    return [float(values.size), float(values.size * np.log(scale)), *total.tolist()]  # the sums do not tell the scale
+
+
+def _signs(random: np.random.PCG64, count: int) -> FloatArray:
+    bits = random.random_raw(count * SIGNS // 64 + 1).astype("<u8").view(np.uint8)
+    return 1.0 - 2.0 * np.unpackbits(bits, count=count * SIGNS).reshape(count, SIGNS)
+
+
+def _parts(problem: "ReachAvoidProblem") -> Iterator[Any]:
+    """All numbers that the solver reads, part by part."""
+    grid, dynamics, inputs = problem.grid, problem.dynamics, range(len(problem.inputs))
+    yield from (grid.lower, grid.upper, grid.shape, grid.periodic, problem.inputs, problem.delta, problem.steps or 0)
+    if dynamics.constant:
+        yield from (dynamics.bounds, dynamics.drift, dynamics.gain)
+    else:
+        points, halves = grid.points(), range(2 * problem.steps + 1) if dynamics.timed else range(1)
+        for t in (half * problem.delta / 2 + problem.sensing.delay for half in halves):
+            yield from (dynamics.drift_at(points, j, t) for j in inputs)
+            for j in inputs[:1] if dynamics.alike else inputs:
+                yield from (dynamics.gain_at(points, j, t), dynamics.bounds_at(j, t))
+    yield problem.target.axes
+    yield from (problem.target_at(problem.time(k)) for k in range(1 if problem.timeless else problem.steps + 1))
+    for part in problem.unsafe:
+        yield from (part.axes, part.rate, problem.unsafe_when(part, 0))
+        for step in range(problem.steps) if part.moving else ():
+            t0, t1 = problem.span(step)
+            # what happens between the samples counts too
+            yield from (problem.unsafe_at(part, (t0 + t1) / 2), problem.unsafe_when(part, step + 1))
+            yield problem.unsafe_over(part, t0, t1)
+    if sensing := problem.sensing:
+        yield from (np.broadcast_to(sensing.error, grid.ndim), sensing.delay, sensing.jitter, sensing.rest)

@@ -1,0 +1,142 @@
+"""What is to be avoided, the unsafe sets and the unsafe ends of the grid, as avoid tubes (games 1 and 2 of App. A.3).
+
+What lies beyond the unsafe ends of an axis is an unsafe set like any other: its level-set function is the distance to
+the nearer end. But on a grid that stops there no state is ever seen to cross. Its avoid game is played on a *wide* one
+that goes on past the ends, as far as one interval can lead; out there the dynamics are taken from the end.
+"""
+
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.interpolation import SLACK
+from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem, shrunk
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import ANYWHERE, UnsafeSet
+from sdhj.solver.games import Games
+from sdhj.table.table import AvoidTubes
+
+MARGIN = 6  # nodes beyond what an interval reaches: what differences make of the wide grid's end falls tenfold a node
+
+
+class Danger(NamedTuple):
+    """An avoid game.
+
+    axes : the axes of its tubes, ascending.
+    moves : whether they differ from step to step.
+    problem, part : whose game it is: an unsafe set of the problem, or the ends of an axis as one of a wide problem.
+    inside : where the subgrid of `axes` lies in the grid on which it is played.
+    """
+
+    axes: tuple[int, ...]
+    moves: bool
+    problem: ReachAvoidProblem
+    part: UnsafeSet
+    inside: tuple[slice, ...]
+
+
+def dangers(problem: ReachAvoidProblem) -> list[Danger]:
+    """Everything that a problem asks to avoid."""
+    low, high = problem.grid.faces("unsafe")
+    found = []
+    for part in problem.unsafe:
+        axes = problem.avoid_axes(part)
+        found.append(Danger(axes, problem.moves(part), problem, part, (slice(None),) * len(axes)))
+    return found + [_ends(problem, axis) for axis in np.flatnonzero(np.isfinite(low) | np.isfinite(high)).tolist()]
+
+
+def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
+    """The avoid tubes for every input: of what stands still once, of what moves for each step.
+
+    `games` are those of the problem, with a rim where it has safe ends; `make` makes those of a wide one.
+    """
+    count, felt, everything = len(problem.inputs), set(), dangers(problem)
+    kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
+    axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
+    shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
+    static = np.full((count, *shapes[0]), -np.inf, games.dtype)
+    moving = np.full((problem.most_steps, count, *shapes[1]), -np.inf, games.dtype)
+    for own, tubes, kept in zip(kinds, (static[None], moving), axes, strict=True):
+        for danger in own:
+            playing, at = (
+                games if danger.problem is problem else make(danger.problem),
+                [kept.index(i) for i in danger.axes],
+            )
+            for step, total in enumerate(tubes):
+                found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
+                if found.max() > 0:
+                    felt.add(id(danger.part))
+                for j, tube in enumerate(found):
+                    np.maximum(total[j], problem.grid.subgrid(kept).lift(tube, at), out=total[j])
+    for part in problem.unsafe:
+        if id(part) not in felt:
+            warnings.warn(never_felt(part), stacklevel=5)
+    for kept, tubes in zip(axes, (static[None], moving), strict=True):
+        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
+            tube[:] = shrunk(problem, tube, kept)
+    inner = [tuple(problem.grid.inner[axis] for axis in own) for own in axes]
+    static, moving = static[(slice(None), *inner[0])], moving[(slice(None), slice(None), *inner[1])]
+    return AvoidTubes(axes[0], np.ascontiguousarray(static), axes[1], np.ascontiguousarray(moving))
+
+
+def never_felt(part: UnsafeSet) -> str:
+    """What to say of an unsafe set that no node is in danger of."""
+    return (
+        f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
+        "between the nodes (use more, or enlarge it), or is out of reach"
+    )
+
+
+def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
+    """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity needs."""
+    slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
+    low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
+    name = f"the ends of axis {problem.grid.names[axis]}"
+    axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
+    own, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
+    delta = problem.interval(0).delta
+    speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
+    more = int(np.ceil(speed * delta / grid.spacing[own])) + MARGIN
+    widened = np.array([more * (i == own) for i in range(len(axes))])
+    # who leaves over a safe end is out of danger here too
+    ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
+    rim = [
+        (a + more * (i == own and ends[i][0] == "safe"), b + more * (i == own and ends[i][1] == "safe"))
+        for i, (a, b) in enumerate(grid.rim)
+    ]
+    wide = ReachAvoidProblem(
+        grid=Grid(
+            (np.array(grid.lower) - widened * grid.spacing).tolist(),
+            (np.array(grid.upper) + widened * grid.spacing).tolist(),
+            [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
+            grid.periodic,
+            grid.names,
+            ends,
+            rim,
+        ),
+        dynamics=_on_axes(problem, axes),
+        target=ANYWHERE,
+        unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
+        delta=delta,
+        steps=problem.most_steps,
+        sensing=Sensing(delay=problem.sensing.delay),  # intervals are longer and begin as late
+    )
+    inside = tuple(slice(extra, extra + n) for extra, n in zip(widened.tolist(), grid.shape, strict=True))
+    return Danger(axes, timed, wide, wide.unsafe[0], inside)
+
+
+def _on_axes(problem: ReachAvoidProblem, axes: tuple[int, ...]) -> Dynamics:
+    """The dynamics of some axes, which need no others; what is past an end moves as at the end."""
+    low, high = np.array(problem.grid.lower), np.array(problem.grid.upper)
+
+    def embedded(points: FloatArray) -> FloatArray:
+        full = np.tile(low, (len(points), 1))
+        full[:, axes] = points
+        return np.minimum(np.maximum(full, low), high)
+
+    return problem.dynamics.restricted(axes, embedded)

@@ -1,0 +1,293 @@
+"""The differential games of one sampling interval (Sec. 4.1, App. A.3), solved for each input.
+
+About the interval that starts at step k, for every input u_j held over it, the games of a method answer
+
+* `reach(values, step)`: level-set functions of the reach sets of {values <= 0} (Definition 2; game 3);
+* `avoid(part, step)`: level-set functions of the avoid tubes of one unsafe set (Definition 3; games 1 and 2),
+  solved on the axes that set depends on.
+
+The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` solve the reach-avoid game in one PDE
+(Prop. 1) instead; the two agree up to scheme error.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.boxes import maximum_over_boxes
+from sdhj.problem.dynamics import INSTANTS, Velocities
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
+from sdhj.solver.hopf_lax import maximum_over_paths
+from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_stopped, too_restless
+
+KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
+Axes = tuple[int, ...]
+
+
+class Games(Protocol):
+    """What the recursion needs of a method: the games of one interval, on the whole grid."""
+
+    @property
+    def dtype(self) -> str: ...
+
+    @property
+    def solved(self) -> int: ...  # PDEs so far
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
+
+    def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class Wall:
+    """-g of an unsafe set on the subgrid of some axes.
+
+    Attributes
+    ----------
+    axes : tuple of int
+    over : callable (t0, t1) -> array
+        What the state must not touch at any time of [t0, t1].
+    instant : bool
+        Whether it is to be asked for each short time (view_time="instantaneous"); else once, for the whole interval.
+    """
+
+    axes: Axes
+    over: Callable[[float, float], FloatArray]
+    instant: bool
+
+    @classmethod
+    def of(cls, problem: ReachAvoidProblem, part: UnsafeSet, axes: Axes) -> "Wall":
+        """The wall of an unsafe set of the problem.
+
+        An instantaneous set is taken at all times of a time step, or what is fast slips past between two of them.
+        """
+        instant = part.moving and problem.view_time == "instantaneous"
+        view_time = "swept" if instant else problem.view_time
+        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
+
+
+class _OnAxes:
+    """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
+
+    dtype: str
+
+    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
+        self.problem = problem
+        self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
+        self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
+        interval, self.count = problem.interval(0), len(problem.inputs)
+        self.duration, self.early = interval.delta, interval.early
+        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are asked for
+
+    def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
+        """The nodes of some axes of which something is asked."""
+        return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
+
+    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
+        """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
+        return self.tubes(Wall.of(self.problem, part, self.problem.avoid_axes(part)), step)
+
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
+        nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
+        tubes = np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
+        for j, tube in self.each_tube(wall, step):
+            np.maximum(tubes[j], tube, out=tubes[j])
+        return tubes
+
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, a part of the tube of u_j), on the subgrid of wall.axes: the tube is the maximum of its parts."""
+        raise NotImplementedError
+
+
+class HJIGames(_OnAxes):
+    """Games 1 to 3 by finite differences."""
+
+    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
+        super().__init__(problem, axes)
+        self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
+        self._steps: dict[tuple[Axes, int], int] = {}
+        # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
+        self.counted: Mapping[Axes, Sequence[int]] = {}
+        self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
+        if self.moving_frame:
+            drift = np.asarray(problem.dynamics.drift)[:, self.axes]
+            checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
+
+    @property
+    def moving_frame(self) -> bool:
+        """Whether the drift can be solved by a shift: constant, and along periodic axes only."""
+        dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
+        if self.scheme.frame == "fixed" or not dynamics.constant:
+            return False
+        return not np.any(np.asarray(dynamics.drift)[:, self.axes][:, ~periodic])
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
+        if self.moving_frame and not self.early:  # else each end that it may have is another shift
+            still = self._evolve(values, 0, step, drift=False)
+            shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
+            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
+        else:
+            for j in range(self.count):
+                yield j, self._evolve(values, j, step)[self.wanted_on(self.axes)]
+
+    def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
+        self.solved += 1
+        velocities = self.velocities(j, self.axes, step, drift)
+        known = self.counted.get(self.axes)
+        steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
+        return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
+
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `_OnAxes.each_tube`.
+
+        Differences wear the crests of -g down, and so find unsafe states safe: where velocities are constant, in the
+        moving frame, the tubes come from the Hopf-Lax formula, which does not.
+        """
+        problem = self.problem
+        if self.moving_frame:
+            formula = HopfLaxGames(problem, SHIFT, self.dtype, self.axes)
+            formula.wanted = self.wanted
+            yield from formula.each_tube(wall, step)
+            return
+        grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
+        at = self.held(wall, step, steps)
+        told: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
+        for j in range(self.count):
+            self.solved += 1
+            tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **told)
+            yield j, tube[self.wanted_on(wall.axes)]
+
+    def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
+        """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
+        t0, t1 = self.problem.span(step)
+
+        @cache
+        def at(tau: float) -> FloatArray:
+            if not wall.instant:
+                return wall.over(t0, t1)
+            return wall.over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
+
+        return at if wall.instant else lambda tau: at(0.0)
+
+    def velocities(
+        self, j: int, axes: Axes, step: int, drift: bool = True
+    ) -> Velocities | Callable[[float], Velocities]:
+        """`Interval.velocity_field`, kept while there is room where it does not depend on time."""
+        key = (j, axes, drift)
+        if key in self._fields:
+            return self._fields[key]
+        field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
+        if callable(field):
+            return lambda tau: self._stable(field(tau), axes, step)
+        if sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
+            self._fields[key] = field
+        return field
+
+    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
+        """The same, where the time steps of the interval are short enough for them; else ValueError."""
+        if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
+            raise too_restless(self.duration)
+        return velocities
+
+    def steps(self, axes: Axes, step: int) -> int:
+        """Time steps of an interval that are enough for every input."""
+        if axes in self.counted:
+            return max(1, *self.counted[axes])
+        key = axes, step if self.problem.dynamics.timed else 0
+        if key not in self._steps:
+            grid, delta, cfl = self.problem.grid.subgrid(axes), self.duration, self.scheme.cfl
+            most = 1
+            for j in range(self.count):
+                field, interval = self.velocities(j, axes, step), self.problem.interval(step)
+                times = interval.begin + delta * INSTANTS
+                fields = [interval.velocities(j, axes, t) for t in times] if callable(field) else [field]
+                most = max(most, *(one.steps(grid, delta, cfl) for one in fields))
+            self._steps[key] = most
+        return self._steps[key]
+
+
+class JointGames(HJIGames):
+    """The reach-avoid game of Prop. 1 in one PDE on the whole grid."""
+
+    joint = True
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, Phi_j(t_k)), the level-set functions of the reach-avoid sets (Definition 4)."""
+        problem, grid = self.problem, self.grid
+        steps = self.steps(self.axes, step)
+        walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
+        held = [(self.held(wall, step, steps), wall.axes) for wall in walls]
+
+        @cache
+        def union(tau: float) -> FloatArray:
+            values = np.full((1,) * grid.ndim, -np.inf)
+            for at, axes in held:
+                values = np.maximum(values, grid.lift(at(tau), axes))
+            return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
+
+        obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
+        told: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
+        for j in range(self.count):
+            self.solved += 1
+            velocities = self.velocities(j, self.axes, step)
+            yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **told)
+
+
+class HopfLaxGames(_OnAxes):
+    """Games 1 to 3 by the Hopf-Lax formula: exact up to interpolation.
+
+    The velocity set must not depend on the state; where the adversary couples axes its bounding box is used, which errs
+    to the safe side.
+    """
+
+    solved = 0  # a formula in place of PDEs
+
+    def __init__(
+        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
+    ) -> None:
+        super().__init__(problem, axes)
+        if not problem.dynamics.stateless:
+            raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
+        self.interpolation, self.dtype = interpolation, dtype
+        timed, speed = problem.dynamics.timed, np.zeros(problem.grid.ndim)
+        for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
+            for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
+                speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
+            end = self.duration
+            whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
+            if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
+                raise too_restless(self.duration)
+        self.cells = checked_travel(problem.grid, speed, self.duration)
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `HJIGames.reach`."""
+        interval, parts = self.problem.interval(step), self._pieces(list(self.axes), self.early / self.duration)
+        ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
+        boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
+        values = np.asarray(values, self.dtype)
+        yield from maximum_over_paths(self.grid, values, boxes, self.interpolation, self.wanted_on(self.axes))
+
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `_OnAxes.each_tube`; each piece of the interval takes the box that holds all states of its duration."""
+        problem, axes, wanted = self.problem, list(wall.axes), self.wanted_on(wall.axes)
+        grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
+        times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
+        whole = None if wall.instant else wall.over(times[0], times[-1])
+        for piece in range(pieces):  # what moves within a piece is covered by its swept volume
+            values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
+            ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
+            boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
+            low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+            yield from maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
+
+    def _pieces(self, axes: list[int], share: float = 1.0) -> int:
+        """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""
+        return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))

@@ -1,0 +1,115 @@
+"""Methods: how the sets of Theorem 2 are represented and computed, as objects that hold their options.
+
+A method has a name and `sets(problem, progress)`, which returns what `sdhj.solver.recursion.recursion` fills; a method
+of your own is an object with these two, given to `solve` in place of one from here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+from sdhj.problem.boxes import INTERPOLATIONS
+from sdhj.problem.checks import option
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
+from sdhj.solver.recursion import GridSets, Sets
+from sdhj.solver.schemes import DTYPES, Scheme
+
+
+class Method(Protocol):
+    """What `solve` needs of a method."""
+
+    @property
+    def name(self) -> str: ...
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> Sets: ...
+
+
+@dataclass(frozen=True)
+class HJI:
+    """Finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
+
+    Parameters
+    ----------
+    scheme : Scheme
+        How the equations are discretised.
+    games : {"decomposed", "joint"}
+        Reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
+    """
+
+    scheme: Scheme = field(default_factory=Scheme)
+    games: str = "decomposed"
+    name: ClassVar[str] = "hji"
+
+    def __post_init__(self) -> None:
+        option("games", self.games, ("decomposed", "joint"))
+        if not isinstance(self.scheme, Scheme):
+            raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The options, for a table's details."""
+        return {"games": self.games} | vars(self.scheme)
+
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
+        """The games on some axes of a problem, by default all."""
+        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.told)
+
+
+@dataclass(frozen=True)
+class HopfLax:
+    """The Hopf-Lax formula (`sdhj.solver.hopf_lax`), where the velocity set does not depend on the state.
+
+    Parameters
+    ----------
+    interpolation : {"limited", "linear"}
+        What a function is between nodes.
+    dtype : {"float32", "float64"}
+    """
+
+    interpolation: str = "limited"
+    dtype: str = "float32"
+    name: ClassVar[str] = "lax"
+
+    def __post_init__(self) -> None:
+        option("interpolation", self.interpolation, INTERPOLATIONS)
+        option("dtype", self.dtype, DTYPES)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The options, for a table's details."""
+        return {"interpolation": self.interpolation, "dtype": self.dtype}
+
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
+        """The games on some axes of a problem, by default all."""
+        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.dtype, self.told)
+
+
+METHODS: dict[str, Any] = {  # by their short forms; `sdhj.solving` adds those of rooms above
+    "hji": HJI,
+    "lax": HopfLax,
+}
+
+
+def method_of(method: str | Method) -> Method:
+    """The method that a short form stands for; a method itself is returned.
+
+    Raises
+    ------
+    ValueError
+        Where it is neither.
+    """
+    if isinstance(method, str) and method in METHODS:
+        made: Method = METHODS[method]()
+        return made
+    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
+        raise ValueError(
+            f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
+        )
+    return method

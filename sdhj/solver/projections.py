@@ -1,0 +1,331 @@
+"""Games 2 and 3 on lower-dimensional subspaces (Sec. 5.1, App. A.4 and A.5).
+
+A subspace keeps some axes and drops the others. The dropped coordinates w act as a disturbance that may take any value
+on their axes at any time, so what holds in the subspace holds in the whole space for every w:
+
+* The set S to be reached is projected from the inside: x is in it where (x, w) is in S for all w,
+  s_p(x) = max over w of s(x, w).
+* An unsafe set G is projected from the outside: x is in it where (x, w) is in G for some w,
+  g_p(x) = min over w of g(x, w).
+* Where the velocity of the kept axes depends on w, the Hamiltonian takes the supremum over w as well.
+
+On the grid w runs over the nodes of its axes, which gives the extremes of the linear interpolant; what a function does
+between nodes is a matter of the spacing, as everywhere on a grid.
+
+A solution on the subspace, constant along the dropped axes, is its back-projection. Each subspace gives a reach set
+and an avoid tube inside the true ones, so their union over the subspaces, the minimum of the level-set functions, is
+inside as well, and larger than any of them. The last display of App. A.5 prints an intersection of complements: that
+is inside too, but smaller than each. (The complement of the union is the intersection of the over-approximations of
+what is unsafe.)
+
+The tubes S_k^i live on the whole grid; the recursion projects them anew at each step. An unsafe set that depends only
+on axes that one subspace keeps needs no projection and is solved on its own axes, exactly as in the full method.
+"""
+
+import reprlib
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import get_num_threads, set_num_threads
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
+from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Wall
+from sdhj.solver.methods import HJI, HopfLax
+from sdhj.solver.recursion import GridSets
+from sdhj.table.table import LookupTable
+
+FEW = 2**16  # nodes of a subspace
+
+
+class ProjectionWarning(UserWarning):
+    """A collection of subspaces with which the projected method finds little or nothing."""
+
+
+def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
+    """Drop, one at a time, each axis that no input drives; where there is none, each axis.
+
+    What the inputs drive has to stay, or nothing can be steered to the target. In the case studies this drops py, then
+    px: the paper's two subspaces.
+    """
+    ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
+    if ndim == 1:
+        raise ValueError('method="projected" needs a grid of at least 2 axes, one to drop; use method="hji"')
+    driven = driven_axes(problem)
+    dropped = [axis for axis in reversed(everything) if not driven[axis]] or list(reversed(everything))
+    return tuple(tuple(axis for axis in everything if axis != drop) for drop in dropped)
+
+
+def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
+    """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
+    dynamics, count = problem.dynamics, len(problem.inputs)
+    points = np.zeros((1, problem.grid.ndim)) if dynamics.stateless else problem.grid.points()
+    driven = np.zeros(problem.grid.ndim, np.bool_)
+    for t in problem.delta * (np.arange(problem.steps if dynamics.timed else 1) + 0.5):
+        first = dynamics.drift_at(points, 0, t)
+        driven |= np.any([(dynamics.drift_at(points, j, t) != first).any(axis=0) for j in range(count)], axis=0)
+    return driven
+
+
+def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
+    """The collection of subspaces as tuples of ascending axes.
+
+    Raises
+    ------
+    ValueError
+        Where one of them is not made of distinct axes of the grid, or comes twice.
+    """
+    if subspaces is None:
+        return default_subspaces(problem)
+    ndim = problem.grid.ndim
+    chosen = [tuple(sorted(axes)) for axes in subspaces]
+    for axes in chosen:
+        if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(range(ndim)):
+            raise ValueError(f"a subspace must be distinct axes of the grid (0 to {ndim - 1}), got {axes}")
+    if not chosen or len(set(chosen)) < len(chosen):
+        raise ValueError(f"subspaces must be one or more different sets of axes, got {subspaces}")
+    return tuple(chosen)
+
+
+class ProjectedGames:
+    """Games 2 and 3 on a collection of subspaces, back-projected and united; `inner` makes those of one."""
+
+    def __init__(
+        self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
+    ) -> None:
+        self.problem, self.inner, self.subspaces = problem, inner, subspaces
+        self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
+        # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
+        self.free: dict[int, float] = {}
+        self.dtype = self.on(subspaces[0]).dtype
+
+    @property
+    def solved(self) -> int:
+        """PDEs so far, on all subspaces."""
+        return sum(games.solved for games in self._games.values())
+
+    def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
+        """The games on the subspace of some axes."""
+        if axes not in self._games:
+            self._games[axes] = self.inner(axes)
+        return self._games[axes]
+
+    def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
+        """s_p(x) = max over the dropped coordinates of s(x, w), shape of the subgrid."""
+        dropped = tuple(axis for axis in range(self.problem.grid.ndim) if axis not in axes)
+        return values.max(axis=dropped)
+
+    def reach_pieces(self, values: FloatArray, step: int) -> list[FloatArray]:
+        """Phi_j(t_k) on each subspace for each input, each (L, *subgrid)."""
+        pieces = []
+        for axes in self.subspaces:
+            grid = self.problem.grid.subgrid(axes)
+            piece = np.empty((len(self.problem.inputs), *grid.shape), self.dtype)
+            with _threads_for(grid.size):
+                for j, phi in self.on(axes).reach(self.inner_projection(values, axes), step):
+                    piece[j] = phi
+            pieces.append(piece)
+        return pieces
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `HJIGames.reach`: on the whole grid, inside the true reach sets."""
+        pieces = self.reach_pieces(values, step)
+        for j in range(len(self.problem.inputs)):
+            yield j, _unite(self.problem.grid, [piece[j] for piece in pieces], self.subspaces)
+
+    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
+        """As `HJIGames.avoid`: inside the true avoid tubes, shape (L, *subgrid of problem.avoid_axes).
+
+        What one subspace keeps all of is solved on its own axes.
+        """
+        problem = self.problem
+        axes = problem.avoid_axes(part)
+        grid = problem.grid.subgrid(axes)
+        if any(set(axes) <= set(subspace) for subspace in self.subspaces):
+            with _threads_for(grid.size):
+                return self.on(tuple(range(problem.grid.ndim))).avoid(part, step)
+        wall, kept = Wall.of(problem, part, axes), self._kept(axes)
+        sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
+
+        def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
+            if (t0, t1) not in sampled:  # once for all subspaces
+                sampled[t0, t1] = self._outer_projections(part, axes, wall.over(t0, t1))
+            return sampled[t0, t1][keep]
+
+        if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
+            walls = wall.over(*problem.span(step))
+            self._note_free(part, float(walls.max() < 0))
+            return np.full((len(problem.inputs), *grid.shape), walls.max(), self.dtype)
+        tubes = []
+        for keep in kept:
+            own = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
+            with _threads_for(problem.grid.subgrid(keep).size):
+                tubes.append(self.on(keep).tubes(own, step))
+        local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
+        return np.stack([_unite(grid, [tube[j] for tube in tubes], local) for j in range(len(problem.inputs))])
+
+    def _kept(self, axes: Axes) -> list[Axes]:
+        """What the subspaces keep of some axes; what is part of another is left out, because it is only looser."""
+        kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
+        return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
+
+    def _outer_projections(self, part: UnsafeSet, axes: Axes, wall: FloatArray) -> dict[Axes, FloatArray]:
+        """-g_p(x) = max over the dropped coordinates of -g(x, w); notes how much of the space g_p leaves free."""
+        projected = {}
+        for keep in self._kept(axes):
+            projected[keep] = wall.max(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
+            self._note_free(part, self.problem.grid.subgrid(keep).fraction(projected[keep] < 0))
+        return projected
+
+    def _note_free(self, part: UnsafeSet, share: float) -> None:
+        place = next(i for i, known in enumerate(self.problem.unsafe) if known is part)
+        self.free[place] = max(share, self.free.get(place, 0.0))
+
+
+class ProjectedSets(GridSets):
+    """`GridSets` that tell what the projections cost."""
+
+    games: ProjectedGames
+
+    def finish(self, details: Mapping[str, Any]) -> LookupTable:
+        table = super().finish(details)
+        table.details["projection"] = self._diagnosis(table)  # type: ignore[index]
+        return table
+
+    def _diagnosis(self, table: LookupTable) -> dict[str, Any]:
+        """How much the projections cost, for the table's details; warns where they leave little or nothing.
+
+        Returns
+        -------
+        dict
+            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection
+            (a share; the largest over the steps). "free": for each unsafe set that had to be projected, the largest
+            share of a subspace outside its outer projection. "warnings": sentences.
+        """
+        games = self.games
+        grid, starts = table.grid, range(1 if self.problem.timeless else table.steps + 1)
+
+        def share(goal: FloatArray, axes: Axes) -> float:
+            whole = grid.fraction(goal <= 0)
+            return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
+
+        goals = [table.values(start=k, within=0) for k in starts]
+        kept = [max(share(goal, axes) for goal in goals) for axes in games.subspaces]
+        free = {self._name(place): share for place, share in sorted(games.free.items())}
+        found = self._findings(table, kept, free)
+        for sentence in found:
+            warnings.warn(sentence, ProjectionWarning, stacklevel=5)
+        return {"target_kept": kept, "free": free, "warnings": found}
+
+    def _name(self, place: int) -> str:
+        """The name of an unsafe set; of several with one name, its place too."""
+        names = [part.name for part in self.problem.unsafe]
+        alone = names.count(names[place]) == 1
+        return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
+
+    def _findings(self, table: LookupTable, kept: Sequence[float], free: Mapping[str, float]) -> list[str]:
+        problem, names = self.problem, self.problem.grid.names
+        found = []
+        for axes, share in zip(self.games.subspaces, kept, strict=True):
+            dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]
+            if share == 0.0:
+                lost = [axis for axis in dropped if axis in problem.target.axes]
+                cause = (
+                    f"the target depends on {_listed(names, lost)}"
+                    if lost
+                    else f"everywhere in the target some value of {_listed(names, dropped)} is unsafe"
+                )
+                found.append(
+                    f"dropping {_listed(names, dropped)} leaves nothing of the target: the projected target has to be "
+                    f"reached for every value of what was dropped, but {cause}; keep it, or use method='hji'"
+                )
+        for name, share in free.items():
+            if share == 0.0:
+                found.append(
+                    f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
+                    "what was dropped is unsafe, so no input counts as safe; keep more of the axes it depends on"
+                )
+        within = {n: table.fraction(start=0, within=n) for n in (0, table.steps)}
+        if not found and within[0] == within[table.steps]:
+            found.append("the projected tubes never grow beyond the target: these subspaces are too conservative here")
+        return found
+
+
+@contextmanager
+def _threads_for(size: int) -> Iterator[None]:
+    """One thread for kernels on few nodes: sharing them out costs more than it saves, most of all on a busy machine."""
+    before = get_num_threads()
+    if size < FEW:
+        set_num_threads(1)
+    try:
+        yield
+    finally:
+        set_num_threads(before)
+
+
+def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
+    return " and ".join(names[axis] for axis in axes)
+
+
+def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
+    """Back-project functions on subspaces and unite their sets: the minimum, on the whole of `grid`."""
+    total = grid.lift(pieces[0], axes[0])
+    for piece, keep in zip(pieces[1:], axes[1:], strict=True):
+        total = np.minimum(total, grid.lift(piece, keep))
+    return np.ascontiguousarray(np.broadcast_to(total, grid.shape))
+
+
+@dataclass(frozen=True)
+class Projected:
+    """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
+
+    Parameters
+    ----------
+    subspaces : sequence of sequence of int, optional
+        The axes that each subspace keeps; see `default_subspaces`. For the case studies by default the paper's
+        (0, 1, 2) and (0, 1, 3).
+    inner : HJI or HopfLax, optional
+        How the games on the subspaces are solved.
+    """
+
+    subspaces: Sequence[Sequence[int]] | None = None
+    inner: HJI | HopfLax = field(default_factory=HJI)
+    name: ClassVar[str] = "projected"
+
+    def __post_init__(self) -> None:
+        told = reprlib.repr(self.inner)
+        if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
+            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
+        if self.subspaces is None:
+            return
+        given: Any = self.subspaces
+        given = given.tolist() if isinstance(given, np.ndarray) else given
+        collection = given if isinstance(given, Sequence) else [None]
+        whole = all(
+            isinstance(axes, Sequence | np.ndarray) and all(isinstance(axis, int | np.integer) for axis in axes)
+            for axes in collection
+        )
+        if not whole or any(isinstance(axis, bool | np.bool_) for axes in given for axis in axes):
+            raise ValueError(
+                "subspaces must be a sequence of sequences of axes, which are whole numbers, for example "
+                f"[(0, 1, 2), (0, 1, 3)], got {reprlib.repr(given)}"
+            )
+        object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
+        subspaces = checked_subspaces(problem, self.subspaces)
+        told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
+        dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
+
+        def games(played: ReachAvoidProblem) -> ProjectedGames | HJIGames | HopfLaxGames:
+            if played is not problem.rimmed:  # the ends of an axis, on the few axes that it needs
+                return self.inner.on(played)
+            return ProjectedGames(played, lambda axes: self.inner.on(played, axes), subspaces)
+
+        return ProjectedSets(problem, self.name, games, dtype, told)

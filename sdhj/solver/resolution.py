@@ -1,0 +1,190 @@
+"""Whether a grid sees what it is to avoid: a wall thinner than a cell may pass between its nodes.
+
+A cell *hides* a part of an unsafe set where the set is met inside it, but no node is in the set, neither at its corners
+nor at those of the cells around. (Where one is, the set's boundary runs by, and the interpolated one is off by a part
+of a cell, as everywhere.) How fast a level-set function changes from node to node bounds what it can do between them;
+where that does not exclude it, the least value in the cell is searched for.
+"""
+
+import warnings
+from itertools import permutations, product
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem, _steepest
+from sdhj.problem.sets import UnsafeSet
+from sdhj.table.table import LookupTable
+
+ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
+SOUGHT = 200_000  # values at most that a search asks for
+CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
+TIMES = 3  # at which a moving set is looked at
+ASKED = 4000  # states, whether an input is promised there
+BRIEF = 20  # steps, in which a state without one is met in less than half of the runs even where they are 3 % of all
+ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
+
+
+class ResolutionWarning(UserWarning):
+    """The grid is too coarse for an unsafe set, or its level-set function is no distance."""
+
+
+def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+    """Warn of unsafe sets that hide between nodes or are too thin, and of level-set functions that jump at the edge."""
+    for part in problem.unsafe:
+        if part.sampling == "cell":
+            continue
+        often = TIMES if part.moving else 1
+        for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
+            if told := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
+                warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)
+                break
+
+
+def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
+    """What to say of a part of the set that no node sees; nothing where there is none."""
+    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
+    spacing = np.array(grid.spacing)
+    bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
+    for axis in range(grid.ndim):
+        corners = np.minimum(*grid.edges(corners, axis))
+    seen = corners <= 0
+    for axis in range(grid.ndim):
+        along = np.moveaxis(seen, axis, 0)  # a view
+        before = along.copy()
+        along[1:] |= before[:-1]
+        along[:-1] |= before[1:]
+        if grid.periodic[axis]:
+            along[[0, -1]] |= before[[-1, 0]]
+    suspects = np.flatnonzero((corners <= bound) & ~seen)
+    offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
+    most = SOUGHT // (ROUNDS * len(offsets)) + 1
+    suspects = suspects[np.argsort(corners.ravel()[suspects], kind="stable")[:most]]
+    if not suspects.size:
+        return ""
+    places = np.stack(np.unravel_index(suspects, corners.shape), axis=1) + 0.5
+    centres, reach = np.array(grid.lower) + places * spacing, spacing / 3
+    for _ in range(ROUNDS):
+        points = centres[:, None] + offsets * reach
+        found = part.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(points), -1)
+        rows, best = np.arange(len(points)), found.argmin(axis=1)
+        centres, reach, least = points[rows, best], reach / 3, found[rows, best]
+    deepest = int(least.argmin())
+    if least[deepest] >= 0:
+        return ""
+    thickness = -2 * float(least[deepest])
+    names = [problem.grid.names[axis] for axis in part.axes]
+    needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
+    where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
+    return (
+        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: it is about {thickness:.2g} "
+        f"thick there, and nodes are {', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. "
+        f"Use {', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
+        'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
+    )
+
+
+def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
+    """What to say of a level-set function that jumps at the set's boundary; nothing where it does not."""
+    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
+    off = []
+    for axis in range(grid.ndim):
+        here, there = grid.edges(values, axis)
+        crossing = np.flatnonzero((here > 0) != (there > 0))
+        crossing = crossing[:: crossing.size // CROSSINGS + 1]
+        if crossing.size:
+            one, other = here.ravel()[crossing], there.ravel()[crossing]
+            places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
+            places[:, axis] += one / (one - other)  # where the interpolant is zero
+            at = part.level_set(grid.wrapped(np.array(grid.lower) + places * grid.spacing), t)
+            off.append(np.abs(at) / np.abs(one - other))
+    if not off or np.median(np.concatenate(off)) < ABRUPT:
+        return ""
+    return (
+        f"the level-set function of {part.name!r} jumps at the set's boundary, as an indicator does, so between nodes "
+        "the boundary is known to half a cell at best; give a distance to the set (sdhj.UnsafeSet.from_map makes one "
+        "of a map)"
+    )
+
+
+def check_promises(table: "LookupTable", stacklevel: int = 2) -> None:
+    """Warn where a run is bound to meet a state for which the table promises no input.
+
+    Between the nodes there are such states for every grid. A run of a few steps meets them rarely, and most of what is
+    then chosen leads on; where one is met for certain before the target, runs end by standing there.
+    """
+    if table.steps < BRIEF or table.problem.stays:
+        return
+    grid = table.grid
+    told = table.batch(np.random.default_rng(0).uniform(grid.lower, grid.upper, (ASKED, grid.ndim)), 0)
+    on_the_way = told.steps_to_go > 0
+    if not on_the_way.any():
+        return
+    unsure, steps = float((~told.promised[on_the_way]).mean()), float(told.steps_to_go[on_the_way].mean())
+    if unsure * steps > 1:
+        warnings.warn(
+            f"for {unsure:.1%} of the states that are won no input is sure to lead on, and {steps:.0f} steps are to go "
+            "from them on average: runs are bound to meet such a state and may stand there for ever. Use more nodes, "
+            'fewer steps, or method="certified"',
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )
+
+
+DEEP = 0.75  # cells, of the deepest node across a wall
+ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wherever it lies
+LEAST_TOLD = 0.1  # cells: the least thickness that is told
+
+
+def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
+    """What to say of a wall, three nodes along it or more, or a dot that is too thin; nothing where there is none."""
+    if problem.dynamics.stateless or part.sampling == "steep":
+        return ""
+    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
+    cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])
+    thin = np.isfinite(cells)
+    deepest = values
+    for axis in range(grid.ndim):
+        deepest = np.minimum.reduce([deepest, *(_beside(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
+    found = thin.all(axis=0) & (values == deepest)  # dots, not the tips of what is deeper behind
+    for across, along in permutations(range(grid.ndim), 2):  # a wall may lie aslant
+        near = np.logical_or.reduce([_beside(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
+        found |= thin[across] & _beside(grid, near, along, -1, False) & _beside(grid, near, along, 1, False)
+    if not found.any():
+        return ""
+    place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
+    names = [problem.grid.names[axis] for axis in part.axes]
+    where = ", ".join(f"{name} = {grid.nodes(axis)[place[axis]]:.4g}" for axis, name in enumerate(names))
+    wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
+    told = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
+    needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
+    return (
+        f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(told)} "
+        "thick there, and differences wear down what is not some cells thick, so the solver may leak through it. Use "
+        f"{', '.join(f'{n} nodes along {names[axis]}' for n, axis in zip(needed, wrong, strict=True))}, or "
+        'UnsafeSet(..., sampling="steep"), which keeps the crest at the price of a part of a cell'
+    )
+
+
+def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
+    """Cells from side to side of the set along an axis at the nodes where it is too thin, +inf elsewhere; (shape)."""
+    last, before, after, further = (_beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
+    thickness = np.full(values.shape, np.inf)
+    alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for left, first, second, right in (alone, *pairs):  # from outside to outside
+            inside = (left > 0) & (first <= 0) & (second <= 0) & (right > 0)
+            thin = inside & (-np.minimum(first, second) < DEEP * np.maximum(left - first, right - second))
+            across = first / (first - left) + second / (second - right) + (first is not second)
+            thickness = np.where(thin, np.maximum(across, LEAST_TOLD), thickness)
+    return thickness
+
+
+def _beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
+    """For each node the value `by` nodes on along an axis; `past` beyond a bounded end."""
+    out = np.roll(values, -by, axis)
+    if not grid.periodic[axis]:
+        ends = slice(0, -by) if by < 0 else slice(grid.shape[axis] - by, None)
+        out[(slice(None),) * axis + (ends,)] = past
+    return out

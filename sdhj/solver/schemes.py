@@ -1,0 +1,279 @@
+"""Finite differences for Hamilton-Jacobi-Isaacs equations, in any number of dimensions.
+
+Backward in time, with tau = t_{k+1} - t, the games of App. A.3 all read
+
+    d Phi / d tau = H(x, D Phi),      H(x, p) = sup_v  p . f(x, u_j, v),
+
+optionally followed by Phi <- max(Phi, -g). Space is discretised by upwind differences p- and p+ of order 1, 2 or 3
+(first order; essentially non-oscillatory, Osher & Shu 1991), which one of two numerical Hamiltonians combines:
+
+* Where the adversary moves every axis on its own, the velocity set is a box, H(x, p) = sum_i max(a_i p_i, b_i p_i)
+  with a_i <= b_i the extreme velocities on axis i, and Godunov's flux is exact and cheap: each extreme velocity takes
+  its upwind difference, and standing still is allowed where a_i < 0 < b_i (a local maximum then stays).
+* Lax-Friedrichs: H((p- + p+) / 2) + sum_i alpha_i (p+_i - p-_i) / 2, with alpha_i(x) = max(|a_i|, |b_i|) the local
+  bound on |dH / dp_i|: just enough dissipation to be monotone, and it works for coupled velocity sets too.
+
+Time is discretised by the total-variation-diminishing Runge-Kutta schemes of order 1, 2, 3 (Shu & Osher 1988).
+
+`sdhj.kernels.stages` does the work, on planes of the last two axes; the differences and the numerical Hamiltonians are
+there.
+"""
+
+import math
+import reprlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import choice
+from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
+from sdhj.problem.boxes import most_on_rim, out_of_danger
+from sdhj.problem.checks import option
+from sdhj.problem.dynamics import MOST_STEPS, Velocities, too_fast
+from sdhj.problem.grid import Grid
+
+DTYPES = ("float32", "float64")
+RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
+# each stage: (weight kept of the step's start, the rest goes to an Euler step from the stage before; time reached)
+STAGES = {
+    "euler": ((0.0, 1.0),),
+    "rk2": ((0.0, 1.0), (0.5, 1.0)),
+    "rk3": ((0.0, 1.0), (0.75, 0.5), (1 / 3, 1.0)),
+}
+OPTIONS: dict[str, tuple[Any, ...]] = {
+    "flux": tuple(HAMILTONIANS),
+    "order": tuple(DIFFERENCES),
+    "integrator": tuple(STAGES),
+    "frame": ("moving", "fixed"),
+    "dtype": DTYPES,
+}
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """How the PDE is discretised.
+
+    Parameters
+    ----------
+    flux : {"godunov", "lax-friedrichs"}
+        The numerical Hamiltonian. Godunov is sharper; where the adversary couples axes only Lax-Friedrichs applies
+        and is used whatever is asked for.
+    order : {2, 1, 3}
+        Order of the upwind differences.
+    integrator : {"rk2", "euler", "rk3"}
+    cfl : float
+        Fraction of the largest stable step, in (0, 1].
+    frame : {"moving", "fixed"}
+        "moving" solves the drift of a state-independent velocity exactly: in coordinates that drift along, the PDE is
+        the same for every input, so it is solved once and shifted back by interpolation; the avoid games are solved in
+        closed form (`sdhj.solver.hopf_lax`). It applies where all drift is constant and along periodic axes; elsewhere,
+        and with "fixed", everything is differenced.
+    dtype : {"float32", "float64"}
+    """
+
+    flux: str = "godunov"
+    order: int = 2
+    integrator: str = "rk2"
+    cfl: float = 0.75
+    frame: str = "moving"
+    dtype: str = "float32"
+
+    def __post_init__(self) -> None:
+        for name, allowed in OPTIONS.items():
+            option(name, getattr(self, name), allowed)
+        cfl: Any = self.cfl
+        real = isinstance(cfl, int | float | np.integer | np.floating) and not isinstance(cfl, bool | np.timedelta64)
+        if not real or not 0.0 < cfl <= 1.0:
+            raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
+
+
+def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
+    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
+    cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
+    if max(cells) > MOST_STEPS:
+        raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
+    return np.array(cells)
+
+
+def too_restless(delta: float) -> ValueError:
+    """The error for velocities that change more within an interval than the instants looked at tell."""
+    return ValueError(
+        f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
+        "shorter delta, or put what vibrates into the adversary's bounds"
+    )
+
+
+@lru_cache(maxsize=64)
+def layout_of(grid: Grid, order: int) -> Layout:
+    """The layout of a grid's functions for differences of some order."""
+    *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
+    ghosts = min(order, REACH)
+    top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
+    begins = np.arange(math.prod(leading)).reshape(leading) * (rows + 2 * top) * width  # of each plane
+    near = np.empty((begins.size, grid.ndim, 2, REACH), np.int64)
+    for axis, side, o in np.ndindex(near.shape[1:]):
+        shift = (2 * side - 1) * min(o + 1, ghosts)  # a low order reads less than it is handed
+        if axis < len(leading):
+            moved = begins.take(_neighbour(np.arange(grid.shape[axis]) + shift, grid, axis), axis=axis)
+        else:
+            moved = begins + shift * (1 if axis == grid.ndim - 1 else width)
+        near[:, axis, side, o] = moved.ravel()
+    source = _neighbour(np.arange(-top, rows + top), grid, -2) if top else np.zeros(1, np.int64)
+    chunks = min(max(1, round(rows * width / RUN)), rows)
+    return Layout(
+        near.reshape(begins.size, grid.ndim, -1), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+    )
+
+
+def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
+    """The node that stands for one beyond an end: wrapped or, at a wall, the last one (constant extrapolation)."""
+    n = grid.shape[axis]
+    return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
+
+
+def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
+    """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
+    rows, planes = layout.rows + 2 * layout.top, layout.near.shape[0]
+    out = np.empty((planes, rows, layout.width), dtype)
+    to_planes(np.ascontiguousarray(values).reshape(planes, layout.rows, layout.nodes), out, layout)
+    return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
+
+
+def _field(
+    grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
+) -> FloatArray:
+    """Arrange parts (leading..., *grid.shape) as (parts, leading..., nodes); constant ones as one plane for all."""
+    plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
+    if parts[0].ndim == leading:
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None], (*shape, plane)), dtype)
+    out = np.empty((*shape, layout.near.shape[0] * plane), dtype)
+    for place in np.ndindex(shape):  # none where the adversary has no components
+        out[place] = _padded(grid, layout, parts[place[0]][place[1:]], dtype).ravel()
+    return out
+
+
+def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
+    """Arrange velocities as `stage` reads them."""
+    spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
+    if velocities.lower.ndim == 1 and not velocities.coupled:
+        return ((np.stack(box) / spacing).ravel().astype(dtype),)
+    terms = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
+    if velocities.drift is None or velocities.gain is None:
+        return terms
+    return (*terms, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))
+
+
+def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
+    """`given`, or what it is as a function of tau, arranged: a function of tau that remembers its last answer."""
+    if callable(given):
+        return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
+    arranged = arrange(given)
+    return lambda tau: arranged
+
+
+def evolve(
+    grid: Grid,
+    values: FloatArray,
+    velocities: Velocities | Callable[[float], Velocities],
+    duration: float,
+    scheme: Scheme,
+    *,
+    obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
+    steps: int | None = None,
+) -> FloatArray:
+    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a rim, <= `most_on_rim`.
+
+    Parameters
+    ----------
+    values : (shape) array
+        Level-set function at the end of the sampling interval.
+    velocities : Velocities, or callable tau -> Velocities
+        tau counts back from the interval's end.
+    duration : float
+        Length of the interval, s.
+    obstacle : (shape) array, or callable tau -> (shape) array, optional
+        Phi is kept above it at every stage: -g for an avoid game (App. A.3).
+    steps : int, optional
+        Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for.
+
+    Returns
+    -------
+    (shape) array of the scheme's dtype
+
+    Raises
+    ------
+    ValueError
+        Where the CFL condition asks for more than `MOST_STEPS`, or velocities depend on tau and `steps` is not given.
+    """
+    if steps is None:
+        if callable(velocities):
+            raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
+        steps = velocities.steps(grid, duration, scheme.cfl)
+    layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
+
+    def arranged(g: Any) -> FloatArray:
+        return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
+
+    phi, wall = arranged(values), _over_time(obstacle, arranged)
+    terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
+    order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
+    kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
+
+    def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
+        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        if most.size:
+            np.minimum(out, most, out=out)
+
+    if obstacle is not None:
+        np.maximum(phi, wall(0.0), out=phi)
+    phi, free = _integrate(phi, euler, STAGES[scheme.integrator], steps, dt)
+    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
+    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    return inner.reshape(grid.shape)
+
+
+def evolve_stopped(
+    grid: Grid,
+    values: FloatArray,
+    velocities: Any,
+    duration: float,
+    scheme: Scheme,
+    early: float,
+    *,
+    obstacle: Any = None,
+    steps: int | None = None,
+) -> FloatArray:
+    """As `evolve`, where the adversary may stop up to `early` s before the end; then nothing may depend on tau."""
+    if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
+        stop = values if obstacle is None else np.maximum(values, obstacle)
+        values = evolve(grid, values, velocities, early, scheme, obstacle=stop)
+        duration, steps = duration - early, None
+    return evolve(grid, values, velocities, duration, scheme, obstacle=obstacle, steps=steps)
+
+
+def _integrate(
+    phi: FloatArray, euler: Callable[..., None], stages: tuple[tuple[float, float], ...], steps: int, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Phi after some steps of `STAGES`, from `phi`, which may be written over, and an array that is free.
+
+    euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
+        result being that at `then`.
+    """
+    work, spare = np.empty_like(phi), np.empty_like(phi)  # what is never written takes no memory
+    for step in range(steps):
+        source, now = phi, step * dt
+        for number, (keep, reached) in enumerate(stages, 1):
+            out = phi if number == len(stages) > 1 else spare if source is work else work
+            if keep and out is not phi:
+                np.copyto(out, phi)
+            then = (step + reached) * dt
+            euler(source, out, now, then, keep)
+            source, now = out, then
+        if source is not phi:
+            phi, work = work, phi
+    return phi, work

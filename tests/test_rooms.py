@@ -1,0 +1,142 @@
+"""The shape of the house: where imports may stand and point, functions that fit on a screen, one thing a name."""
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "sdhj"
+FILES = sorted(PACKAGE.rglob("*.py"))
+# Rooms whose extra may not be installed: alone these may be imported inside a function.
+OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["sdhj"]["optional"]
+COMPILERS = {"kernel", "njit"}
+SCREEN = 60  # lines of a function at most
+# Names that two files may share: the checker has its own, as it imports nothing of what it checks.
+TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command"}
+
+
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def functions(module: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    return (node for node in ast.walk(module) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+def imported(node: ast.AST) -> list[str]:
+    """The modules that a statement imports from, by their full names."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        whole = f"{'.' * node.level}{node.module or ''}"
+        return [f"{whole}.{alias.name}" for alias in node.names] if whole == "sdhj" else [whole]
+    return []
+
+
+def is_own(name: str) -> bool:
+    return name.startswith((".", "sdhj.")) or name == "sdhj"
+
+
+def faults(module: ast.Module) -> list[str]:
+    """What hides an import from a reader: one line for each."""
+    found = []
+    top = {id(node) for node in module.body}
+    for node in ast.walk(module):
+        for name in filter(is_own, imported(node)):
+            if name == "sdhj" or name.startswith("."):
+                found.append(f"{node.lineno}: imports the facade, or by a relative name")  # type: ignore[attr-defined]
+            elif id(node) not in top and not any(name == room or name.startswith(f"{room}.") for room in OPTIONAL):
+                found.append(f"{node.lineno}: {name} is imported inside a block")  # type: ignore[attr-defined]
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+            given = node.args[0] if node.args else None
+            if not isinstance(given, ast.Constant) or is_own(str(given.value)):
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+        if isinstance(node, ast.Name) and node.id == "TYPE_CHECKING":
+            found.append(f"{node.lineno}: TYPE_CHECKING")
+    return found
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path != PACKAGE / "__init__.py"], ids=str)
+def test_imports_stand_at_the_top(path: Path) -> None:
+    assert faults(tree(path)) == []
+
+
+def test_the_facade_imports_everything_at_once() -> None:
+    """And nothing hangs on what is typed: no sys.argv, no signal handler."""
+    facade = tree(PACKAGE / "__init__.py")
+    assert not list(functions(facade))
+    assert not {"sys", "signal", "importlib"} & {name for node in ast.walk(facade) for name in imported(node)}
+
+
+def test_optional_rooms_are_there() -> None:
+    for room in OPTIONAL:
+        path = ROOT / room.replace(".", "/")
+        assert path.is_dir() or path.with_suffix(".py").is_file()
+
+
+PLANTED = {
+    "in a function": "def f():\n    from sdhj.table.table import entry\n",
+    "the facade": "import sdhj",
+    "a name of the facade": "from sdhj import solve",
+    "relative": "from .table import entry",
+    "for types": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import os",
+    "by a string": "import importlib\nimportlib.import_module('sdhj.table.table')",
+    "by a variable": "import importlib\nimportlib.import_module(name)",
+}
+
+
+@pytest.mark.parametrize("source", PLANTED.values(), ids=PLANTED.keys())
+def test_planted_fault_is_found(source: str) -> None:
+    assert faults(ast.parse(source))
+
+
+def test_kernels_import_nothing_of_the_rest() -> None:
+    """Compiled code is stamped with its folder alone."""
+    for path in sorted((PACKAGE / "kernels").glob("*.py")):
+        own = [name for node in ast.walk(tree(path)) for name in imported(node) if is_own(name)]
+        assert all(name == "sdhj.kernels" or name.startswith("sdhj.kernels.") for name in own), path.name
+
+
+def test_functions_fit_on_a_screen() -> None:
+    spans = {
+        f"{path.name}: {one.name}": one.end_lineno - one.lineno + 1 for path in FILES for one in functions(tree(path))
+    }
+    assert {name: span for name, span in spans.items() if span > SCREEN} == {}
+
+
+def decorators(function: ast.FunctionDef | ast.AsyncFunctionDef) -> set[str]:
+    return {
+        ast.unparse(one.func if isinstance(one, ast.Call) else one).split(".")[-1] for one in function.decorator_list
+    }
+
+
+def test_kernels_take_few_arguments() -> None:
+    kernels = [(path, one) for path in FILES for one in functions(tree(path)) if decorators(one) & COMPILERS]
+    assert len(kernels) > 20  # or this looks for the wrong decorator
+    counts = {
+        f"{path.name}: {one.name}": len(one.args.posonlyargs + one.args.args + one.args.kwonlyargs)
+        for path, one in kernels
+    }
+    assert {name: count for name, count in counts.items() if count > 8} == {}
+
+
+def defined(path: Path) -> Iterator[str]:
+    """Public names that a file defines at its top: functions, classes, constants."""
+    for node in tree(path).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names = [node.name]
+        else:
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            names = [name.id for target in targets if target for name in ast.walk(target) if isinstance(name, ast.Name)]
+        yield from (name for name in names if not name.startswith("_"))
+
+
+def test_one_name_means_one_thing() -> None:
+    """No two public functions, classes or constants of one name."""
+    pairs = sorted((name, str(path.relative_to(PACKAGE))) for path in FILES for name in set(defined(path)))
+    shared = {name: [file for _, file in group] for name, group in groupby(pairs, key=lambda pair: pair[0])}
+    assert {name: files for name, files in shared.items() if len(files) > 1 and name not in TWICE} == {}
