@@ -1,0 +1,5 @@
+"""`python -m sdhj` is the command `sdhj`."""
+
+from sdhj.cli import command
+
+command()

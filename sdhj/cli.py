@@ -361,7 +361,7 @@ def _compile_checker(table: Any) -> None:
 def command() -> None:
     """The command `sdhj`: `main`, which ends at Ctrl-C and SIGTERM at once."""
     stop_at_signals()
-    main()
+    main(prog_name="sdhj")
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ def imported(node: ast.AST) -> list[str]:
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
         whole = f"{'.' * node.level}{node.module or ''}"
-        return [f"{whole}.{alias.name}" for alias in node.names] if whole == "sdhj" else [whole]
+        own = whole == "sdhj"  # rooms, or names of the facade
+        return [f"sdhj.{a.name}" if (PACKAGE / a.name).is_dir() else "sdhj" for a in node.names] if own else [whole]
     return []
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.skeleton import POINT, clearance, joints
+from sdhj.kernels.skeleton import POINT, joints, skeleton_distances
 from sdhj.problem.checks import number, pair
 
 KINEMATICS = ("relative", "printed")
@@ -67,7 +67,7 @@ def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, 
     smaller `point_segment_distance` to the last bit, in one pass: runs spend most of their time here.
     """
     out = np.empty(len(elbow))
-    clearance(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
+    skeleton_distances(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
     return out
 
 

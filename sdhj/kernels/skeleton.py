@@ -18,7 +18,7 @@ def joints(cos_1, sin_1, cos_2, sin_2, lengths, elbow, tip):
 
 
 @kernel(nogil=True)
-def clearance(elbow, tip, centres, radii, out):
+def skeleton_distances(elbow, tip, centres, radii, out):
     """`sdhj.arm.workspace.skeleton_clearance` into out (M,), overwritten."""
     for m in range(out.size):
         out[m] = np.inf

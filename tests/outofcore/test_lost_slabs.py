@@ -231,7 +231,7 @@ def test_a_store_of_another_problem_is_refused(problem, store):
 
 
 def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):
-    monkeypatch.setattr(sdhj, "__version__", "9.9")
+    monkeypatch.setattr(solve_module, "VERSION", "9.9")
     with pytest.raises(sdhj.TableFileError, match=r"was begun by sdhj .*, and this is 9\.9, which may round otherwise"):
         sdhj.solve(problem, store=store, resume=True)
     sdhj.load(store, problem=problem)  # to be read it need not be the same
