@@ -1,6 +1,7 @@
 """What holds for every test: floating-point errors raise, figures are closed, random numbers are seeded."""
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 
@@ -39,6 +40,19 @@ def figures_are_closed() -> Iterator[None]:
     yield
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
+
+
+@pytest.fixture
+def signals_are_heard() -> Iterator[None]:
+    """Ctrl-C and SIGTERM do here, and in the programs that the test starts, what they do at a terminal.
+
+    Shells have what runs in the background ignore Ctrl-C, and a program hands on to its children what it ignores.
+    """
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -23,9 +22,17 @@ from sdhj.outofcore import store as store_module
 from sdhj.outofcore.store import TableStore, alone, chunked
 
 SCRIPT = """
-import sys
+import os, sys
 sys.path.insert(0, {tests!r})
 import toys, sdhj
+from zarr.storage import _local
+put, sent = _local._put, []
+def stopped(path, value, **options):
+    if {number} and not sent and path.parent.name == "tubes" and len(list(path.parent.glob("c.*[0-9]"))) >= 5:
+        path.with_suffix(".0.partial").write_bytes(bytes(value.as_buffer_like())[:10])
+        sent.append(os.kill(os.getpid(), {number}))
+    return put(path, value, **options)
+_local._put = stopped
 sdhj.solve(toys.torus_problem(nodes=40), store={store!r}, memory={memory}, resume={resume})
 """
 
@@ -94,24 +101,23 @@ def test_a_stopped_solve_goes_on(problem, memory, table, tmp_path, monkeypatch, 
 
 
 def run_until(store, memory, number, resume=False, preexec=None):
-    """Solve in a process of its own, and send it a signal once some tubes are there."""
-    text = SCRIPT.format(tests=str(Path(toys.__file__).parent), store=str(store), memory=memory, resume=resume)
-    process = subprocess.Popen([sys.executable, "-c", text], stderr=subprocess.PIPE, text=True, preexec_fn=preexec)
-    while process.poll() is None and number is not None:
-        if len(files_of(store, "tubes")) >= 5:
-            process.send_signal(number)
-            break
-        time.sleep(0.002)
-    return process.wait(timeout=120), process.stderr.read()
+    """Solve in a process of its own, which gets a signal while it writes a tube and some others are there."""
+    told = {"store": str(store), "memory": memory, "resume": resume, "number": int(number or 0)}
+    text = SCRIPT.format(tests=str(Path(toys.__file__).parent), **told)
+    command = [sys.executable, "-c", text]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, preexec_fn=preexec, timeout=300)
+    return done.returncode, done.stderr
 
 
+@pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize(
     "number",
     [signal.SIGKILL, *(pytest.param(other, marks=pytest.mark.slow) for other in (signal.SIGTERM, signal.SIGINT))],
 )
 def test_signals_lose_nothing(problem, memory, table, tmp_path, number):
     ended, _ = run_until(tmp_path / "t.zarr", memory, number)
-    assert ended != 0
+    assert ended == -number
+    assert len(files_of(tmp_path / "t.zarr", "tubes")) >= 5 and list((tmp_path / "t.zarr").rglob("*.partial"))
     assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t.zarr", resume=True), table)
     assert not list((tmp_path / "t.zarr").rglob("*.partial"))
 
