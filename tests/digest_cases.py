@@ -259,6 +259,9 @@ CASES: dict[str, Case] = {
     ),
     # three axes and more
     "car": Case(toys.unicycle_problem),
+    "car, sensing": Case(
+        lambda: replace(toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1))
+    ),
     "car, third order": Case(lambda: toys.unicycle_problem(steps=2), sdhj.HJI(EXACT)),
     "car, projected": Case(
         lambda: replace(toys.unicycle_problem(), target=across(0.0)), sdhj.Projected([(0, 1), (0, 2)])
