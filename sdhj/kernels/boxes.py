@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels.compiling import kernel
-from sdhj.kernels.stages import MATH, raise_to
+from sdhj.kernels.stages import raise_to
 
 STRETCH = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
 
@@ -16,7 +16,7 @@ def _limited(a, b):
     return lesser if a * b > 0 else a * 0
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _between_nodes(out, m, a, b, p, weight, bend):
     """out = the value between a and b; m and p are the nodes next to them."""
     if bend == 0:

@@ -19,9 +19,10 @@ from sdhj.kernels.compiling import chosen, inlined, kernel
 
 REACH = 3  # nodes to each side that the kernels can read
 BLOCKS = 64  # pieces that threads share a stage in
-# Fused multiply-adds and the sign of zero may vary; NaN and infinity keep their meaning.
-MATH = {"contract", "nsz"}
-_inlined = inlined(fastmath=MATH)
+# No liberty is given to the compiler. Were it allowed to fuse multiplications and additions, it would do so in the part
+# of a row that it vectorises otherwise than in what is left over, and the bits of a node would hang on where its row
+# begins and on how the row is cut, which the version of Python decides.
+_inlined = inlined()
 
 
 class Layout(NamedTuple):
@@ -176,7 +177,7 @@ def _kept(keep, old):
     return keep * (old if keep > 0 else keep)
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
     """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
 
@@ -190,7 +191,7 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
     half = phi.dtype.type(0.5)
@@ -201,13 +202,13 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
         rhs[i] += half * _larger(abs(low), abs(high)) * (plus - minus)
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _raise_to_mode(best, p, axes, drift, gain, first):
     """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on; drift (ndim, nodes) and so on."""
     value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
@@ -224,7 +225,7 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
     raise_to(best, value)
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
     """As `_advance_box`, for coupled velocities: loop by loop, as there are too many of them for the registers."""
     (dt, keep), (box, _, drift, gain) = step, velocities
@@ -256,7 +257,7 @@ def _fill_ghosts(plane, layout, begin, end):
             plane[row * width + i] = plane[(source + layout.top) * width + i]
 
 
-@kernel(fastmath=MATH)
+@kernel()
 def _share(phi, out, wall, velocities, scheme, layout, step, share):
     """What one thread does of `stage`: (which share, of how many)."""
     flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
@@ -277,7 +278,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
-@kernel(parallel=True, fastmath=MATH)
+@kernel(parallel=True)
 def stage(phi, out, wall, velocities, order, flux, layout, step):
     """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
