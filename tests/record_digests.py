@@ -30,10 +30,10 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
 import numba
 import numpy as np
 from digest_cases import CASES, Case
+from numba.core import codegen
 
 import sdhj
 
@@ -68,7 +68,7 @@ class Digest:
 def machine() -> dict[str, str]:
     """What the last bits hang on."""
     return {
-        "processor": f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}",
+        "processor": f"{platform.machine()} {codegen.ll.get_host_cpu_name()}",
         "numpy": np.__version__,
         "numba": numba.__version__,
     }

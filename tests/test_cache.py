@@ -1,8 +1,9 @@
 """What is compiled is kept on disk, and never run when it is old.
 
 Numba throws a cached kernel away when its own source file changes, and only then: an edit to a helper or a constant in
-another file goes unseen. `sdhj.kernels.compiling.kernel` watches the whole package, so everything here is compiled by
-it (the independent checker, which imports nothing of the package, has its own decorator for its folder).
+another file goes unseen. `sdhj.kernels.compiling.kernel` watches the whole folder of kernels and nothing else, so all
+that is compiled lies there (the independent checker, which imports nothing of the package, has a decorator of its own
+for its folder).
 """
 
 import ast
@@ -100,9 +101,9 @@ def test_tuples_are_unrolled_and_functions_chosen_when_compiling() -> None:
         choice(TABLE, "minimum")
 
 
-def run(code: str, folder: Path) -> str:
+def run(code: str, folder: Path, **changed: str) -> str:
     """Run a line of Python in a new process, in a folder, with a cache of its own; return what it prints."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"} | changed
     command = [sys.executable, "-c", code]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
 
@@ -144,6 +145,27 @@ def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
     compiled_once_then_read(315)
     edit(package / "helper.py", "x * 5", "x * 2")
     compiled_once_then_read(126)
+
+
+def test_an_edit_elsewhere_compiles_nothing(tmp_path: Path) -> None:
+    """A comment in any room but that of the kernels; one there has them compiled anew."""
+    package = shutil.copytree(PACKAGE, tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
+    code = """
+import numpy as np, sdhj
+from sdhj.kernels.interpolation import wrap
+sdhj.Grid([0.0], [1.0], [5], [True]).wrapped(np.zeros((1, 1)))
+print(sdhj.__file__, len(wrap.stats.cache_misses))
+"""
+    told = str(package / "__init__.py")
+    assert run(code, tmp_path, PYTHONPATH=str(tmp_path)).split() == [told, "1"]
+    edited = [file for file in package.rglob("*.py") if file.parent != package / "kernels"]
+    assert len(edited) > 50
+    for file in edited:
+        file.write_text(file.read_text(encoding="utf-8") + "# a comment\n", encoding="utf-8")
+    assert run(code, tmp_path, PYTHONPATH=str(tmp_path)).split() == [told, "0"]
+    with (package / "kernels" / "union.py").open("a", encoding="utf-8") as file:
+        file.write("# a comment\n")
+    assert run(code, tmp_path, PYTHONPATH=str(tmp_path)).split() == [told, "1"]
 
 
 @pytest.mark.slow

@@ -102,6 +102,12 @@ def test_kernels_import_nothing_of_the_rest() -> None:
         assert all(name == "sdhj.kernels" or name.startswith("sdhj.kernels.") for name in own), path.name
 
 
+def test_compiled_code_lies_with_the_kernels() -> None:
+    for path in FILES:
+        compiled = [one.name for one in functions(tree(path)) if decorators(one) & COMPILERS]
+        assert not compiled or path.parent == PACKAGE / "kernels", f"{path.name}: {compiled}"
+
+
 def test_functions_fit_on_a_screen() -> None:
     spans = {
         f"{path.name}: {one.name}": one.end_lineno - one.lineno + 1 for path in FILES for one in functions(tree(path))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import njit, threading_layer
+from numba import njit, threading_layer  # type: ignore[attr-defined]
 from numba.core.event import Listener, install_listener
 from numba.extending import overload
 from tqdm import tqdm
@@ -27,9 +27,10 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file, and with damaged code. Here any change to a file of this package throws what is kept away,
-    and so does damage. Functions compiled in other packages or notebooks may use it too: changes to their own file
-    count as ever. Where nothing can be kept, the kernel is compiled in every process.
+    constant of another file, and with damaged code. Here any change to a file of this folder throws what is kept away,
+    and so does damage; kernels import nothing from outside it. Functions compiled in other packages or notebooks may
+    use it too: changes to their own file count as ever. Where nothing can be kept, the kernel is compiled in every
+    process.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
@@ -56,7 +57,7 @@ class MachineCode:
 
     def __init__(self, files: Any) -> None:
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
-        self.stamp = repr((numba.__version__, files._source_stamp, package_digest())).encode()
+        self.stamp = repr((numba.__version__, files._source_stamp, kernels_digest())).encode()
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
@@ -182,8 +183,8 @@ def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
 
 
 @cache
-def package_digest() -> str:
-    """A digest of all source files of this package, names included."""
+def kernels_digest() -> str:
+    """A digest of all source files of this folder, names included."""
     folder, digest = Path(__file__).parent, blake2b(digest_size=16)
     for file in sorted(folder.rglob("*.py")):
         text = file.read_bytes()
