@@ -173,7 +173,7 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
 
 def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
     """Nodes beside a slab that `games.avoid` needs, on some axes."""
-    if isinstance(games, HopfLaxGames) or games.moving_frame:
+    if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
         return crossed(float(speed) * games.duration / games.problem.grid.spacing[axis])
     return depth(games.scheme) * _most(games, axes, counted)

@@ -150,6 +150,7 @@ class StoredTable(OfProblem):
         found = np.empty(len(points), np.bool_)
         for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
             found[rows] = window.interpolate(read_window(self._read, "tubes", place, window), points[rows]) <= 0
+        found[found] = ~self.problem.refuted(points[found], start, min(within, self.steps - start))
         return found
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:

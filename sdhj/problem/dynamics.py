@@ -167,6 +167,16 @@ class Dynamics:
         """Whether gain and bounds are the same for every input."""
         return not any("u" in self.takes.get(name, ()) for name in ("gain", "bounds"))
 
+    def couples(self, axes: Sequence[int]) -> bool:
+        """Whether a component of the adversary moves several of some axes, so that their velocity set is no box.
+
+        True where the gain is a function, which may.
+        """
+        if callable(self.gain):
+            return True
+        moved = np.asarray(self.gain)[list(axes)] != 0.0
+        return bool((np.count_nonzero(moved, axis=0) > 1).any())
+
     def restricted(self, axes: Sequence[int], embedded: Callable[[FloatArray], FloatArray]) -> "Dynamics":
         """The dynamics of some axes; `embedded` turns their coordinates (M, len(axes)) into states (M, ndim)."""
         keep = list(axes)

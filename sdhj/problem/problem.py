@@ -230,9 +230,11 @@ class ReachAvoidProblem:
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
-        subgrid = self.grid.subgrid(axes)
-        values = [self._checked(function(piece.points()), name, piece.size) for piece in subgrid.pieces()]
-        return np.concatenate(values).reshape(subgrid.shape)
+        return self._sample_on(self.grid.subgrid(axes), function, name)
+
+    def _sample_on(self, grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        values = [self._checked(function(piece.points()), name, piece.size) for piece in grid.pieces()]
+        return np.concatenate(values).reshape(grid.shape)
 
     def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
         values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
@@ -265,17 +267,23 @@ class ReachAvoidProblem:
     ) -> FloatArray:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
         axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
-        values = self._sampled(part, lambda points: part.over(points, t0, t1, view_time))
+        lower = part.lowering(t0, t1, view_time)
+        values = self._sampled(part, lambda points: part.union(points, t0, t1, view_time), lower)
         grid = self.grid.subgrid(axes)
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
 
-    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray], lower: float = 0.0) -> FloatArray:
+        """An unsafe set's function at the nodes, `closed` and then lowered, as its `sampling` asks for."""
+        grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
-            grid = self.grid.subgrid(part.axes)
-            whole = grid.whole if isinstance(grid, Window) else grid
-            least = least_in_cells(whole, lambda points: self._checked(function(points), part.name))
-            return least[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else least
-        values = self.sample(part.axes, function, part.name)
+            values = _of_whole(
+                grid, lambda whole: least_in_cells(whole, lambda p: self._checked(function(p), part.name))
+            )
+        else:
+            values = self._sample_on(grid, function, part.name)
+            if not values.all():
+                values = _of_whole(grid, lambda whole: closed(whole, self._sample_on(whole, function, part.name)))
+        values = values - lower
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 
     @cached_property
@@ -313,6 +321,15 @@ class ReachAvoidProblem:
         points, t = self.grid.wrapped(points_array("points", points, self.grid.ndim)), number("t", t)
         values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
         return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
+
+    def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
+        """Where no tube (step, within) holds a state, whatever was computed: in G, or not in the target at last.
+
+        points (M, ndim); bool (M,). The true level-set functions say so, no grid involved.
+        """
+        t = self.time(step)
+        lost = self.unsafe_value(points, t) <= 0.0
+        return lost if within or self.stays else lost | (self.target_value(points, t) > 0.0)
 
     @property
     def digest(self) -> str:
@@ -437,6 +454,7 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
 
 
 RIM = 4  # nodes: the widest stencils reach three
+ON_BOUNDARY = 1e-30  # below 0, of a function that is 0 at a node: enough for single precision, nothing for distances
 
 
 def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
@@ -469,6 +487,44 @@ def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
     return float(np.abs(there - here).max())
 
 
+def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
+    """For each node the value `by` nodes on along an axis; `past` beyond a bounded end."""
+    out = np.roll(values, -by, axis)
+    if not grid.periodic[axis]:
+        ends = slice(0, -by) if by < 0 else slice(grid.shape[axis] - by, None)
+        out[(slice(None),) * axis + (ends,)] = past
+    return out
+
+
+def closed(grid: Grid, values: FloatArray) -> FloatArray:
+    """Level-set function of an unsafe set, shape grid.shape, made negative at the nodes where it is 0: G is closed.
+
+    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0 on a whole set (a distance without a sign, a
+    positive part, 1 - occupancy) does not say where between two nodes the set ends; so it is continued into the set, by
+    the most that it falls from one node to the next out there. A distance then ends where it does. Where it falls by
+    more at the set than before it jumps, and is taken to do so next to the node outside.
+    """
+    zero, axes = values == 0.0, range(grid.ndim)
+    around = {(axis, by): beside(grid, values, axis, by, -np.inf) for axis in axes for by in (-1, 1)}
+    honest = np.logical_or.reduce([(near < 0.0) & np.isfinite(near) for near in around.values()])  # on a boundary
+    flat, outside = zero & ~honest, {place: np.maximum(near, 0.0) for place, near in around.items()}
+    depth, fall = np.where(zero, -ON_BOUNDARY, 0.0), np.zeros(grid.ndim)
+    for axis in axes:
+        rims = [(outside[axis, by], beside(grid, values, axis, 2 * by, -np.inf)) for by in (-1, 1)]
+        first = max(float(near[flat].max(initial=0.0)) for near, _ in rims)
+        rate = max(float((far - near)[flat & (near > 0.0)].max(initial=0.0)) for near, far in rims)
+        fall[axis] = max(rate, first) if 2 * rate > first else (1.0 + STEEP) * first
+        for near, _ in rims:
+            depth = np.where(flat & (near > 0.0), np.minimum(depth, near - fall[axis]), depth)
+    known = flat & np.logical_or.reduce([near > 0.0 for near in outside.values()])
+    for _ in range(RIM):  # deeper in, at the same rate, as far as stencils reach
+        told = np.where(known, depth, -np.inf)
+        deeper = np.maximum.reduce([beside(grid, told, *place, -np.inf) - fall[place[0]] for place in around])
+        depth, known = np.where(flat & ~known & np.isfinite(deeper), deeper, depth), known | np.isfinite(deeper)
+    depth = np.where(flat & ~known, depth.min(), depth)
+    return np.where(zero, np.minimum(depth, -ON_BOUNDARY), values)
+
+
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """For each node, a bound from below on a level-set function in all cells that touch it, shape `grid.shape`.
 
@@ -484,6 +540,13 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
         at = at % n if periodic else np.clip(at, 0, n - 1)
         values = np.minimum.reduce([values.take(column, axis) for column in at.T])
     return values
+
+
+def _of_whole(grid: Grid, sampled: Callable[[Grid], FloatArray]) -> FloatArray:
+    """What is to be sampled on the whole grid; of a window, its part of that."""
+    if not isinstance(grid, Window):
+        return sampled(grid)
+    return sampled(grid.whole)[np.ix_(*map(grid.places, range(grid.ndim)))]
 
 
 MOMENTS = 20_000  # times at most

@@ -1,4 +1,8 @@
-"""The target L and the unsafe set G of Eq. (3), as level-set functions of some of the axes."""
+"""The target L and the unsafe set G of Eq. (3), as level-set functions of some of the axes.
+
+Both are closed (Definition 5): a state is unsafe where g <= 0, and has won where s <= 0 and g > 0. What solvers read of
+g at the nodes is below 0 wherever g <= 0 (`sdhj.problem.problem.closed`), so what they find safe is so strictly.
+"""
 
 import os
 from collections.abc import Callable, Sequence
@@ -104,16 +108,25 @@ class UnsafeSet:
 
         "swept" contains the set at every time of the interval; "sampled" is the union of 20 samples and does not.
         """
+        return self.union(points, t0, t1, view_time) - self.lowering(t0, t1, view_time)
+
+    def union(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
+        """As `over`, before it is lowered for what happens between the samples."""
         if not self.moving:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
             return self.swept(points, t0, t1)
-        times = np.linspace(t0, t1, SUBSAMPLES)
         union = self.level_set(points, t0)
-        for t in times[1:]:
+        for t in np.linspace(t0, t1, SUBSAMPLES)[1:]:
             union = np.minimum(union, self.level_set(points, float(t)))
-        # a time between two samples is at most half a gap from one of them
-        return union - (self.rate * (times[1] - times[0]) / 2 if view_time == "swept" else 0.0)
+        return union
+
+    def lowering(self, t0: float, t1: float, view_time: str) -> float:
+        """By how much: a time between two samples is at most half a gap from one of them."""
+        if not self.moving or view_time != "swept" or self.swept is not None:
+            return 0.0
+        times = np.linspace(t0, t1, SUBSAMPLES)
+        return float(self.rate * (times[1] - times[0]) / 2)
 
 
 @dataclass(frozen=True)

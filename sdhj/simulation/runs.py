@@ -297,6 +297,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
+        inside = inside[~controller.problem.refuted(inside, 0, steps)]
         if controller.problem.sensing:  # to be known to be admissible
             inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)

@@ -145,14 +145,19 @@ class HJIGames(_OnAxes):
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
 
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`.
+    def by_formula(self, axes: Axes) -> bool:
+        """Whether the avoid tubes on some axes come from the Hopf-Lax formula.
 
-        Differences wear the crests of -g down, and so find unsafe states safe: where velocities are constant, in the
-        moving frame, the tubes come from the Hopf-Lax formula, which does not.
+        Differences wear the crests of -g down, and so find unsafe states safe; the formula does not. It applies in the
+        moving frame, and where each component of the adversary moves one axis: of any other adversary it would take the
+        bounding box, which is stronger, and never converge.
         """
+        return self.moving_frame and not self.problem.dynamics.couples(axes)
+
+    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
         problem = self.problem
-        if self.moving_frame:
+        if self.by_formula(wall.axes):
             formula = HopfLaxGames(problem, SHIFT, self.dtype, self.axes)
             formula.wanted = self.wanted
             yield from formula.each_tube(wall, step)

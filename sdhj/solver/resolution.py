@@ -13,7 +13,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, _steepest
+from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.table import LookupTable
 
@@ -139,18 +139,19 @@ LEAST_TOLD = 0.1  # cells: the least thickness that is told
 
 def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """What to say of a wall, three nodes along it or more, or a dot that is too thin; nothing where there is none."""
-    if problem.dynamics.stateless or part.sampling == "steep":
+    dynamics = problem.dynamics
+    if (dynamics.stateless and not dynamics.couples(problem.avoid_axes(part))) or part.sampling == "steep":
         return ""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])
     thin = np.isfinite(cells)
     deepest = values
     for axis in range(grid.ndim):
-        deepest = np.minimum.reduce([deepest, *(_beside(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
+        deepest = np.minimum.reduce([deepest, *(beside(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
     found = thin.all(axis=0) & (values == deepest)  # dots, not the tips of what is deeper behind
     for across, along in permutations(range(grid.ndim), 2):  # a wall may lie aslant
-        near = np.logical_or.reduce([_beside(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
-        found |= thin[across] & _beside(grid, near, along, -1, False) & _beside(grid, near, along, 1, False)
+        near = np.logical_or.reduce([beside(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
+        found |= thin[across] & beside(grid, near, along, -1, False) & beside(grid, near, along, 1, False)
     if not found.any():
         return ""
     place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
@@ -169,7 +170,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 
 def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
     """Cells from side to side of the set along an axis at the nodes where it is too thin, +inf elsewhere; (shape)."""
-    last, before, after, further = (_beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
+    last, before, after, further = (beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
     alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -179,12 +180,3 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_TOLD), thickness)
     return thickness
-
-
-def _beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node the value `by` nodes on along an axis; `past` beyond a bounded end."""
-    out = np.roll(values, -by, axis)
-    if not grid.periodic[axis]:
-        ends = slice(0, -by) if by < 0 else slice(grid.shape[axis] - by, None)
-        out[(slice(None),) * axis + (ends,)] = past
-    return out

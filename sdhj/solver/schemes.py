@@ -70,8 +70,9 @@ class Scheme:
     frame : {"moving", "fixed"}
         "moving" solves the drift of a state-independent velocity exactly: in coordinates that drift along, the PDE is
         the same for every input, so it is solved once and shifted back by interpolation; the avoid games are solved in
-        closed form (`sdhj.solver.hopf_lax`). It applies where all drift is constant and along periodic axes; elsewhere,
-        and with "fixed", everything is differenced.
+        closed form (`sdhj.solver.hopf_lax`), but for those in which one component of the adversary moves several axes.
+        It applies where all drift is constant and along periodic axes; elsewhere, and with "fixed", everything is
+        differenced.
     dtype : {"float32", "float64"}
     """
 

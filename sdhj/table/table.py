@@ -291,11 +291,16 @@ class LookupTable(OfProblem):
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,)."""
+        """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,).
+
+        A state in the true unsafe set is in none, whatever is interpolated, nor with no steps to go one off the target.
+        """
         points = np.atleast_2d(real_array("points", points))
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
-        return worst_around(self.problem, self.value_array(start, within), points) <= 0
+        found: FloatArray = worst_around(self.problem, self.value_array(start, within), points) <= 0
+        found[found] = ~self.problem.refuted(points[found], start, min(within, self.steps - start))
+        return found
 
     def fraction(self, *, start: int, within: int) -> float:
         """Share of the grid's volume inside the tube, of what `contains` says so."""
