@@ -90,7 +90,7 @@ METHODS = {
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_an_unsafe_end_is_an_unsafe_set_that_begins_there(method):
-    """On a wider grid the same states are lost to an explicit set beyond +-4; the end itself is on the grid, and safe."""
+    """On a wider grid the same states are lost to an explicit set beyond +-4; the end itself is safe."""
     beyond = UnsafeSet((0,), lambda p, t: 4.0 - np.abs(p[:, 0]) + 1e-7, name="beyond")
     table = sdhj.solve(leaving("unsafe"), method)
     wide = sdhj.solve(leaving("wall", -6.0, 6.0, 121, beyond), method)
