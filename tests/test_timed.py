@@ -145,7 +145,9 @@ def exact(name):
 
 @cache
 def table(name, method):
-    return sdhj.solve(CASES[name].problem(), METHODS[method], progress=False)
+    """The formula asks for velocities at more times the finer the grid is, one after the other: fewer nodes for it."""
+    nodes = 49 if CASES[name].timed and method in ("lax", "limited") else 97
+    return sdhj.solve(CASES[name].problem(nodes), METHODS[method], progress=False)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -155,7 +157,7 @@ def test_tubes_and_marks_are_the_intervals_of_the_twin(name, method):
     grid, worst = found.grid, 0.0
     nodes, count = grid.nodes(0), len(CASES[name].inputs)
     # the formula is exact for distances; differences spread their kinks over some cells
-    tolerance = {"hji": 0.5, "joint": 1.0}.get(method, 0.1) * grid.spacing[0]
+    tolerance = {"hji": 0.5, "joint": 1.0}.get(method, 0.05) * grid.spacing[0]
     for (k, n), intervals in tubes.items():
         inside = found.values(start=k, within=n) <= 0
         marks = found.inputs(start=k, within=n)
@@ -285,7 +287,7 @@ def judged(name, controller, adversary, starts, rng):
 def test_no_run_from_within_the_exact_tube_is_lost(name, adversary, rng):
     """Starts everywhere in the twin's tube but for a cell at its boundary, which the table knows by interpolation."""
     tubes, _ = exact(name)
-    cell = table(name, "lax").grid.spacing[0]
+    cell = table(name, "hji").grid.spacing[0]
     starts = [x for x in rng.uniform(-4, 4, 2000) if naive.depth(tubes[0, CASES[name].steps], x) > cell]
     for method in METHODS:
         outcomes = judged(name, sdhj.Controller(table(name, method)), adversary, starts, rng)
