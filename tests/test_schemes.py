@@ -5,6 +5,7 @@ import dataclasses
 import naive
 import numpy as np
 import pytest
+from plain import run_plainly
 
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
@@ -19,18 +20,29 @@ ROUNDING = 1e-12
 
 ALL = [(flux, order) for flux in FLUXES for order in (1, 2, 3)]
 FEW = [("godunov", 2), ("lax-friedrichs", 3)]
+USUAL = FEW[0]
 
 
 def cases(*grids):
-    """Every flux and order on 1, 2 and 4 axes, two of them on the others; but for two on 2 axes they are slow.
+    """Every flux and order on 1 to 3 axes and two of them on 4, as plain Python; compiled the usual ones on 2 axes.
 
-    Each is compiled for each number of axes, which takes 3 to 15 s.
+    All that is compiled besides is slow: every number of axes anew, which takes 3 to 15 s.
     """
     return [
-        pytest.param(*kind, *grid, marks=() if len(grid[0]) == 2 and kind in FEW else pytest.mark.slow)
+        pytest.param(
+            plain, *kind, *grid, marks=() if plain or (len(grid[0]) == 2 and kind == USUAL) else pytest.mark.slow
+        )
         for grid in grids
-        for kind in (ALL if len(grid[0]) in (1, 2, 4) else FEW)
+        for plain in (True, False)
+        for kind in (ALL if len(grid[0]) in ((1, 2, 3) if plain else (1, 2, 4)) else FEW)
+        if not plain or len(grid[0]) <= 4
     ]
+
+
+def either(values, fast=()):
+    """Each of some values as plain Python, and compiled, which is slow but for some of them."""
+    compiled = [pytest.param(False, value, marks=() if value in fast else pytest.mark.slow) for value in values]
+    return [*((True, value) for value in values), *compiled]
 
 
 def box(lower, upper):
@@ -45,7 +57,7 @@ def random_problem(rng, shape, periodic):
 
 
 @pytest.mark.parametrize(
-    ("flux", "order", "shape", "periodic"),
+    ("plain", "flux", "order", "shape", "periodic"),
     cases(
         ((9,), (True,)),
         ((9,), (False,)),
@@ -56,9 +68,11 @@ def random_problem(rng, shape, periodic):
         ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ),
 )
-def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape, periodic):
+def test_state_dependent_evolution_equals_the_slow_twin(rng, monkeypatch, plain, flux, order, shape, periodic):
     grid, values, lower, upper = random_problem(rng, shape, periodic)
     scheme = dataclasses.replace(DOUBLE, flux=flux, order=order)
+    if plain:
+        run_plainly(monkeypatch)
     got = evolve(grid, values, Velocities(lower, upper), 0.05, scheme, steps=2)
 
     def rhs(phi):
@@ -68,7 +82,7 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
 
 
 @pytest.mark.parametrize(
-    ("flux", "order", "shape", "periodic"),
+    ("plain", "flux", "order", "shape", "periodic"),
     cases(
         ((9,), (True,)),
         ((6, 7), (False, True)),
@@ -78,13 +92,15 @@ def test_state_dependent_evolution_equals_the_slow_twin(rng, flux, order, shape,
         ((5, 5, 5, 5, 6, 5), (False, True, False, False, True, True)),
     ),
 )
-def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, periodic):
+def test_constant_velocities_equal_the_slow_twin(rng, monkeypatch, plain, flux, order, shape, periodic):
     grid = Grid([0.0] * len(shape), [2.0] * len(shape), shape, periodic)
     values = rng.normal(size=shape)
     wall = rng.normal(size=shape) - 1
     lower = rng.uniform(-2, 1, size=len(shape))
     upper = lower + rng.uniform(0, 2, size=lower.shape)
     scheme = dataclasses.replace(DOUBLE, flux=flux, order=order)
+    if plain:
+        run_plainly(monkeypatch)
     got = evolve(grid, values, Velocities(lower, upper), 0.05, scheme, steps=2, obstacle=wall)
     full = [np.broadcast_to(v.reshape(-1, *[1] * len(shape)), (len(shape), *shape)) for v in (lower, upper)]
 
@@ -95,9 +111,9 @@ def test_constant_velocities_equal_the_slow_twin(rng, flux, order, shape, period
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("plain", "flux"), either(FLUXES))
 @pytest.mark.parametrize("one_sided", [(), (2,), (0, 3), (0, 1, 2), (0, 1, 2, 3)])
-def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, flux, one_sided):
+def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, monkeypatch, plain, flux, one_sided):
     """Axes with velocities of one sign or known ones, where only one of the two differences counts."""
     shape, periodic = (5, 6, 5, 7), (True, False, True, False)
     grid = Grid([0.0] * 4, [2.0] * 4, shape, periodic)
@@ -113,6 +129,8 @@ def test_axes_that_are_left_in_one_direction_only_equal_the_slow_twin(rng, flux,
     def rhs(phi):
         return naive.right_hand_side(phi, grid.spacing, periodic, *full, 2, flux)
 
+    if plain:
+        run_plainly(monkeypatch)
     got = evolve(grid, values, velocities, 0.05, scheme, steps=2)
     np.testing.assert_allclose(got, naive.evolve(values, rhs, 0.05, 2, "rk2"), rtol=0, atol=ROUNDING)
 
@@ -161,23 +179,25 @@ def test_velocities_that_change_in_time_need_steps():
         evolve(grid, np.zeros(9), lambda tau: box([-1.0], [1.0]), 0.1, Scheme())
 
 
-@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("plain", "order"), either((1, 2, 3)))
 @pytest.mark.parametrize(
     ("shape", "periodic"),
     [
         ((9, 6), (False, True)),
-        pytest.param((6, 7, 5), (True, False, False), marks=pytest.mark.slow),
+        ((6, 7, 5), (True, False, False)),
         pytest.param((5, 6, 5, 7), (True, False, False, True), marks=pytest.mark.slow),
         pytest.param((5, 5, 6, 5, 7), (True, False, False, True, False), marks=pytest.mark.slow),
     ],
 )
-def test_coupled_velocities_with_modes_equal_the_slow_twin(rng, order, shape, periodic):
+def test_coupled_velocities_with_modes_equal_the_slow_twin(rng, monkeypatch, plain, order, shape, periodic):
     ndim = len(shape)
     grid = Grid([0.0] * ndim, [1.0] * ndim, shape, periodic)
     values = rng.normal(size=shape)
     drift, gain = rng.normal(size=(2, ndim)), rng.normal(size=(2, ndim, 2))
     spread = np.abs(gain).sum(axis=2)
     field = Velocities((drift - spread).min(axis=0), (drift + spread).max(axis=0), drift=drift, gain=gain)
+    if plain:
+        run_plainly(monkeypatch)
     got = evolve(grid, values, field, 0.02, dataclasses.replace(DOUBLE, order=order), steps=2)
 
     def rhs(phi):
@@ -222,9 +242,13 @@ def smooth_errors(order, integrator, flux, nodes):
 
 
 @pytest.mark.parametrize(("order", "integrator", "expected"), [(1, "euler", 1), (2, "rk2", 2), (3, "rk3", 3)])
-@pytest.mark.parametrize("flux", ["godunov", pytest.param("lax-friedrichs", marks=pytest.mark.slow)])
-def test_order_of_convergence_on_a_smooth_problem(order, integrator, expected, flux, record_property):
-    nodes = np.array([40, 80, 160, 320])
+@pytest.mark.parametrize(("plain", "flux"), either(FLUXES))
+def test_order_of_convergence_on_a_smooth_problem(
+    monkeypatch, plain, order, integrator, expected, flux, record_property
+):
+    nodes = np.array([20, 40, 80] if plain else [40, 80, 160, 320])
+    if plain:
+        run_plainly(monkeypatch)
     errors = smooth_errors(order, integrator, flux, nodes)
     fitted = -np.polyfit(np.log(nodes), np.log(errors), 1)[0]
     print(f"order {order}, {integrator}, {flux}: fitted {fitted:.2f}")
@@ -234,8 +258,11 @@ def test_order_of_convergence_on_a_smooth_problem(order, integrator, expected, f
     assert fitted < expected + 0.7
 
 
-def test_growing_kinks_match_their_closed_form():
+@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_growing_kinks_match_their_closed_form(monkeypatch, plain):
     """Phi_tau = |Phi_x|, Phi(0) = cos x: the maximum of cos over [x - tau, x + tau], the minimum turns to a kink."""
+    if plain:
+        run_plainly(monkeypatch)
     nodes = np.array([50, 100, 200])
     errors = {order: [] for order in (1, 2, 3)}
     for n in nodes:
@@ -252,7 +279,10 @@ def test_growing_kinks_match_their_closed_form():
     assert errors[2][-1] < errors[1][-1] / 2 and errors[3][-1] < errors[1][-1] / 2
 
 
-def test_first_order_godunov_is_monotone(rng):
+@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_first_order_godunov_is_monotone(rng, monkeypatch, plain):
+    if plain:
+        run_plainly(monkeypatch)
     grid, values, lower, upper = random_problem(rng, (7, 8), (True, False))
     scheme = dataclasses.replace(DOUBLE, order=1, integrator="euler")
     field = Velocities(lower, upper)
@@ -261,8 +291,10 @@ def test_first_order_godunov_is_monotone(rng):
     assert (above >= below - ROUNDING).all()
 
 
-@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
-def test_axis_permutation_permutes_the_solution(rng, order):
+@pytest.mark.parametrize(("plain", "order"), either((1, 2, 3)))
+def test_axis_permutation_permutes_the_solution(rng, monkeypatch, plain, order):
+    if plain:
+        run_plainly(monkeypatch)
     grid = Grid([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], (6, 7, 8), (True, False, True))
     values = rng.normal(size=grid.shape)
     lower, upper = np.array([-0.5, 0.2, -1.0]), np.array([0.4, 0.9, -0.2])
@@ -280,10 +312,11 @@ def test_axis_permutation_permutes_the_solution(rng, order):
         np.testing.assert_allclose(turned, straight.transpose(axes), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(
-    ("flux", "order"), [pytest.param(*kind, marks=() if kind in FEW else pytest.mark.slow) for kind in ALL]
-)
-def test_mirror_image_and_translation(rng, flux, order):
+@pytest.mark.parametrize(("plain", "kind"), either(ALL, fast=(USUAL,)))
+def test_mirror_image_and_translation(rng, monkeypatch, plain, kind):
+    flux, order = kind
+    if plain:
+        run_plainly(monkeypatch)
     grid = Grid([0.0, 0.0], [1.0, 1.0], (12, 9), (True, False))
     values = rng.normal(size=grid.shape)
     lower, upper = np.array([-0.5, 0.2]), np.array([0.8, 0.9])
@@ -295,14 +328,15 @@ def test_mirror_image_and_translation(rng, flux, order):
     np.testing.assert_allclose(np.roll(moved, -5, axis=0), straight, rtol=0, atol=ROUNDING)
 
 
-def test_single_precision_stays_within_its_rounding(rng):
-    grid = Grid([-1.0] * 4, [1.0] * 4, (9, 9, 8, 8), (True, True, False, False))
+def test_single_precision_stays_within_its_rounding(monkeypatch):
+    grid = Grid([-1.0] * 4, [1.0] * 4, (7, 7, 6, 6), (True, True, False, False))
     # no symmetry: where the two second differences tie in size, rounding alone picks ENO's stencil
     x, y, z, w = (grid.points() + 0.1234).T
     values = (np.sin(np.pi * x + 0.3) + np.cos(np.pi * y + 0.7) + z**2 - w + 0.3 * x * z).reshape(grid.shape)
     field = box([-1.0, -0.5, -0.3, -0.3], [2.0, 0.5, 0.3, 0.3])
-    double = evolve(grid, values, field, 0.1, DOUBLE)
     single = evolve(grid, values, field, 0.1, dataclasses.replace(DOUBLE, dtype="float32"))
+    run_plainly(monkeypatch)
+    double = evolve(grid, values, field, 0.1, DOUBLE)
     assert single.dtype == np.float32 and double.dtype == np.float64
     difference = np.abs(single - double).max()
     print(f"float32 against float64: {difference:.1e}")
@@ -321,7 +355,10 @@ def test_no_motion_and_no_time_leave_the_values_alone(rng):
     )
 
 
-def test_cfl_counts_steps_and_instability_shows_beyond_it():
+@pytest.mark.parametrize("plain", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_cfl_counts_steps_and_instability_shows_beyond_it(monkeypatch, plain):
+    if plain:
+        run_plainly(monkeypatch)
     grid = Grid([0.0, 0.0], [1.0, 1.0], (10, 11), (True, False))
     field = box([-1.0, 0.0], [0.5, 2.0])
     assert field.steps(grid, 1.0, 0.75) == int(np.ceil((1.0 / 0.1 + 2.0 / 0.1) / 0.75))
