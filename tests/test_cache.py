@@ -307,3 +307,58 @@ def test_a_cache_on_a_full_disk_does_not_end_the_work(mine: Path) -> None:
     assert done.stdout.split() == ["6", "0"], done.stderr
     assert done.stderr == "" or done.stderr.count("compiled code is not kept") == 1
     assert [path for path in (mine / "cache").rglob("*") if path.is_file()] == []
+
+
+# ---- two processes at once
+
+
+AT_ONCE = """
+import sys, time
+from pathlib import Path
+from mine import triple
+Path(sys.argv[1]).touch()
+while len(list(Path().glob("ready*"))) < 2:
+    time.sleep(0.001)
+print(triple(2), len(triple.stats.cache_misses))
+"""
+
+
+def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
+    """Both are about to call the same function when either does; the other one waits and reads what is kept."""
+    (tmp_path / "mine.py").write_text(MINE.format(package="sdhj.kernels.compiling", decorator="kernel"))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", AT_ONCE]
+    both = [
+        subprocess.Popen([*command, name], cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+        for name in ("ready1", "ready2")
+    ]
+    assert sorted(process.communicate()[0].split() for process in both) == [["6", "0"], ["6", "1"]]
+    assert not list((tmp_path / "cache").rglob("*.lock"))
+
+
+def locking_fails(*_: object) -> None:
+    raise OSError("no locks available")
+
+
+def another_one_has_it(*_: object) -> None:
+    raise BlockingIOError
+
+
+LOCKS = {
+    "Windows": None,
+    "none": SimpleNamespace(LOCK_EX=2, LOCK_NB=4, flock=locking_fails),
+    "taken": SimpleNamespace(LOCK_EX=2, LOCK_NB=4, flock=another_one_has_it),
+}
+
+
+@pytest.mark.parametrize("locks", LOCKS)
+def test_locks_are_optional(monkeypatch: pytest.MonkeyPatch, locks: str) -> None:
+    """Where there are none, and where another process has one and stands still."""
+    monkeypatch.setattr(compiling, "fcntl", LOCKS[locks])
+    monkeypatch.setattr(compiling, "PATIENCE", 0.1)
+
+    @kernel()
+    def four(x):
+        return 4 * x
+
+    assert four(2) == 8 and not list(Path(four.stats.cache_path).glob("*four*.lock"))

@@ -4,6 +4,7 @@ import os
 import pickle
 import sys
 import threading
+import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -15,11 +16,18 @@ from typing import Any
 
 import numba
 from numba import njit, threading_layer  # type: ignore[attr-defined]
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
 from numba.extending import overload
 from tqdm import tqdm
 
+try:
+    import fcntl
+except ImportError:  # on Windows
+    fcntl = None  # type: ignore[assignment]
+
 LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
+PATIENCE = 60.0  # s that a process waits for what another one compiles
 _listening: list[Listener] = []
 
 
@@ -42,8 +50,9 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
         if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
-            found._cache_file = MachineCode(found._cache_file)
+            found._cache_file = code = MachineCode(found._cache_file)
             found._guard_against_spurious_io_errors = _cache_is_optional
+            dispatcher.compile = code.by_one_process(dispatcher.compile)
         return Shared(dispatcher) if options.get("parallel") else dispatcher
 
     return compiled
@@ -82,6 +91,43 @@ class MachineCode:
             os.replace(temporary, self._path(key))
         finally:
             temporary.unlink(missing_ok=True)
+
+    def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """A dispatcher's `compile`, for which other processes wait: they then find what it kept.
+
+        Locks are taken in the order in which functions call one another, so no two processes wait for each other.
+        """
+
+        def compiled(signature: Any) -> Any:
+            path = self._path(signature).with_suffix(".lock")
+            with global_compiler_lock, _locked(path):  # Numba's keeps other threads out
+                return compile_it(signature)
+
+        return compiled
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Within it no other process is let in at the same path; where that cannot be done, or takes too long, all are."""
+    lock, until = None, time.monotonic() + PATIENCE
+    with suppress(OSError):
+        lock = None if fcntl is None else open(path, "w")
+        while lock is not None and not _lock(lock.fileno()) and time.monotonic() < until:
+            time.sleep(0.05)
+    try:
+        yield
+    finally:
+        if lock is not None:
+            with suppress(OSError), lock:
+                path.unlink()
+
+
+def _lock(file: int) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 @contextmanager
