@@ -1,11 +1,14 @@
-"""Fig. 14: computation times, full against projected."""
+"""Fig. 14: computation times, full against projected, by the paper's scheme and by the default.
 
-import os
-import platform
+Seconds of a processor, in one thread, for what the paper counts: constraints, avoid tubes and recursion. Of the steps
+of the recursion, which are all alike, some are timed, and the median is taken as many times as there are steps.
+"""
+
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numba
 import numpy as np
 from charts import METHOD_LOOKS, METHOD_NAMES
 from common import PAPER_NODES, Context, command_of
@@ -14,69 +17,129 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.cli import compile_kernels
-from sdhj.plotting.looks import INK
+from sdhj.plotting.looks import INK, OUTCOME_INK
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.methods import Method
+from sdhj.solver.projections import default_subspaces
+from sdhj.solver.schemes import STAGES
 
-METHODS = ("hji", "projected")
-PAPER_SECONDS = {"hji": (586.0, 1540.0, 3093.0, 5615.0), "projected": (105.0, 190.0, 347.0, 549.0)}
+PAPER_SECONDS = {
+    "hji": {25: 586.0, 30: 1540.0, 35: 3093.0, 40: 5615.0},
+    "projected": {25: 105.0, 30: 190.0, 35: 347.0, 40: 549.0},
+}
 PAPER_MACHINE = "Intel Xeon W-2145"
-THEIRS = {"color": "#9a9a9a", "markerfacecolor": "white"}
+PAPER_METHOD = sdhj.HJI(sdhj.Scheme(flux="lax-friedrichs", frame="fixed"))  # a PDE for each input
+SCHEMES: dict[str, dict[str, Method]] = {
+    "paper's scheme": {"hji": PAPER_METHOD, "projected": sdhj.Projected(inner=PAPER_METHOD)},
+    "default": {"hji": sdhj.HJI(), "projected": sdhj.Projected()},
+}
+LOOKS: dict[str, dict[str, Any]] = {
+    "paper": {"color": "#9a9a9a", "markerfacecolor": "white"},
+    "paper's scheme": {},
+    "node updates": {"color": OUTCOME_INK, "marker": "x", "linestyle": ":"},
+    "default": {"linewidth": 0.8, "markersize": 2.5},
+}
+ENOUGH = 0.5  # seconds of steps of the recursion that are timed, or one step
+LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
+Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
 
 
 def draw(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 3.3)
-    measured = measure((context.nodes,) if context.coarse else PAPER_NODES, context.say)
-    draw_timings(figure.subplots(1, 2, width_ratios=(1.5, 1.0)), measured, machine())
+    figure = plotting.new_figure(7.0, 3.9)
+    draw_timings(figure.subplots(1, 2), measure((context.nodes,) if context.coarse else PAPER_NODES, context.say))
     return figure
 
 
-def measure(nodes: Sequence[int], say: Callable[[str], Any]) -> dict[str, dict[int, float]]:
-    """Seconds that each method takes at each density for constraints and recursion, as the paper counts.
+def measure(nodes: Sequence[int], say: Callable[[str], Any]) -> Measured:
+    """Seconds of both schemes, and updates of nodes by the paper's; the ratios of full to projected are said.
 
-    Compiling is not counted: every method solves a small problem first.
+    Compiling is not counted: every method plays on a small grid first.
     """
-    seconds: dict[str, dict[int, float]] = {method: {} for method in METHODS}
-    compile_kernels(METHODS)
-    for count in nodes:
-        for method in METHODS:  # one after the other, so that what else the machine does weighs on both
-            say(f"timing: {method}, {count} nodes on each axis")
-            began = time.perf_counter()
-            sdhj.solve(sdhj.arm_case_study(nodes=count), method=method)
-            seconds[method][count] = time.perf_counter() - began
-    return seconds
+    found: Measured = {name: {method: {} for method in PAPER_SECONDS} for name in (*SCHEMES, "node updates")}
+    say(LINE.format("nodes", "scheme", "full, s", "projected, s", "ratio", "node updates"))
+    for count in (9, *nodes):
+        problem = sdhj.arm_case_study(nodes=count)
+        whole = [tuple(range(problem.grid.ndim))]
+        updates = [node_updates(problem, spaces) for spaces in (whole, default_subspaces(problem))]
+        for name, methods in SCHEMES.items():
+            seconds = [seconds_of_a_thread(problem, method) for method in methods.values()]
+            if count not in nodes:
+                continue
+            for method, spent, updated in zip(methods, seconds, updates, strict=True):
+                found[name][method][count], found["node updates"][method][count] = spent, updated
+            counted = f"{updates[0] / updates[1]:.1f}" if name != "default" else ""
+            told = *(f"{spent:.1f}" for spent in seconds), f"{seconds[0] / seconds[1]:.1f}"
+            say(LINE.format(count, name, *told, counted))
+    return found
 
 
-def machine() -> str:
-    """How many cores of what kind."""
-    return f"{os.cpu_count()} cores, {platform.machine()}"
+def seconds_of_a_thread(problem: ReachAvoidProblem, method: Method) -> float:
+    """Seconds that a processor takes to solve a problem in one thread, told from some steps of the recursion."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        began = time.process_time()
+        sets = method.sets(problem, progress=False)  # constraints and avoid tubes
+        for step in range(problem.steps + 1):
+            sets.goal(step)
+        ready, spent = time.process_time(), [0.0]
+        while sum(spent) < ENOUGH and len(spent) <= problem.steps:
+            now = time.process_time()
+            sets.extend(problem.steps - len(spent), 1)
+            spent.append(time.process_time() - now)
+        return ready - began + steps_of_the_recursion(problem) * float(np.median(spent[1:]))
+    finally:
+        numba.set_num_threads(threads)
 
 
-def draw_timings(axes: Sequence[Axes], measured: Mapping[str, Mapping[int, float]], named: str) -> None:
-    """Seconds {method: {nodes: seconds}} beside the paper's, and the ratio of full to projected, on two axes.
+def steps_of_the_recursion(problem: ReachAvoidProblem) -> int:
+    """The entries (k, n) of the table with n > 0."""
+    return problem.steps * (problem.steps + 1) // 2
 
-    `named` says on what machine they were measured.
+
+def node_updates(problem: ReachAvoidProblem, spaces: Sequence[Sequence[int]]) -> int:
+    """How often the paper's scheme writes a node: at each stage of each time step, and to unite each input's set.
+
+    The games are played on subspaces, or on the one that is the whole. Each input takes the time steps that its own
+    velocities ask for; avoid tubes take those of the fastest (`HJIGames.steps`).
     """
+    games, grid, count = PAPER_METHOD.on(problem), problem.grid, len(problem.inputs)
+    stages, cfl = len(STAGES[games.scheme.integrator]), games.scheme.cfl
+    total = 0
+    for axes in map(tuple, spaces):
+        fields = [games.velocities(j, axes, 0) for j in range(count)]
+        steps = sum(field.steps(grid.subgrid(axes), problem.delta, cfl) for field in fields)
+        total += steps_of_the_recursion(problem) * stages * steps * grid.subgrid(axes).size
+    for part in problem.unsafe:
+        own, intervals = problem.avoid_axes(part), problem.steps if problem.moves(part) else 1
+        kept = {tuple(axis for axis in own if axis in axes) for axes in spaces}  # of which one may be the set's own
+        kept = {own} if own in kept else kept
+        total += intervals * stages * count * sum(games.steps(axes, 0) * grid.subgrid(axes).size for axes in kept)
+    return total + steps_of_the_recursion(problem) * count * grid.size
+
+
+def draw_timings(axes: Sequence[Axes], measured: Measured) -> None:
+    """Seconds beside the paper's, and the ratios of full to projected, on two axes."""
     times, ratio = axes
-    times.set_yscale("log")
-    for method, seconds in PAPER_SECONDS.items():
-        label = f"{METHOD_NAMES[method]}, paper ({PAPER_MACHINE})"
-        times.plot(PAPER_NODES, seconds, label=label, gid=f"paper-{method}", **(METHOD_LOOKS[method] | THEIRS))
-    for method, by_nodes in measured.items():
-        label = f"{METHOD_NAMES[method]}, {named}"
-        looks = METHOD_LOOKS[method]
-        times.plot(list(by_nodes), list(by_nodes.values()), label=label, gid=f"measured-{method}", **looks)
-    times.set(xlabel="nodes on each axis", ylabel="computation time (s)")
-    times.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    looks = {"marker": "o", "linestyle": "-"}
-    paper = np.divide(PAPER_SECONDS["hji"], PAPER_SECONDS["projected"])
-    ratio.plot(PAPER_NODES, paper, label="paper", gid="paper-ratio", **looks, **THEIRS)
-    nodes = list(measured["hji"])
-    ours = [measured["hji"][n] / measured["projected"][n] for n in nodes]
-    ratio.plot(nodes, ours, color=INK, label=named, gid="measured-ratio", **looks)
-    ratio.set(xlabel="nodes on each axis", ylabel="full / projected", ylim=(0, None))
-    ratio.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    for ax in axes:
-        ax.set_xticks(sorted({*PAPER_NODES, *nodes}))
+    shown = {"paper": PAPER_SECONDS, **measured}
+    for method in PAPER_SECONDS:
+        for name in ("paper", *SCHEMES):
+            looks, label = METHOD_LOOKS[method] | LOOKS[name], f"{METHOD_NAMES[method]}, {name}"
+            times.plot(*zip(*shown[name][method].items(), strict=True), label=label, gid=f"{name}-{method}", **looks)
+    for name, looks in LOOKS.items():
+        full, projected = shown[name].values()
+        quotients = [full[n] / projected[n] for n in full]
+        looks = {"color": INK, "marker": "o", "linestyle": "-"} | looks
+        ratio.plot(list(full), quotients, label=name, gid=f"{name}-ratio", **looks)
+    times.set(yscale="log", ylabel="computation time (s)")
+    ratio.set(ylabel="full / projected", ylim=(0, None))
+    for ax, said in (
+        (times, f"sdhj: processor time of one thread; paper: {PAPER_MACHINE}"),
+        (ratio, "of times, and of nodes updated by the paper's scheme"),
+    ):
+        ax.legend(title=said, title_fontsize=7.0, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        ax.set_xlabel("nodes on each axis")
+        ax.set_xticks(sorted({*PAPER_NODES, *measured["default"]["hji"]}))
         ax.minorticks_off()
         ax.grid(axis="y")
 

@@ -8,6 +8,7 @@ import fig04_sampled_data
 import fig08_lookup_table
 import fig13_comparison
 import fig14_timing
+import numba
 import numpy as np
 import pytest
 from artists import axes, named
@@ -18,6 +19,7 @@ from matplotlib.text import Text
 
 import sdhj
 from sdhj import plotting
+from sdhj.solver import recursion, schemes
 
 STUDIES = {name for name in NAMES if getattr(script(name), "STUDY", False)}
 
@@ -30,9 +32,10 @@ def context() -> Context:
 @pytest.fixture(autouse=True)
 def nothing_is_measured(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fig. 14 with made-up times: measuring them is tested on its own."""
-    if "measured_times" not in request.node.name:
+    if "measured" not in request.node.name:
         times = {"hji": {9: 0.5}, "projected": {9: 0.25}}
-        monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: times)
+        names = "paper's scheme", "node updates", "default"
+        monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: dict.fromkeys(names, times))
 
 
 def words(figure: Figure) -> list[Text]:
@@ -162,24 +165,68 @@ def test_no_start_is_an_error(context):
         starts_of_runs(empty, 3)
 
 
-def test_measured_times_are_those_of_whole_solutions(monkeypatch):
-    solved = []
+def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
+    """A clock that is set forward by what is called: 2 s for constraints and avoid tubes, 0.2 s for a step."""
+    clock, called, threads = [0.0], [], numba.get_num_threads()
+
+    class Sets:
+        def goal(self, step):
+            called.append(step)
+
+        def extend(self, step, within):
+            called.append((step, within))
+            clock[0] += 0.2
+
+    class Method:
+        def sets(self, problem, progress):
+            assert numba.get_num_threads() == 1
+            clock[0] += 2.0
+            return Sets()
+
+    monkeypatch.setattr(fig14_timing.time, "process_time", lambda: clock[0])
+    problem = sdhj.arm_case_study(nodes=9)
+    assert fig14_timing.seconds_of_a_thread(problem, Method()) == pytest.approx(2.0 + 36 * 0.2)
+    assert called == [*range(9), (7, 1), (6, 1), (5, 1)] and numba.get_num_threads() == threads
+
+
+def test_measured_are_both_schemes_and_what_is_measured_is_said(monkeypatch):
+    asked, said = [], []
     monkeypatch.setattr(
-        sdhj, "solve", lambda problem, **options: solved.append((problem.grid.shape[0], options["method"]))
+        fig14_timing,
+        "seconds_of_a_thread",
+        lambda problem, method: asked.append((problem.grid.shape[0], method)) or (6.0 if method.name == "hji" else 2.0),
     )
-    monkeypatch.setattr(fig14_timing, "compile_kernels", lambda methods: solved.append(methods))
-    said = []
-    seconds = fig14_timing.measure((11, 13), said.append)
-    pairs = [(nodes, method) for nodes in (11, 13) for method in ("hji", "projected")]
-    assert solved == [("hji", "projected"), *pairs] and len(said) == 4
-    assert seconds.keys() == {"hji", "projected"}
-    assert all(t > 0 for by_nodes in seconds.values() for t in by_nodes.values())
+    measured = fig14_timing.measure((11,), said.append)
+    methods = [method for pair in fig14_timing.SCHEMES.values() for method in pair.values()]
+    assert asked == [(nodes, method) for nodes in (9, 11) for method in methods]  # the first compile
+    assert measured["default"] == {"hji": {11: 6.0}, "projected": {11: 2.0}}
+    assert measured["node updates"].keys() == {"hji", "projected"} and len(said) == 3
+    assert said[1].split()[-3:-1] == ["2.0", "3.0"] and said[2].split() == ["11", "default", "6.0", "2.0", "3.0"]
+
+
+@pytest.mark.parametrize("kind", ["hji", "projected"])
+def test_measured_updates_are_those_that_solving_makes(monkeypatch, kind):
+    problem, counted = sdhj.arm_case_study(nodes=9, steps=2), []
+    stage, add_input = schemes.stage, recursion.add_input
+
+    def staged(source, out, wall, terms, order, flux, layout, steps):
+        counted.append(len(layout.near) * layout.rows * layout.nodes)
+        stage(source, out, wall, terms, order, flux, layout, steps)
+
+    def added(tube, *rest):
+        counted.append(tube.size)
+        add_input(tube, *rest)
+
+    monkeypatch.setattr(schemes, "stage", staged)
+    monkeypatch.setattr(recursion, "add_input", added)
+    sdhj.solve(problem, fig14_timing.SCHEMES["paper's scheme"][kind], progress=False)
+    spaces = [(0, 1, 2, 3)] if kind == "hji" else [(0, 1, 2), (0, 1, 3)]
+    assert fig14_timing.node_updates(problem, spaces) == sum(counted)
 
 
 def test_fine_grids_are_timed_as_in_the_paper(monkeypatch):
-    asked = []
-    times = {method: {25: 1.0} for method in ("hji", "projected")}
-    monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: asked.append(nodes) or times)
+    asked, measure = [], fig14_timing.measure
+    monkeypatch.setattr(fig14_timing, "measure", lambda nodes, say: asked.append(nodes) or measure(nodes, say))
     for nodes in (25, 11):
         draw("fig14_timing", Context(nodes=nodes))
     assert asked == [(25, 30, 35, 40), (11,)]
@@ -187,16 +234,21 @@ def test_fine_grids_are_timed_as_in_the_paper(monkeypatch):
 
 def test_timings_beside_the_paper():
     left, right = axes(ncols=2)
-    fig14_timing.draw_timings((left, right), {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}, "a machine")
-    (measured,) = named(left, "measured-hji")
-    assert measured.get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
-    (paper,) = named(left, "paper-hji")
-    assert paper.get_ydata().tolist() == [586, 1540, 3093, 5615]
-    (ratio,) = named(right, "measured-ratio")
-    assert ratio.get_ydata().tolist() == [4.0, 10.0]
-    (theirs,) = named(right, "paper-ratio")
-    assert theirs.get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
-    assert "Xeon W-2145" in "".join(text.get_text() for text in left.get_legend().get_texts())
+    times = {"hji": {25: 8.0, 40: 60.0}, "projected": {25: 2.0, 40: 6.0}}
+    fast = {"hji": {25: 2.0, 40: 3.0}, "projected": {25: 2.0, 40: 2.0}}
+    measured = {"paper's scheme": times, "node updates": times, "default": fast}
+    fig14_timing.draw_timings((left, right), measured)
+    assert named(left, "paper's scheme-hji")[0].get_xydata().tolist() == [[25, 8.0], [40, 60.0]]
+    assert named(left, "default-projected")[0].get_ydata().tolist() == [2.0, 2.0]
+    assert named(left, "paper-hji")[0].get_ydata().tolist() == [586, 1540, 3093, 5615]
+    for name in ("paper's scheme", "node updates"):
+        assert named(right, f"{name}-ratio")[0].get_ydata().tolist() == [4.0, 10.0]
+    assert named(right, "default-ratio")[0].get_ydata().tolist() == [1.0, 1.5]
+    assert named(right, "paper-ratio")[0].get_ydata()[[0, -1]] == pytest.approx([586 / 105, 5615 / 549])
+    assert right.get_ylim()[0] == 0.0
+    legend = left.get_legend()
+    assert len(legend.get_texts()) == len(left.lines) == 6 and len(right.get_legend().get_texts()) == 4
+    assert "Xeon W-2145" in legend.get_title().get_text() and "processor time" in legend.get_title().get_text()
 
 
 def test_sampled_run_holds_its_input():
