@@ -37,15 +37,18 @@ def draw(context: Context) -> Figure:
     recursion = board.box(3.85, 0.40, 3.1, 0.66, "")
     board.text(3.85, 0.58, "Recursion (Theorem 2, Sec. 4.2)")
     formula = (
-        r"$\mathcal{S}_k^i = \mathcal{S}_k^{i+1} \cup \bigcup_j \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})$"
+        r"$\mathcal{S}_k^i = \mathcal{S}_k^{i+1} \cup \bigcup_j \; \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})$"
     )
     board.text(3.85, 0.31, formula)
     board.arrow(reach.side("bottom"), (reach.x, 0.73))
     board.arrow((game.x, 0.73), game.side("bottom"))
     board.text(3.03, 0.87, r"$\mathcal{S}_k^i$ is the next goal", ha="left", fontsize=7.5)
     draw_stack(board, 6.2, 1.85)
-    board.arrow(reach.side("right"), (5.55, 1.85))
-    board.arrow(recursion.side("right"), (6.2, 0.40), (6.2, 1.22))
+    row, bottom = (5.6, 1.85), (5.7, 1.25)  # the left side of the table's middle row, the foot of its first column
+    board.arrow(reach.side("right"), row)
+    board.arrow(recursion.side("right"), (bottom[0], 0.40), bottom)
+    board.text(5.78, 0.80, r"new sets $\mathcal{S}_k^i$", ha="left", fontsize=7.5)
+    board.text(5.375, 1.97, "inputs", fontsize=7.5)
     board.text(6.2, 2.66, "Look-up table (Fig. 8)", fontweight="bold")
     return board.figure
 
