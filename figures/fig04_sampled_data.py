@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from common import Context, command_of
@@ -27,15 +28,15 @@ class SampledRun:
 
 
 def sampled_run(
-    *, delta: float = 0.25, intervals: int = 8, gain: float = 2.2, wind: float = 0.14, turn: float = 0.8, seed: int = 0
+    *, delta: float = 0.4, intervals: int = 6, gain: float = 2.4, wind: float = 1.1, turn: float = 0.8, seed: int = 0
 ) -> SampledRun:
     """The boat steers for (0.5, 0.3) by what it measured at t_k, quantised to five levels, and holds that (Fig. 4).
 
-    The wind, a smooth one within its bound, and the turning water act all the time.
+    The wind, a smooth one within its bound, and the turning water act all the time, also between the measurements.
     """
     levels = np.linspace(-1.5, 1.5, 5)
     phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, 2))
-    rates = np.array([[3.0, 7.0], [4.0, 9.0]])
+    rates = np.array([[9.0, 23.0], [11.0, 19.0]])
 
     def blowing(t: float) -> FloatArray:
         return wind * np.sin(rates * t + phases).mean(axis=1)
@@ -68,25 +69,30 @@ def draw(context: Context) -> Figure:
 
 
 def draw_sampled_data(axes: Sequence[Axes], run: SampledRun) -> None:
-    """A continuous state with its samples, and the input held between them, on two axes over one time line."""
+    """A continuous state, its samples, which are all that is known, and the input held, over one time line."""
     above, below = axes
     times, state, held, delta = run.times, run.states[:, 0], run.held[:, 0], run.delta
     edges = np.arange(len(held) + 1) * delta
     sampled = np.interp(edges, times, state)
-    above.plot(times, state, color=INK, linestyle="-", gid="state")
-    above.plot(edges, sampled, "o", color="white", markeredgecolor=OUTCOME_INK, markersize=5, gid="samples")
+    above.plot(times, state, color=INK, linestyle="-", gid="state", label="state $x(t)$")
+    known: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": (0, (3, 1.5)), "linewidth": 1.0}
+    above.stairs(sampled[:-1], edges, baseline=None, gid="known", label="what the controller knows of it", **known)
+    dots: dict[str, Any] = {"color": "white", "markeredgecolor": OUTCOME_INK, "markersize": 5, "zorder": 3}
+    above.plot(edges, sampled, "o", gid="samples", label="measurement $x^k$", **dots)
     for k, (t, x) in enumerate(zip(edges, sampled, strict=True)):
-        above.annotate(f"$x^{{{k}}}$", (t, x), (4, 6), textcoords="offset points", fontsize=7.5, color=OUTCOME_INK)
-    below.stairs(held, edges, baseline=None, color="#0b3c5d", linewidth=1.8, gid="input")
+        falls = k > 0 and x < sampled[k - 1]  # then the step is above
+        looks: dict[str, Any] = {"ha": "right", "va": "top" if falls else "bottom", "color": OUTCOME_INK}
+        above.annotate(f"$x^{{{k}}}$", (t, x), (-5, -4 if falls else 4), textcoords="offset points", **looks)
+    below.stairs(held, edges, baseline=None, color="#0b3c5d", linewidth=1.8, gid="input", label="input $u^k$, held")
     below.plot(edges[:-1], held, "o", color="#0b3c5d", markersize=4)
     for k, (t, u) in enumerate(zip(edges, held, strict=False)):
         below.annotate(
             f"$u^{{{k}}}$", (t + delta / 2, u), (0, 3), textcoords="offset points", ha="center", fontsize=7.5
         )
-    for level in run.levels:
-        below.axhline(level, color="#d0d0d0", linewidth=0.5, zorder=0)
+    below.hlines(run.levels, 0.0, edges[-1], color="#d0d0d0", linewidth=0.5, zorder=0, label="levels of the input")
     for ax in axes:
         ax.margins(y=0.2)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
         for t in edges:
             ax.axvline(t, color=FAINT, linestyle=":", linewidth=0.6, zorder=0)
     above.tick_params(labelbottom=False)

@@ -14,7 +14,7 @@ from boat import (
     play,
     winds,
 )
-from fig07_game_cost import draw_cost
+from fig07_game_cost import LEVELS, draw_cost
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +61,12 @@ def test_one_step_pictures(boat):
         assert one_step_legend(show)
     ax = axes()
     draw_cost(ax, boat)
+    (lines,) = named(ax, "cost")
+    assert set(lines.levels) == set(LEVELS)
+    written = [float(text.get_text()) for text in lines.labelTexts]
+    seen = [level for level, path in zip(lines.levels, lines.get_paths(), strict=True) if len(path.vertices)]
+    assert set(written) == set(np.round(seen, 1)), "every level that is seen has its number"
+    assert lines.get_zorder() > max(named(ax, name)[0].get_zorder() for name in ("target", "unsafe", "reach-avoid"))
     edge = vertices(ax, "reach-avoid-edge")
     assert np.abs(boat.problem.grid.interpolate(boat.cost, edge)).max() < max(boat.problem.grid.spacing) ** 2
     with pytest.raises(ValueError, match="reach, avoid, reach-avoid"):

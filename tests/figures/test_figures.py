@@ -15,6 +15,7 @@ from artists import axes, named
 from click.testing import CliRunner
 from common import HERE, NAMES, Context, command_of, draw, script, starts_of_runs, title, write, write_all
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.text import Text
 
 import sdhj
@@ -107,6 +108,19 @@ def test_words_stay_in_their_boxes(context, name):
                     )
 
 
+@pytest.mark.parametrize("name", ["fig02_offline", "fig05_game"])
+def test_arrows_lead_from_something_to_something(context, name):
+    """From and to boxes or cells of the table, within a twentieth of an inch."""
+    ax = draw(name, context).axes[0]
+    arrows = [patch._path_original.vertices for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    shapes = [patch.get_path().get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
+    assert len(arrows) > 3
+    for way in arrows:
+        for x, y in way[[0, -1]]:
+            met = [box for box in shapes if box.padded(0.05).contains(x, y) and not box.padded(-0.05).contains(x, y)]
+            assert met, (x, y)
+
+
 @pytest.mark.slow
 def test_tables_are_solved_once(monkeypatch):
     solved = []
@@ -166,7 +180,7 @@ def test_no_start_is_an_error(context):
 
 
 def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
-    """A clock that is set forward by what is called: 2 s for constraints and avoid tubes, 0.2 s for a step."""
+    """A clock that is set forward by what is called: 2 s for constraints and avoid tubes, 0.3 s for a step."""
     clock, called, threads = [0.0], [], numba.get_num_threads()
 
     class Sets:
@@ -175,7 +189,7 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
 
         def extend(self, step, within):
             called.append((step, within))
-            clock[0] += 0.2
+            clock[0] += 0.3
 
     class Method:
         def sets(self, problem, progress):
@@ -185,8 +199,8 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
 
     monkeypatch.setattr(fig14_timing.time, "process_time", lambda: clock[0])
     problem = sdhj.arm_case_study(nodes=9)
-    assert fig14_timing.seconds_of_a_thread(problem, Method()) == pytest.approx(2.0 + 36 * 0.2)
-    assert called == [*range(9), (7, 1), (6, 1), (5, 1)] and numba.get_num_threads() == threads
+    assert fig14_timing.seconds_of_a_thread(problem, Method()) == pytest.approx(2.0 + 36 * 0.3)
+    assert called == [*range(9), *((k, 1) for k in (7, 6, 5, 4))] and numba.get_num_threads() == threads
 
 
 def test_measured_are_both_schemes_and_what_is_measured_is_said(monkeypatch):
@@ -269,6 +283,19 @@ def test_sampled_data_picture():
     assert np.allclose(samples.get_ydata(), run.states[:: (len(run.times) - 1) // len(run.held), 0])
     (steps,) = named(below, "input")
     assert np.array_equal(steps.get_data().values, run.held[:, 0])
+    (known,) = named(above, "known")
+    assert np.array_equal(known.get_data().values, samples.get_ydata()[:-1])
+    assert all(len(ax.get_legend().get_texts()) == count for ax, count in ((above, 3), (below, 2)))
+
+
+def test_a_state_moves_between_its_samples():
+    """Where it was measured and where it is are far apart within intervals; a straight line between samples is not it."""
+    run = fig04_sampled_data.sampled_run()
+    per, x = (len(run.times) - 1) // len(run.held), run.states[:, 0]
+    straight = np.interp(run.times, run.times[::per], x[::per])
+    for k in range(len(run.held)):
+        piece = slice(k * per, (k + 1) * per + 1)
+        assert np.ptp(x[piece]) > 0.1 and np.abs(x - straight)[piece].max() > 0.01 * np.ptp(x)
 
 
 def test_the_way_through_the_table(context):
