@@ -179,7 +179,7 @@ def draw_rollouts(ax: Axes, rollouts: Rollouts, label: str) -> None:
     ax.plot(*worst.T, color=colour, linestyle=dashes, linewidth=1.5, zorder=6, gid=gid)
     ax.plot(*worst[-1], marker=end, color=colour, markersize=5, zorder=7)
     ax.plot(*worst[0], "o", color=INK, markersize=4.5, zorder=7, gid="start")
-    ax.annotate(label, worst[0], (-4, 4), textcoords="offset points", ha="right", va="bottom", zorder=8, fontsize=9)
+    ax.annotate(label, worst[0], (1, -5), textcoords="offset points", ha="left", va="top", zorder=8, fontsize=9)
 
 
 def draw_one_step(
@@ -214,4 +214,5 @@ def one_step_legend(show: str) -> list[Patch | Line2D]:
         entries.append(Line2D([], [], color="#0b3c5d", linestyle=(0, (5, 2)), linewidth=1.0, label="reach set alone"))
     entries.append(Line2D([], [], color=WIN, linestyle="-", marker="o", label="worst run, the robot wins"))
     entries.append(Line2D([], [], color=OUTCOME_INK, linestyle=(0, (4, 1.2)), marker="X", label="defeating run"))
+    entries.append(Line2D([], [], color=THIN_WIN, linestyle="-", linewidth=0.8, label="runs against other winds"))
     return entries
