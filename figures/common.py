@@ -15,14 +15,16 @@ from typing import Any
 
 import click
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import writable_folder
+from sdhj.plotting.looks import TARGET_LOOKS, Looks, writable_folder
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table
 
@@ -127,11 +129,10 @@ def _agent_to_target(table: Table, states: FloatArray) -> FloatArray:
     return np.linalg.norm(states[:, 2:4] - target.centre(problem.time(problem.steps) / 2), axis=1)
 
 
-def set_legend(figure: Figure, *, target: bool = True) -> None:
-    """What the sets of the case study look like, above the pictures."""
-    entries = [plotting.patch("obstacles", "known obstacles"), plotting.patch("pursuer", "pursuer")]
-    if target:
-        entries.insert(1, plotting.patch("target", "target"))
+def set_legend(figure: Figure, *more: Artist, target: Looks = TARGET_LOOKS, pursuer: str = "pursuer") -> None:
+    """What the sets of the case study look like, and what else is drawn, above the pictures."""
+    entries: list[Artist] = [plotting.patch("obstacles", "known obstacles"), Patch(**target, label="target")]
+    entries += [plotting.patch("pursuer", pursuer), *more]
     figure.legend(handles=entries, loc="outside upper center", ncols=3, handleheight=1.1)
 
 

@@ -36,9 +36,7 @@ def draw(context: Context) -> Figure:
     board.arrow(game.side("right"), reach.side("left"))
     recursion = board.box(3.85, 0.40, 3.1, 0.66, "")
     board.text(3.85, 0.58, "Recursion (Theorem 2, Sec. 4.2)")
-    formula = (
-        r"$\mathcal{S}_k^i = \mathcal{S}_k^{i+1} \cup \bigcup_j \; \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})$"
-    )
+    formula = r"$\mathcal{S}_k^i = \mathcal{S}_k^{i+1} \cup \bigcup_j \; \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})$"
     board.text(3.85, 0.31, formula)
     board.arrow(reach.side("bottom"), (reach.x, 0.73))
     board.arrow((game.x, 0.73), game.side("bottom"))

@@ -1,7 +1,7 @@
 """Fig. 10: reach-avoid tubes from step 0."""
 
 import numpy as np
-from common import PURSUER_AT, Context, command_of, set_legend
+from common import Context, command_of, set_legend
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from sdhj import plotting
 from sdhj.table.batches import Table
 
-PURSUER_ALSO = (0.0, 0.0, -0.15, 0.21)
+PURSUERS = ((-0.27, -0.09), (0.27, -0.09))  # m: where every step to go adds to what is seen
 
 
 def draw(context: Context) -> Figure:
@@ -21,13 +21,14 @@ def draw_two_slices(table: Table) -> Figure:
     """The tubes for two places of the pursuer; Fig. 11 shows another table's."""
     figure = plotting.new_figure(7.0, 4.15)
     parts = figure.subplot_mosaic([["left", "right"], ["bar", "bar"]], height_ratios=(1.0, 0.045))
-    for ax, state in ((parts["left"], PURSUER_AT), (parts["right"], PURSUER_ALSO)):
-        plotting.draw_tubes(ax, table, through=state)
-        ax.set_title(f"pursuer at ({state[2]:.2f}, {state[3]:.2f}) m")
+    for ax, (px, py) in zip((parts["left"], parts["right"]), PURSUERS, strict=True):
+        plotting.draw_tubes(ax, table, through=(0.0, 0.0, px, py))
+        ax.set_title(f"pursuer at ({px:.2f}, {py:.2f}) m")
     parts["right"].set_ylabel("")
     label = r"steps to go, $n$:  the set $\mathcal{S}_0^{N-n}$"
     draw_steps_bar(parts["bar"], table.steps, label)
-    set_legend(figure, target=False)
+    shown = {"facecolor": plotting.step_colours(table.steps)[0], "edgecolor": "#333333"}
+    set_legend(figure, target=shown, pursuer="capture by the pursuer")
     return figure
 
 
