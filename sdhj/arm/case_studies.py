@@ -196,6 +196,8 @@ def evader_case_study(
     The evader is the target set, in the joint space; only the known obstacles are unsafe (the arm may touch the
     evader). The paper gives no numbers: the evader has radius 0.06 m and velocity components up to 0.1 m/s, and all
     else is as in `arm_case_study`. Its centre stays in [-0.36, 0.36]^2, beyond the arm's reach, so it can get away.
+    Method "projected" wins nothing here but the target itself: what is in the target wherever the evader is along an
+    axis that is dropped, is nothing. Use "hji".
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ Between two nodes, at the fraction t of the way, s is taken
 * "limited": linearly, less t (1 - t) / 2 times the lesser of the second differences at the two nodes, or nothing where
   their signs differ. That is third order where s is smooth, and across a kink the correction never goes beyond the
   kink, as a polynomial through more nodes does: for s with one kink between two nodes the result lies between the line
-  and s itself.
+  and s itself. It is not monotone: raising s at one node may lower the result beside it, by a part of what was added.
 
 The same operator with an interval of no width shifts a function, which the moving frame of `schemes.Scheme` needs.
 """

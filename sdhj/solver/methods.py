@@ -34,7 +34,8 @@ class HJI:
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Reach and avoid apart (App. A.3), or the one PDE of Prop. 1.
+        Reach and avoid apart (App. A.3), or the one PDE of Prop. 1. That one has no moving frame, as the obstacles
+        would move in it for each input in another way: what `Scheme(frame="fixed")` loses to differences it loses too.
     """
 
     scheme: Scheme = field(default_factory=Scheme)

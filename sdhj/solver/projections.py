@@ -285,6 +285,11 @@ def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
 class Projected:
     """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
 
+    What is dropped must not matter for the target: its inner projection holds what is in the target for *every* value
+    of the coordinate that is dropped. A bounded target that moves with a state, as the evader of
+    `evader_case_study`, has an empty one along each axis in which it moves; a `ProjectionWarning` says so, and nothing
+    but the target itself is then won, however many steps there are. Use `HJI` there.
+
     Parameters
     ----------
     subspaces : sequence of sequence of int, optional
