@@ -30,16 +30,22 @@ def assert_bit_equal(stored, table) -> None:
             assert one.tobytes() == other.tobytes(), name
 
 
-def rough_problem(nodes=24, *, gain=0.4, drift=1.0, ends="wall", state=False, steps=2, delta=0.1) -> ReachAvoidProblem:
-    """A torus and a line: values from node to node as they come, so what reaches too little is seen to."""
+def rough_problem(
+    nodes=24, *, across=None, gain=0.4, drift=1.0, ends="wall", state=False, steps=2, delta=0.1
+) -> ReachAvoidProblem:
+    """A torus and a line: values from node to node as they come, so what reaches too little is seen to.
+
+    across : nodes of the line, as many as the torus has by default
+    """
     rng = np.random.default_rng(3)
-    table = rng.uniform(-1.0, 1.0, (nodes, nodes))
+    shape = nodes, across or nodes
+    table = rng.uniform(-1.0, 1.0, shape)
     lower, upper = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 
     def level_set(points, t):
         x = (points[:, 0] - lower[0]) / (upper[0] - lower[0]) * nodes
-        y = (points[:, 1] - lower[1]) / (upper[1] - lower[1]) * (nodes - 1)
-        return table[np.round(x).astype(int) % nodes, np.clip(np.round(y).astype(int), 0, nodes - 1)]
+        y = (points[:, 1] - lower[1]) / (upper[1] - lower[1]) * (shape[1] - 1)
+        return table[np.round(x).astype(int) % nodes, np.clip(np.round(y).astype(int), 0, shape[1] - 1)]
 
     levels = np.array([[drift, 0.0], [-drift / 2, 0.0]])
 
@@ -47,7 +53,7 @@ def rough_problem(nodes=24, *, gain=0.4, drift=1.0, ends="wall", state=False, st
         return np.stack([u[0] * np.cos(3 * points[:, 1]), np.sin(points[:, 0] * np.pi)], axis=1)
 
     return sdhj.ReachAvoidProblem(
-        grid=sdhj.Grid(lower.tolist(), upper.tolist(), [nodes, nodes], [True, False], ends=ends),
+        grid=sdhj.Grid(lower.tolist(), upper.tolist(), shape, [True, False], ends=ends),
         dynamics=sdhj.Dynamics(levels, moved if state else levels, gain * np.eye(2), [1.0, 1.0]),
         target=sdhj.TargetSet((0, 1), level_set),
         unsafe=(sdhj.UnsafeSet((0, 1), lambda p, t: level_set(-p, t) + 0.5, name="rough"),),

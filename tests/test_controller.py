@@ -19,13 +19,12 @@ from sdhj.table.batches import CHUNK, Batch, batched
 from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
 from sdhj.table.table import WIDER, AvoidTubes, LookupTable
 
-DOUBLE = sdhj.Scheme(dtype="float64")
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
 
 def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
     """With linear interpolation "lax" is the operator the controller looks ahead with, and exact on the interval."""
-    chosen = sdhj.HopfLax("linear", "float64") if method == "lax" else sdhj.HJI(DOUBLE)
+    chosen = sdhj.HopfLax("linear", "float64") if method == "lax" else method
     return sdhj.solve(problem, chosen, progress=False)
 
 

@@ -16,7 +16,6 @@ from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_s
 from sdhj.solver.recursion import InputRows, avoid_tubes
 from sdhj.table.table import AvoidTubes
 
-DOUBLE = Scheme(dtype="float64")
 MONOTONE = HopfLax("linear", "float64")  # leaves the order of sets alone
 pytestmark = pytest.mark.filterwarnings(
     "ignore::sdhj.solver.projections.ProjectionWarning"
@@ -85,7 +84,7 @@ def solve_quietly(problem, method="hji"):
 
 
 def projected_games(problem, subspaces=None, inner=None):
-    inner = inner or HJI(DOUBLE)
+    inner = inner or HJI()
     return ProjectedGames(problem, lambda axes: inner.on(problem, axes), checked_subspaces(problem, subspaces))
 
 
@@ -386,7 +385,7 @@ def test_case_study_against_an_independent_prototype():
 def test_an_unsafe_set_within_a_subspace_stays_exact():
     problem = sdhj.arm_case_study(nodes=7, steps=2)
     obstacles, pursuer = problem.unsafe
-    projected, full = projected_games(problem), HJIGames(problem, DOUBLE)
+    projected, full = projected_games(problem), HJIGames(problem, Scheme())
     np.testing.assert_array_equal(projected.avoid(obstacles, 1), full.avoid(obstacles, 1))
     assert projected.avoid(pursuer, 0).shape == (25, 7, 7, 7, 7)
 

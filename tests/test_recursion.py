@@ -178,7 +178,7 @@ def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
 
 
 def test_state_dependent_dynamics_make_a_table():
-    table = sdhj.solve(unicycle_problem(), HJI(DOUBLE))
+    table = sdhj.solve(unicycle_problem())
     fractions = [table.fraction(start=0, within=n) for n in range(4)]
     assert fractions == sorted(fractions) and fractions[3] > 1.5 * fractions[0] > 0
     # a car heading for the target gets there, one heading away does not

@@ -17,13 +17,12 @@ from sdhj.simulation.runs import SUBSTEPS, admissible_states, monte_carlo, simul
 from sdhj.table.controller import Controller
 from sdhj.table.table import LookupTable
 
-DOUBLE = sdhj.Scheme(dtype="float64")
 PLAYERS = ("none", "random", "aggressive", "worst")
 
 
 @cache
 def unicycle_table() -> LookupTable:
-    return sdhj.solve(toys.unicycle_problem(), sdhj.HJI(DOUBLE), progress=False)
+    return sdhj.solve(toys.unicycle_problem(), progress=False)
 
 
 def judged_by(table: LookupTable, **changes: object) -> Controller:
