@@ -14,6 +14,7 @@ from sdhj.outofcore.slabs import Task
 from sdhj.outofcore.solve import planned
 from sdhj.solver.methods import method_of
 
+dask = pytest.importorskip("dask")
 cloudpickle = pytest.importorskip("cloudpickle")
 distributed = pytest.importorskip("distributed")
 
@@ -21,6 +22,7 @@ distributed = pytest.importorskip("distributed")
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
     with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),  # so that few workers have to be started anew
         distributed.LocalCluster(
             n_workers=2,
             threads_per_worker=1,
