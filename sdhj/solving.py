@@ -114,6 +114,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (told, file):
+        replaced = "" if problem else "; if parts of it were replaced, give it as load(path, problem=...)"
         problem = problem_told(path, told, problem)
         if problem.steps is None and told["details"].get("endless"):
             problem = replace(problem, steps=told["steps"])  # as many as it took
@@ -125,7 +126,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         ):
             raise TableFileError(
                 f"{path} was solved for another problem: its digest is {told['digest'][:12]}..., that of "
-                f"{problem.name!r} is {problem.digest[:12]}...; {other}"
+                f"{problem.name!r} is {problem.digest[:12]}...; {other}{replaced}"
             )
         kind = CertifiedTable if told["method"] == "certified" else LookupTable
         return kind.read(told, file, problem)

@@ -1,10 +1,13 @@
 """Which part of an interpolated tube a certificate covers: three labels for every state."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from sdhj.arm.case_studies import rebuild
 from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
 LABELS = ("certified", "not certified", "outside")
@@ -17,17 +20,23 @@ def same_game(table: Table, certified: Table) -> None:
     ------
     ValueError
     """
-    if not (table.problem.recipe and certified.problem.recipe):  # of one's own, told apart by all there is of them
-        if table.problem.digest != certified.problem.digest:
-            raise ValueError("the two tables are of different problems; certify the very problem that was solved")
+    problems = table.problem, certified.problem
+    if problems[0].digest == problems[1].digest:
         return
+    if not all(map(as_built, problems)):  # of one's own, told apart by all there is of them
+        raise ValueError("the two tables are of different problems; certify the very problem that was solved")
     games = []
-    for problem in (table.problem, certified.problem):
+    for problem in problems:
         recipe = dict(problem.recipe)
         arguments = dict(recipe.get("arguments", {}))
         games.append((recipe.get("builder"), {k: v for k, v in arguments.items() if k not in ("nodes", "view_time")}))
     if games[0] != games[1]:
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
+
+
+def as_built(problem: ReachAvoidProblem) -> bool:
+    """Whether a problem is what its recipe builds; with a set more or less it may still have the recipe."""
+    return bool(problem.recipe) and replace(rebuild(problem.recipe), sensing=problem.sensing).digest == problem.digest
 
 
 def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0, within: int) -> FloatArray:

@@ -169,6 +169,9 @@ def test_labels_part_the_states_of_a_tube(table):
     assert parts["certified"] == pytest.approx(table.fraction(start=0, within=3), abs=3 * 0.5 / 20_000**0.5)
     with pytest.raises(ValueError, match="different games"):
         shares(sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), progress=False), table, within=2)
+    fewer = dataclasses.replace(grid_table.problem, unsafe=grid_table.problem.unsafe[:1])  # the recipe is still there
+    with pytest.raises(ValueError, match="different problems"):
+        shares(sdhj.solve(fewer, progress=False), table, within=3)
 
 
 @pytest.mark.slow
