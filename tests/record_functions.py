@@ -229,9 +229,19 @@ def run(blocks: Sequence[tuple[str, str]]) -> None:
 
 def build() -> None:
     """Call what makes problems in the modules of figures/ and notebooks/, on few nodes."""
-    boat, air3d, dcdc, losing, sensing, large, maze, shaky = map(
+    boat, air3d, dcdc, losing, sensing, worked, large, maze, shaky = map(
         importlib.import_module,
-        ("boat", "extra_air3d", "extra_dcdc", "extra_losing", "extra_sensing", "large", "maze", "shaky"),
+        (
+            "boat",
+            "extra_air3d",
+            "extra_dcdc",
+            "extra_losing",
+            "extra_sensing",
+            "extra_worked",
+            "large",
+            "maze",
+            "shaky",
+        ),
     )
     boat.boat_problem(nodes=21)
     air3d.air3d(nodes=(21, 21, 12))
@@ -239,8 +249,10 @@ def build() -> None:
     losing.plain_arm(nodes=7, steps=2)
     for module in (losing, sensing, shaky):
         module.car()
-    for worked in large.WORKED.values():
-        worked.problem(9)  # the least for six axes
+    for one in large.WORKED.values():
+        one.problem(9)  # the least for six axes
+    for one in worked.WORKED.values():
+        one.problem(one.nodes[0])
     maze.maze(31, 12)
     for axes in (1, 2):
         shaky.point(axes)

@@ -78,7 +78,7 @@ def test_every_figure_of_the_paper_is_there():
         assert 'if __name__ == "__main__":\n    command_of(__file__)()\n' in (HERE / f"{name}.py").read_text()
     assert STUDIES == {
         f"extra_{what}"
-        for what in "adversary air3d certified dcdc evader input_levels losing rules sensing view_time".split()
+        for what in "adversary air3d certified dcdc evader input_levels losing rules sensing view_time worked".split()
     }
 
 
