@@ -89,11 +89,14 @@ class Context:
     @cached_property
     def run(self) -> Trajectory:
         """A run of the controller against the paper's random adversary: of STARTS many, the one with the most steps."""
-        table = self.table("hji")
-        controller = sdhj.Controller(table)
-        starts = starts_of_runs(table, STARTS, self.seed)
-        tried = [sdhj.simulate(controller, start, adversary="random", seed=self.seed) for start in starts]
-        return max(tried, key=lambda run: (run.outcome == "reached", len(run.inputs)))
+        return longest_run(self.table("hji"), "random", self.seed)
+
+
+def longest_run(table: Table, adversary: str, seed: int) -> Trajectory:
+    """Of STARTS many runs against an adversary the one that takes the most steps to the target."""
+    controller = sdhj.Controller(table)
+    tried = [sdhj.simulate(controller, start, adversary, seed=seed) for start in starts_of_runs(table, STARTS, seed)]
+    return max(tried, key=lambda run: (run.outcome == "reached", len(run.inputs)))
 
 
 def starts_of_runs(table: Table, count: int, seed: int = 0, within: int = 7) -> FloatArray:

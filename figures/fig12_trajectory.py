@@ -8,12 +8,14 @@ from common import Context, command_of, set_legend
 from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.plotting.looks import OUTCOME_INK, PURSUER_LOOKS
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK, PURSUER_LOOKS
 from sdhj.plotting.scenes import draw_arm, draw_workspace
-from sdhj.plotting.trajectories import WAY, draw_frame, draw_moment
+from sdhj.plotting.trajectories import THEN_LOOKS, WAY, draw_frame, draw_moment
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import SUBSTEPS, Trajectory
 from sdhj.table.batches import Table
@@ -26,11 +28,18 @@ def draw(context: Context) -> Figure:
     left, right = above.subplots(1, 2)
     draw_workspace_run(left, context.problem, context.run)
     plotting.draw_run(right, context.table("hji"), context.run)
-    left.set_title(r"(a) end-effector in $\mathcal{W}$")
-    right.set_title(r"(b) robot in $\mathcal{C}^r$")
+    end, n = f"{context.run.times[-1]:.1f} s", context.run.steps_to_go[0]
+    left.set_title(rf"(a) end-effector in $\mathcal{{W}}$, sets at {end}")
+    right.set_title(r"(b) robot in $\mathcal{C}^r$, sets at 0 s")
     columns = max(3, -(-len(context.run.samples) // 2))
     draw_frames(below.subplots(2, columns).ravel(), context.problem, context.run)
-    set_legend(figure)
+    set_legend(
+        figure,
+        Patch(**FULL_LOOKS, label=rf"tube $\mathcal{{S}}_0^{{N-{n}}}$ that it starts in"),
+        Patch(**THEN_LOOKS, label=f"target at {end}"),
+        Line2D([], [], markerfacecolor="white", marker="o", markersize=3.6, label="run, measured at $t_k$", **WAY),
+        pursuer="pursuer, and its way",
+    )
     return figure
 
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj.arm.case_studies import scene
-from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
+from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK, TARGET_LOOKS
 from sdhj.plotting.scenes import draw_workspace
 from sdhj.plotting.slices import draw_constraints, draw_path, draw_set, plane
 from sdhj.problem.problem import ReachAvoidProblem
@@ -15,16 +15,23 @@ from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table
 
 LIVE = 97  # points along each side of a slice of which an animation shows many
+THEN_LOOKS = TARGET_LOOKS | {"facecolor": "none", "linestyle": (0, (3, 1.5))}  # a target at a later time
 WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
 
 
 def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (0, 1)) -> None:
-    """A run on a slice over the tube it starts in, with target and unsafe sets as they are at its end (Fig. 12b)."""
+    """A run on a slice: tube, target and unsafe sets at its start, and the target outlined at its end (Fig. 12b).
+
+    The identifier of the outline is that of the target and "-then-edge".
+    """
     problem = table.problem
     where = plane(problem.grid, run.states[0], axes)
     n = int(run.steps_to_go[0])
     draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
-    draw_constraints(ax, problem, through=run.states[-1], step=float(run.times[-1]) / problem.delta, axes=axes)
+    draw_constraints(ax, problem, through=run.states[0], axes=axes)
+    if problem.target is not None:
+        then = where.shaped(problem.target.level_set(where.points[:, problem.target.axes], float(run.times[-1])))
+        draw_set(ax, where, then, THEN_LOOKS, f"{problem.target.name}-then", zorder=5.0)
     draw_path(ax, problem.grid, run.states, axes, marks=run.samples)
 
 

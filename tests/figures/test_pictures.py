@@ -1,10 +1,12 @@
 """What Figs. 10, 12 and 13 draw, asserted on the artists' data."""
 
+import dataclasses
 import os
 
 import fig10_tubes
 import fig12_trajectory
 import fig13_comparison
+import fig13_isosurface
 import numpy as np
 import pytest
 from artists import axes, named, vertices
@@ -41,6 +43,28 @@ def test_comparison_lays_two_tables_over_each_other(table):
     assert len(fig13_comparison.comparison_legend()) == 4
 
 
+def test_what_is_lost_is_in_one_table_and_not_in_the_other(table):
+    smaller = dataclasses.replace(table, tubes=table.tubes + 0.02)
+    full, projected, lost = (values <= 0 for values in fig13_isosurface.compared(table, smaller).values())
+    assert np.array_equal(lost, full & ~projected) and lost.any() and projected.any()
+
+
+@pytest.mark.parametrize("place", fig10_tubes.PURSUERS)
+def test_every_step_to_go_is_seen(place):
+    """Each adds at least a hundredth of the slice, on the grid that Figs. 10 and 11 show."""
+    fine = sdhj.solve(sdhj.arm_case_study(), method="lax", progress=False)
+    where = plotting.plane(fine.grid, (0.0, 0.0, *place), resolution=49)
+    shares = [(where.of(fine.grid, fine.values(start=0, within=n)) <= 0).mean() for n in range(9)]
+    assert np.diff(shares).min() > 0.01
+
+
+def test_the_target_of_the_tubes_is_in_the_legend(table):
+    figure = fig10_tubes.draw_two_slices(table)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["known obstacles", "target", "capture by the pursuer"]
+    assert legend.get_patches()[1].get_facecolor() == pytest.approx(plotting.step_colours(3)[0])
+
+
 def test_steps_bar_shows_every_number():
     ax = axes()
     fig10_tubes.draw_steps_bar(ax, 5, "steps to go")
@@ -62,6 +86,10 @@ def test_run_pictures(table, run):
     (marks,) = named(ax, "marks")
     assert len(marks.get_xdata()) == len(run.samples)
     assert named(ax, "tube")
+    for name, t in (("target", 0.0), ("target-then", run.times[-1])):  # at the start, and where it is reached
+        edge = vertices(ax, f"{name}-edge")
+        states = np.column_stack([edge, np.tile(run.states[0, 2:], (len(edge), 1))])
+        assert np.abs(problem.target_value(states, t)).max() < 0.15 * (2 * np.pi / 120) ** 2, name
     strip = axes(nrows=2, ncols=3).ravel()
     fig12_trajectory.draw_frames(strip, problem, run)
     assert sum(bool(named(ax, "arm")) for ax in strip) == min(6, len(run.samples))
