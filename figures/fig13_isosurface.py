@@ -1,22 +1,34 @@
-"""Fig. 13: full and projected tubes over (q1, q2, p_x)."""
+"""Fig. 13: full and projected tubes over (q1, q2, p_x), and what is lost between them."""
 
+import numpy as np
 from common import PURSUER_AT, Context, command_of
 from matplotlib.figure import Figure
 from surfaces import draw_isosurface
 
 from sdhj import plotting
+from sdhj.kernels import FloatArray
+from sdhj.plotting.looks import OUTCOME_INK
+from sdhj.table.batches import Table
+
+COLOURS = {"full": "#6aa6d6", "projected": "#46ab9f", "lost": OUTCOME_INK}
 
 
 def draw(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 3.6, layout="none")
-    for place, (method, name, colour) in enumerate((("hji", "full", "#6aa6d6"), ("projected", "projected", "#46ab9f"))):
-        ax = figure.add_axes((0.49 * place, 0.0, 0.49, 0.94), projection="3d")
+    figure, full = plotting.new_figure(7.0, 2.6, layout="none"), context.table("hji")
+    for place, (name, tube) in enumerate(compared(full, context.table("projected")).items()):
+        ax = figure.add_axes((0.325 * place, 0.0, 0.325, 0.94), projection="3d")
         ax.patch.set_visible(False)
-        draw_isosurface(ax, context.table(method), through=PURSUER_AT, colour=colour)
-        ax.set_title(f"{name}: {context.shares(method)[-1]:.1%} of $\\mathcal{{C}}$", y=0.97)
+        draw_isosurface(ax, full, through=PURSUER_AT, colour=COLOURS[name], tube=tube, gid=name)
+        ax.set_title(f"{name}: {full.grid.fraction(tube <= 0):.1%} of $\\mathcal{{C}}$", y=0.97)
     said = f"within {context.problem.steps} steps, $p_y$ = {PURSUER_AT[3]:.2f} m"
     figure.text(0.5, 0.985, said, ha="center", va="top")
     return figure
+
+
+def compared(full: Table, inner: Table) -> dict[str, FloatArray]:
+    """Level-set functions of the largest tubes of two tables, and of what the second has lost of the first."""
+    ours, theirs = (table.values(start=0, within=table.steps) for table in (full, inner))
+    return {"full": ours, "projected": theirs, "lost": np.maximum(ours, -theirs)}
 
 
 if __name__ == "__main__":

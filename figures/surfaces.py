@@ -123,12 +123,17 @@ def draw_isosurface(
     axes: Sequence[int] = (0, 1, 2),
     colour: str = "#4c8fc4",
     alpha: float = 1.0,
+    tube: FloatArray | None = None,
     gid: str = "surface",
 ) -> None:
-    """The boundary of a tube in three axes, lit, on a 3-D axes; a bitmap inside vector files, to keep them small."""
+    """The boundary of a tube in three axes, lit, on a 3-D axes; a bitmap inside vector files, to keep them small.
+
+    Another set can take the tube's place: `tube` (grid.shape).
+    """
     grid = table.grid
     within = table.steps - start if within is None else within
-    values, coordinates = block(grid, table.values(start=start, within=within), axes, through)
+    tube = table.values(start=start, within=within) if tube is None else tube
+    values, coordinates = block(grid, tube, axes, through)
     triangles = isosurface(values, coordinates)
     frame_block(ax, grid, axes)
     if not len(triangles):
@@ -152,10 +157,13 @@ def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
         getattr(ax, f"set_{name}lim")(low, high)
         unit = "rad" if grid.names[axis].startswith("q") else "m"
         symbol = f"${grid.names[axis][0]}_{grid.names[axis][1:]}$" if len(grid.names[axis]) == 2 else grid.names[axis]
-        getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-5)
+        getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-3 if name == "z" else -5)
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
-            getattr(ax, f"set_{name}ticks")(QUARTERS[::2], QUARTER_LABELS[::2])
-        ax.tick_params(axis=name, pad=-2)
+            first = 2 if name == "y" else 0  # two axes meet in one corner
+            getattr(ax, f"set_{name}ticks")(QUARTERS[first::2], QUARTER_LABELS[first::2])
+        else:
+            ax.locator_params(axis=name, nbins=4)
+        ax.tick_params(axis=name, pad=-1 if name == "z" else -2)
     for side in (ax.xaxis, ax.yaxis, ax.zaxis):
         side.set_pane_color((1.0, 1.0, 1.0, 0.0))
     ax.grid(False)
