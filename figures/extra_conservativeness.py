@@ -129,25 +129,26 @@ def distance_to(grid: Grid, inside: FloatArray) -> FloatArray:
 
 
 def draw(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 3.7)
+    figure = plotting.new_figure(7.0, 3.3)
     px, py = PURSUER_AT[2:]
     rows = compare(context.table("hji"), context.table("projected"), [{"px": px, "py": py}])
     left, right = figure.subplots(1, 2)
     ratios, distances = (np.full((context.problem.steps + 1,) * 2, np.nan) for _ in range(2))
     for row in rows:
         ratios[row.start, row.within], distances[row.start, row.within] = row.ratio, row.hausdorff[0]
-    draw_entries(left, ratios, "volume of the projected tube / full")
+    draw_entries(left, ratios, "volume of the projected tube / full", least=float(np.nanmin(ratios)))
     draw_entries(right, distances, f"Hausdorff distance (rad), pursuer at ({px:.2f}, {py:.2f}) m", "cividis_r")
     return figure
 
 
-def draw_entries(ax: Axes, values: FloatArray, title: str, cmap: str = "cividis") -> None:
-    """One number for each (start, within) as the triangle of Fig. 8.
+def draw_entries(ax: Axes, values: FloatArray, title: str, cmap: str = "cividis", least: float = 0.0) -> None:
+    """One number for each (start, within) as the triangle of Fig. 8, with the bar of its colours from `least` on.
 
     `values` (N + 1, N + 1) with NaN where there is no entry; an infinite one is written without a colour.
     """
     top = float(np.max(values, where=np.isfinite(values), initial=1e-12))
-    mesh = ax.imshow(np.ma.masked_invalid(values), cmap=cmap, vmin=0.0, vmax=top, gid="entries")
+    mesh = ax.imshow(np.ma.masked_invalid(values), cmap=cmap, vmin=min(least, top), vmax=top, gid="entries")
+    ax.figure.colorbar(mesh, ax=ax, shrink=0.75, pad=0.02)
     colours = mpl.colormaps[cmap]
     for (k, n), value in np.ndenumerate(values):
         if not np.isnan(value):
