@@ -58,14 +58,26 @@ def draw_sweep(
 
 
 def draw_bars(
-    ax: Axes, groups: Sequence[str], values: Mapping[str, Sequence[float]], *, ylabel: str, fmt: str = "{:.3g}"
+    ax: Axes,
+    groups: Sequence[str],
+    values: Mapping[str, Sequence[float]],
+    *,
+    ylabel: str,
+    intervals: Mapping[str, Sequence[tuple[float, float]]] | None = None,
+    fmt: str = "{:.3g}",
 ) -> None:
-    """Grouped bars with their values above: groups along the axis, in each one bar for each entry of `values`."""
+    """Grouped bars with their values above: groups along the axis, in each one bar for each entry of `values`.
+
+    `intervals`, where given, are the ends of each bar's interval of confidence, and the values stand above these.
+    """
     width = 0.8 / len(values)
     for place, (label, heights) in enumerate(values.items()):
         x = np.arange(len(groups)) + (place - (len(values) - 1) / 2) * width
         looks = {"color": BARS[place % len(BARS)], "hatch": HATCHES[place % len(HATCHES)]}
         looks |= {"edgecolor": INK, "linewidth": 0.7}
+        if intervals:
+            looks["yerr"] = np.abs(np.transpose(intervals[label]) - np.asarray(heights))
+            looks["error_kw"] = {"linewidth": 0.8, "capsize": 2.0}
         bars = ax.bar(x, heights, 0.92 * width, label=label, gid=f"bars-{label}", **looks)
         ax.bar_label(bars, [fmt.format(height) for height in heights], fontsize=6.5, padding=1.5)
     ax.set_xticks(np.arange(len(groups)), groups)

@@ -6,7 +6,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.simulation.runs import Trajectory, admissible_states
+from sdhj.simulation.runs import Z95, Trajectory, admissible_states
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
@@ -33,6 +33,14 @@ def starts_outside(table: Table, count: int, seed: int) -> FloatArray:
             raise ValueError("the tube of step 0 holds next to nothing but the target: there is nothing to simulate")
         found = np.concatenate([found, drawn[outside]])
     return found[:count]
+
+
+def mean_interval(values: Sequence[float] | FloatArray) -> tuple[float, float]:
+    """95% confidence interval of a mean: 1.96 standard errors to either side; NaN for less than two values."""
+    if len(values) < 2:
+        return float("nan"), float("nan")
+    mean, error = float(np.mean(values)), float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    return mean - Z95 * error, mean + Z95 * error
 
 
 def clearances(problem: ReachAvoidProblem, runs: Sequence[Trajectory], finer: int) -> FloatArray:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from charts import draw_bars
 from common import Context, command_of
-from experiments import clearances, starts_outside
+from experiments import clearances, mean_interval, starts_outside
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdhj import plotting
@@ -27,21 +28,18 @@ class RuleOutcome:
     ----------
     rule : str
     runs, reached, collided : int
-    effort : float
-        Mean over the runs that reached the target of the integral of |u|^2, rad^2 / s.
-    clearance : float
-        Mean over those of the least distance to anything unsafe on the way, m.
-    time : float
-        Mean time to the target, s.
+    effort, clearance, time : array
+        Of each run that reached the target: the integral of |u|^2, rad^2 / s; the least distance to anything unsafe on
+        the way, m; the time it took, s.
     """
 
     rule: str
     runs: int
     reached: int
     collided: int
-    effort: float
-    clearance: float
-    time: float
+    effort: FloatArray
+    clearance: FloatArray
+    time: FloatArray
 
 
 def compare_rules(table: Table, runs: int, *, adversary: str = "random", seed: int = 0) -> list[RuleOutcome]:
@@ -59,30 +57,34 @@ def compare_rules(table: Table, runs: int, *, adversary: str = "random", seed: i
                 runs=runs,
                 reached=len(good),
                 collided=sum(run.outcome == "collided" for run in every),
-                effort=_mean([problem.delta * np.square(problem.inputs[run.inputs]).sum() for run in good]),
-                clearance=_mean(clearances(problem, good, 1)),
-                time=_mean([run.times[-1] for run in good]),
+                effort=np.array([problem.delta * np.square(problem.inputs[run.inputs]).sum() for run in good]),
+                clearance=clearances(problem, good, 1),
+                time=np.array([run.times[-1] for run in good]),
             )
         )
     return outcomes
 
 
-def _mean(values: Sequence[float] | FloatArray) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 2.9)
     outcomes = compare_rules(context.table("hji"), context.runs, seed=context.seed)
-    panels = (
-        ("effort", "mean effort (rad$^2$/s)", [o.effort for o in outcomes]),
-        ("clearance", "mean least clearance (mm)", [1000 * o.clearance for o in outcomes]),
-        ("time", "mean time to the target (s)", [o.time for o in outcomes]),
-    )
-    for ax, (name, label, values) in zip(figure.subplots(1, 3), panels, strict=True):
-        draw_bars(ax, RULES, {name: values}, ylabel=label)
-        ax.tick_params(axis="x", rotation=30)
+    draw_rules(figure.subplots(1, 3), outcomes)
     return figure
+
+
+def draw_rules(axes: Sequence[Axes], outcomes: Sequence[RuleOutcome]) -> None:
+    """Means of effort, clearance and time with their 95 % intervals, on three axes."""
+    panels = (
+        ("mean effort (rad$^2$/s)", [o.effort for o in outcomes]),
+        ("mean least clearance (mm)", [1000 * o.clearance for o in outcomes]),
+        ("mean time to the target (s)", [o.time for o in outcomes]),
+    )
+    for ax, (label, samples) in zip(axes, panels, strict=True):
+        means = [float(np.mean(values)) if len(values) else float("nan") for values in samples]
+        intervals = [mean_interval(values) for values in samples]
+        draw_bars(ax, [o.rule for o in outcomes], {label: means}, ylabel=label, intervals={label: intervals})
+        ax.tick_params(axis="x", rotation=30)
+    axes[0].set_title(f"{outcomes[0].runs} runs of each rule; 95 % intervals of the means")
 
 
 if __name__ == "__main__":
