@@ -1,23 +1,27 @@
 """How a moving obstacle enters the game of one interval decides whether the result is safe (Secs. 5.4 and 6.2.1)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from charts import SHARE, draw_bars
 from common import Context, command_of
 from experiments import clearances, starts_outside
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
+from sdhj.arm.case_studies import OBSTACLES
 from sdhj.arm.workspace import Disk, Line
 from sdhj.problem.sets import VIEW_TIMES
-from sdhj.simulation.runs import SUBSTEPS
+from sdhj.simulation.runs import SUBSTEPS, score_interval
 
 STUDY = True
 INSTANTS = 400  # of each interval, at which collisions are looked for
 BULLET = Disk(Line((0.10, 2.6), (0.0, -20.0)), 0.005)  # crosses the workspace in 0.03 s, within the second interval
+WORKSPACES = {"the paper's obstacles": OBSTACLES, "one at 20 m/s": (BULLET,)}
 
 
 @dataclass(frozen=True)
@@ -79,13 +83,22 @@ def compare_view_times(
 
 
 def draw(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 2.9)
-    outcomes = compare_view_times(nodes=context.nodes, runs=context.runs, seed=context.seed)
-    left, right = figure.subplots(1, 2)
-    draw_bars(left, VIEW_TIMES, {"share": [o.fraction for o in outcomes]}, ylabel=SHARE)
-    rates = [100 * outcome.rate for outcome in outcomes]
-    draw_bars(right, VIEW_TIMES, {"collisions": rates}, ylabel="promised safe, yet collided (%)")
+    figure = plotting.new_figure(7.0, 3.1)
+    given: dict[str, Any] = {"nodes": context.nodes, "runs": context.runs, "seed": context.seed}
+    found = {name: compare_view_times(obstacles=disks, **given) for name, disks in WORKSPACES.items()}
+    draw_view_times(figure.subplots(1, 2), found)
     return figure
+
+
+def draw_view_times(axes: Sequence[Axes], found: Mapping[str, Sequence[ViewTimeOutcome]]) -> None:
+    """What is promised and what happens, by workspace, on two axes; rates with Wilson's 95 % intervals."""
+    left, right = axes
+    shares = {name: [o.fraction for o in outcomes] for name, outcomes in found.items()}
+    draw_bars(left, VIEW_TIMES, shares, ylabel=SHARE)
+    rates = {name: [100 * o.rate for o in outcomes] for name, outcomes in found.items()}
+    ends = {name: [100 * np.array(score_interval(o.collided, o.runs)) for o in outs] for name, outs in found.items()}
+    label = "promised safe, yet collided (%), 95 % interval"
+    draw_bars(right, VIEW_TIMES, rates, ylabel=label, intervals=ends)
 
 
 if __name__ == "__main__":

@@ -76,6 +76,14 @@ class Trajectory:
         return self.states[::SUBSTEPS]
 
 
+def score_interval(count: int, runs: int) -> tuple[float, float]:
+    """95% confidence interval of a rate that was `count` of `runs` (Wilson's score interval)."""
+    n, p = runs, count / runs
+    centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
+    half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
 @dataclass(frozen=True)
 class Report:
     """How many runs ended how; `str()` is a table.
@@ -111,10 +119,7 @@ class Report:
 
     def interval(self, outcome: str) -> tuple[float, float]:
         """95% confidence interval of the rate (Wilson's score interval)."""
-        n, p = self.runs, self.rate(outcome)
-        centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
-        half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
-        return max(0.0, centre - half), min(1.0, centre + half)
+        return score_interval(self.counts[outcome], self.runs)
 
     def __str__(self) -> str:
         head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
