@@ -5,15 +5,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from charts import draw_bars
-from common import Context, command_of
+from common import Context, command_of, longest_run
 from experiments import share_won
+from fig10_tubes import draw_steps_bar
+from fig12_trajectory import draw_workspace_run
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import sdhj
 from sdhj import plotting
+from sdhj.plotting.trajectories import WAY
 from sdhj.simulation.outcomes import OUTCOMES
-from sdhj.simulation.runs import Report
+from sdhj.simulation.runs import Report, Trajectory
 from sdhj.solver.projections import ProjectionWarning
 from sdhj.table.batches import Table
 
@@ -33,6 +39,8 @@ class EvaderOutcome:
     warnings : tuple of str
         Why that is nothing.
     reports : mapping of adversary to Report
+    chase : Trajectory
+        The longest of some, against the evader that flees optimally.
     """
 
     full: Table
@@ -40,6 +48,7 @@ class EvaderOutcome:
     projected_won: float
     warnings: tuple[str, ...]
     reports: Mapping[str, Report]
+    chase: Trajectory
 
 
 def evading_target(
@@ -62,19 +71,35 @@ def evading_target(
         projected_won=share_won(projected),
         warnings=tuple(projected.details["projection"]["warnings"]),
         reports={name: sdhj.monte_carlo(controller, runs, name, seed, progress=False) for name in adversaries},
+        chase=longest_run(full, "worst", seed),
     )
 
 
 def draw(context: Context) -> Figure:
-    figure = plotting.new_figure(7.0, 3.5)
-    chased = evading_target(nodes=context.nodes, runs=10 * context.runs, seed=context.seed)
-    left, right = figure.subplots(1, 2)
-    plotting.draw_tubes(left, chased.full, through=EVADER_AT)
-    left.set_title(f"evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m; dark is near")
-    rates = {name: [100 * report.rate(outcome) for outcome in OUTCOMES] for name, report in chased.reports.items()}
-    draw_bars(right, OUTCOMES, rates, ylabel="runs (%)")
-    right.set_title(f"won: full {chased.won:.1%}, projected {chased.projected_won:.1%} of $\\mathcal{{C}}$", pad=20)
+    figure = plotting.new_figure(7.0, 6.6)
+    found = evading_target(nodes=context.nodes, runs=10 * context.runs, seed=context.seed)
+    tiles = [["tubes", "chase"], ["bar", "chase"], ["ends", "ends"]]
+    parts = figure.subplot_mosaic(tiles, height_ratios=(1.0, 0.05, 0.75))
+    plotting.draw_tubes(parts["tubes"], found.full, through=EVADER_AT)
+    parts["tubes"].set_title(f"(a) evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m")
+    draw_steps_bar(parts["bar"], found.full.steps, "steps to go, $n$; 0: it is caught")
+    draw_workspace_run(parts["chase"], found.full.problem, found.chase)
+    parts["chase"].set_title(f"(b) a chase of {found.chase.times[-1]:.1f} s, the worst evader")
+    draw_ends(parts["ends"], found.reports)
+    said = f"(c) how chases end, 95 % intervals; won: full {found.won:.1%}, projected {found.projected_won:.1%} of"
+    parts["ends"].set_title(said + r" $\mathcal{C}$", pad=20)
+    way = Line2D([], [], markerfacecolor="white", marker="o", markersize=3.6, label="end-effector, at $t_k$", **WAY)
+    flight = Line2D([], [], color="black", linestyle=":", linewidth=1.0, label="the evader's way")
+    entries = [plotting.patch("obstacles", "known obstacles"), plotting.patch("evader", "evader"), way, flight]
+    figure.legend(handles=entries, loc="outside upper center", ncols=4, handleheight=1.1)
     return figure
+
+
+def draw_ends(ax: Axes, reports: Mapping[str, Report]) -> None:
+    """Shares of the outcomes against each evader, with Wilson's 95 % intervals."""
+    rates = {name: [100 * report.rate(outcome) for outcome in OUTCOMES] for name, report in reports.items()}
+    ends = {name: [100 * np.array(report.interval(o)) for o in OUTCOMES] for name, report in reports.items()}
+    draw_bars(ax, OUTCOMES, rates, ylabel="runs (%)", intervals=ends)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 from sdhj.arm.case_studies import ArmScene
 from sdhj.arm.workspace import Disk
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import FAINT, INK, PURSUER_LOOKS, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks
+from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, look
 
 ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
 FRAME_MARGIN = 0.02
@@ -105,7 +105,7 @@ def draw_workspace(
     if state is not None:
         draw_arm(ax, scene, np.asarray(state)[:2])
         centre = np.asarray(state)[2:4]
-        ax.add_artist(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **PURSUER_LOOKS))
+        ax.add_artist(Circle(tuple(centre), scene.agent_radius, zorder=4.0, gid=scene.agent, **look(scene.agent)))
         ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
     else:
         ax.plot(0, 0, "s", color=FAINT, markersize=3)
