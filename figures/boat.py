@@ -179,7 +179,7 @@ def draw_rollouts(ax: Axes, rollouts: Rollouts, label: str) -> None:
     ax.plot(*worst.T, color=colour, linestyle=dashes, linewidth=1.5, zorder=6, gid=gid)
     ax.plot(*worst[-1], marker=end, color=colour, markersize=5, zorder=7)
     ax.plot(*worst[0], "o", color=INK, markersize=4.5, zorder=7, gid="start")
-    ax.annotate(label, worst[0], (1, -5), textcoords="offset points", ha="left", va="top", zorder=8, fontsize=9)
+    ax.annotate(label, worst[0], (2, -5), textcoords="offset points", ha="center", va="top", zorder=8, fontsize=9)
 
 
 def draw_one_step(

@@ -36,8 +36,8 @@ def draw(context: Context) -> Figure:
     board.arrow(game.side("right"), reach.side("left"))
     recursion = board.box(3.85, 0.40, 3.1, 0.66, "")
     board.text(3.85, 0.58, "Recursion (Theorem 2, Sec. 4.2)")
-    formula = r"$\mathcal{S}_k^i = \mathcal{S}_k^{i+1} \cup \bigcup_j \; \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})$"
-    board.text(3.85, 0.31, formula)
+    united = r"\mathcal{S}_k^{i+1} \cup \bigcup_j \; \mathcal{RA}_k^j(\mathcal{S}_{k+1}^{i+1}, \mathbb{G})"
+    board.text(3.85, 0.31, rf"$\mathcal{{S}}_k^i = {united}$")
     board.arrow(reach.side("bottom"), (reach.x, 0.73))
     board.arrow((game.x, 0.73), game.side("bottom"))
     board.text(3.03, 0.87, r"$\mathcal{S}_k^i$ is the next goal", ha="left", fontsize=7.5)
@@ -46,7 +46,7 @@ def draw(context: Context) -> Figure:
     board.arrow(reach.side("right"), row)
     board.arrow(recursion.side("right"), (bottom[0], 0.40), bottom)
     board.text(5.78, 0.80, r"new sets $\mathcal{S}_k^i$", ha="left", fontsize=7.5)
-    board.text(5.375, 1.97, "inputs", fontsize=7.5)
+    board.text(5.375, 1.97, "stored", fontsize=7.5)
     board.text(6.2, 2.66, "Look-up table (Fig. 8)", fontweight="bold")
     return board.figure
 

@@ -36,9 +36,8 @@ def draw_cost(ax: Axes, game: OneStepGame) -> None:
     looks = {"levels": LEVELS, "colors": [INK], "linewidths": 0.7, "zorder": 4.0}
     shown = np.ix_(*(np.digitize(c, lim) == 1 for c, lim in ((where.y, ax.get_ylim()), (where.x, ax.get_xlim()))))
     x, y = np.meshgrid(where.x, where.y)  # what is not seen has no part in where numbers stand
-    lines = ax.contour(
-        x[shown], y[shown], cost[shown], linestyles=["--" if level > 0 else "-" for level in LEVELS], **looks
-    )
+    dashes = ["--" if level > 0 else "-" for level in LEVELS]
+    lines = ax.contour(x[shown], y[shown], cost[shown], linestyles=dashes, **looks)
     lines.set_gid("cost")
     for text in ax.clabel(lines, fontsize=6.5, fmt="%.1f"):
         text.set(zorder=4.5, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4})

@@ -1,7 +1,7 @@
 """Fig. 14: computation times, full against projected, by the paper's scheme and by the default.
 
 Seconds of a processor, in one thread, for what the paper counts: constraints, avoid tubes and recursion. Of the steps
-of the recursion, which are all alike, some are timed, and the least disturbed is taken as many times as there are steps.
+of the recursion, which are all alike, some are timed, and the quickest is taken as many times as there are steps.
 """
 
 import time

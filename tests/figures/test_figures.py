@@ -289,7 +289,7 @@ def test_sampled_data_picture():
 
 
 def test_a_state_moves_between_its_samples():
-    """Where it was measured and where it is are far apart within intervals; a straight line between samples is not it."""
+    """Where it was measured and where it is are far apart; it is no straight line."""
     run = fig04_sampled_data.sampled_run()
     per, x = (len(run.times) - 1) // len(run.held), run.states[:, 0]
     straight = np.interp(run.times, run.times[::per], x[::per])

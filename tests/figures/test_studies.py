@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 from artists import axes, named
 from charts import draw_bars, draw_fractions, draw_sweep
-from experiments import clearances, starts_outside
+from experiments import clearances, mean_interval, starts_outside
 from extra_adversary import sweep_adversary
 from extra_certified import sweep_cells
 from extra_conservativeness import draw_entries
 from extra_evader import evading_target
 from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
-from extra_rules import compare_rules
+from extra_rules import compare_rules, draw_rules
 from extra_sensing import Promise, car, draw_promises, largest, limits, promised, sweep_sensing
-from extra_view_time import compare_view_times
+from extra_view_time import WORKSPACES, ViewTimeOutcome, compare_view_times, draw_view_times
+from matplotlib.container import BarContainer
 
 import sdhj
 from sdhj.arm.workspace import Disk, Still
-from sdhj.simulation.runs import simulate
+from sdhj.problem.sets import VIEW_TIMES
+from sdhj.simulation.runs import score_interval, simulate
 
 
 @pytest.mark.parametrize("bound", ["v_p_max", "v_d_max"])
@@ -46,7 +48,8 @@ def test_more_input_levels_never_lose_and_cost_in_proportion():
     three, five, seven, nine = sweep.fractions
     assert three <= five <= nine and three <= seven and nine > three
     assert sweep.inputs == (9, 25, 49, 81)
-    assert all(seconds > 0 for seconds in sweep.seconds)
+    assert all(least > 0 for seconds in sweep.seconds.values() for least in seconds)
+    assert sweep.seconds.keys() == {"paper's scheme", "default"}
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +61,10 @@ def test_rules_trade_effort_clearance_and_time(table):
     outcomes = {outcome.rule: outcome for outcome in compare_rules(table, 60)}
     assert set(outcomes) == {"deepest", "effort", "target", "clearance"}
     assert all(outcome.reached > 50 for outcome in outcomes.values())
-    assert min(outcomes.values(), key=lambda o: o.effort).rule == "effort"
-    assert max(outcomes.values(), key=lambda o: o.clearance).rule == "clearance"
-    assert outcomes["target"].time <= outcomes["effort"].time
-    assert outcomes["effort"].effort < 0.9 * outcomes["target"].effort
+    assert min(outcomes.values(), key=lambda o: o.effort.mean()).rule == "effort"
+    assert max(outcomes.values(), key=lambda o: o.clearance.mean()).rule == "clearance"
+    assert outcomes["target"].time.mean() <= outcomes["effort"].time.mean()
+    assert outcomes["effort"].effort.mean() < 0.9 * outcomes["target"].effort.mean()
 
 
 def test_clearances_are_those_of_the_true_geometry(table):
@@ -73,6 +76,39 @@ def test_clearances_are_those_of_the_true_geometry(table):
     assert coarse == pytest.approx(min(values), abs=1e-12)  # rounding of times
     assert fine <= coarse
     assert clearances(problem, [], 1).shape == (0,)
+
+
+def test_intervals_of_means_are_1_96_standard_errors():
+    values = [1.0, 2.0, 3.0, 6.0]  # mean 3, standard deviation sqrt(14 / 3)
+    half = 1.959964 * np.sqrt(14 / 3) / 2
+    assert mean_interval(values) == pytest.approx((3 - half, 3 + half), rel=1e-6)
+    assert np.isnan(mean_interval([1.0])).all()
+
+
+def test_rates_have_wilsons_intervals():
+    """Wilson's for 2 of 10 by the formula, and for none: 0 to z^2 / (n + z^2)."""
+    z, n, p = 1.959964, 10, 0.2
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    expected = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    assert score_interval(2, 10) == pytest.approx(expected, rel=1e-6)
+    assert score_interval(0, 10) == pytest.approx((0.0, z * z / (10 + z * z)), rel=1e-6)
+    axs = axes(ncols=2)
+    outcomes = [ViewTimeOutcome(name, 0.3, 10, 2, 0.0) for name in VIEW_TIMES]
+    draw_view_times(axs, dict.fromkeys(WORKSPACES, outcomes))
+    bars = [container for container in axs[1].containers if isinstance(container, BarContainer)]
+    assert len(bars) == len(WORKSPACES) == 2
+    for some in bars:
+        ends = np.array([stroke[:, 1] for stroke in some.errorbar[2][0].get_segments()])
+        np.testing.assert_allclose(ends, np.tile(100 * np.array(expected), (3, 1)), rtol=1e-6)
+
+
+def test_rules_are_drawn_with_their_intervals(table):
+    axs, outcomes = axes(ncols=3), compare_rules(table, 20)
+    draw_rules(axs, outcomes)
+    (bars,) = (container for container in axs[2].containers if isinstance(container, BarContainer))
+    assert [bar.get_height() for bar in bars] == pytest.approx([outcome.time.mean() for outcome in outcomes])
+    ends = [stroke[:, 1] for stroke in bars.errorbar[2][0].get_segments()]
+    np.testing.assert_allclose(ends, [mean_interval(outcome.time) for outcome in outcomes])
 
 
 def test_sampled_obstacles_let_collisions_through():
@@ -97,6 +133,7 @@ def test_the_evader_is_caught_by_the_full_method_and_lost_by_projection():
     assert found.full.fraction(start=0, within=3) > found.won
     assert len(found.warnings) == 2 and "the target depends on py" in found.warnings[0]
     assert set(found.reports) == {"random", "worst"}
+    assert found.chase.outcome == "reached" and len(found.chase.inputs) > 0
     assert found.reports["random"].rate("reached") > 0.8
     assert found.reports["worst"].rate("reached") <= found.reports["random"].rate("reached")
 
@@ -121,16 +158,22 @@ def test_curves_bars_and_entries():
     draw_sweep(ax, [0.1, 0.2], {"hji": [0.4, 0.0], "projected": [0.3, 0.0]}, xlabel="bound", nominal=0.2)
     assert named(ax, "sweep-hji")[0].get_ydata().tolist() == [0.4, 0.0]
     gain, cost = axes(ncols=2)
-    draw_input_levels((gain, cost), LevelSweep((3, 5, 7), (9, 25, 49), (0.3, 0.4, 0.42), (0.9, 2.5, 4.9)))
-    line = named(cost, "levels-line")[0].get_ydata()
-    assert line == pytest.approx([0.0, 4.9])  # these seconds are 0.1 for each input
+    seconds = {"paper's scheme": (0.9, 2.5, 4.9), "default": (0.1, 0.2, 0.3)}
+    draw_input_levels((gain, cost), LevelSweep((3, 5, 7), (9, 25, 49), (0.3, 0.4, 0.42), seconds))
+    assert named(cost, "levels-paper's scheme")[0].get_xydata().tolist() == [[9, 0.9], [25, 2.5], [49, 4.9]]
+    assert len(cost.lines) == 2 and gain.get_ylim()[0] == cost.get_ylim()[0] == 0.0
     ax = axes()
     draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0], "y": [3.0, 4.0]}, ylabel="metres")
     assert [bar.get_height() for container in ax.containers for bar in container] == [1, 2, 3, 4]
     ax = axes()
+    draw_bars(ax, ["a", "b"], {"x": [1.0, 2.0]}, ylabel="metres", intervals={"x": [(0.5, 1.25), (1.5, 3.0)]})
+    (bars,) = (container.errorbar for container in ax.containers if isinstance(container, BarContainer))
+    assert [stroke[:, 1].tolist() for stroke in bars[2][0].get_segments()] == [[0.5, 1.25], [1.5, 3.0]]
+    ax = axes()
     triangle = np.where(np.add.outer(range(3), range(3)) <= 2, 0.5, np.nan)
     triangle[0, 0] = np.inf
-    draw_entries(ax, triangle, "kept")
+    draw_entries(ax, triangle, "kept", least=0.4)
+    assert ax.images[0].get_clim() == (0.4, 0.5) and len(ax.figure.axes) == 2  # the bar of the colours
     assert [text.get_text() for text in ax.texts] == [r"$\infty$", *["0.50"] * 5]
     ax = axes()
     draw_fractions(ax, {"hji": [0.0, 0.1], "lax": [0.0, 0.2]})
