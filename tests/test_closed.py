@@ -9,6 +9,7 @@ from slabbed import assert_bit_equal, room
 
 import sdhj
 from sdhj.problem.problem import ON_BOUNDARY, closed
+from sdhj.solver.resolution import ResolutionWarning
 
 CENTRE, HALF = np.array([2.03, 1.47]), np.array([0.41, 0.52])  # of a box, m
 RUNS = 5000
@@ -121,6 +122,14 @@ def test_a_boundary_on_nodes_is_unsafe_and_moves_nobody_else():
     found = closed(grid, np.where(np.abs(distance) < 1e-12, 0.0, distance))
     assert np.count_nonzero(found == -ON_BOUNDARY) == 2
     assert found == pytest.approx(distance, abs=1e-12)
+
+
+def test_a_set_that_hides_is_told_though_its_function_is_0():
+    """A post between the nodes, by a distance without a sign: that it is there is said, and the remedy finds it."""
+    post = lambda p, t: np.maximum(np.hypot(p[:, 0] - 2.025, p[:, 1] - 1.525) - 0.02, 0.0)  # noqa: E731
+    with pytest.warns(ResolutionWarning, match=r"hides between the nodes .* is 0, which tells no thickness"):
+        sdhj.solve(problem(post, steps=2), progress=False)
+    sdhj.solve(problem(post, steps=2, sampling="cell"), progress=False)
 
 
 def test_the_state_that_is_asked_for():

@@ -71,16 +71,18 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         rows, best = np.arange(len(points)), found.argmin(axis=1)
         centres, reach, least = points[rows, best], reach / 3, found[rows, best]
     deepest = int(least.argmin())
-    if least[deepest] >= 0:
+    if least[deepest] > 0:
         return ""
-    thickness = -2 * float(least[deepest])
+    thickness, use, thick = -2 * float(least[deepest]), "", "its level-set function is 0, which tells no thickness,"
     names = [problem.grid.names[axis] for axis in part.axes]
-    needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
+    if thickness > 0:
+        needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
+        use = f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
+        thick = f"it is about {thickness:.2g} thick there,"
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return (
-        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: it is about {thickness:.2g} "
-        f"thick there, and nodes are {', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. "
-        f"Use {', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
+        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
+        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. Use {use}"
         'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
     )
 
