@@ -13,6 +13,9 @@ import pytest
 
 matplotlib.use("Agg")  # draws without a screen
 
+# Reading a notebook imports jsonschema, which where it can parses a grammar of internet addresses first, for seconds.
+sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
+
 # Two workers with two threads each, on two cores, would mostly wait for one another, and OpenMP waits at full speed.
 # Tests of threads ask for two themselves, and the programs that tests start have all.
 if "PYTEST_XDIST_WORKER" in os.environ:
