@@ -109,7 +109,8 @@ class InputRows:
         for own in axes:
             shape = [n if axis in own else 1 for axis, n in enumerate(leading)]
             places = np.arange(np.prod(shape, dtype=np.int64)).reshape(shape)
-            self.at.append(np.ascontiguousarray(np.broadcast_to(places, leading)).ravel())
+            # a copy: `add_input` would be compiled once more for a view, which may not be written to
+            self.at.append(np.broadcast_to(places, leading).flatten())
             self.wide.append(grid.ndim - 1 in own)
 
     def of(self, values: FloatArray) -> FloatArray:

@@ -256,7 +256,8 @@ class LookupTable(OfProblem):
         if stored == self.steps:
             raise ValueError(f"the tubes still change after {stored:,} steps; give the problem a number of steps")
         last, stays = max(stored - 1, 1), self.problem.stays
-        index, kept = entries(last)[:, 1], slice(last, last + 1) if stays else slice(0, last + 1)
+        # a copy: look-ups would be compiled once more for a column of an array
+        index, kept = entries(last)[:, 1].copy(), slice(last, last + 1) if stays else slice(0, last + 1)
         return replace(
             self,
             problem=replace(self.problem, steps=last),
