@@ -30,12 +30,13 @@ def test_one_solve_is_told(tmp_path, monkeypatch):
 def test_slabs_are_shared_out(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    options = ["--nodes", "9", "--method", "lax", "--memory", "70000000", "--workers", "1", "--repeats", "1"]
+    monkeypatch.setitem(stored.MAKERS, "case study", lambda nodes: sdhj.arm_case_study(nodes, steps=2))
+    options = ["--nodes", "9", "--method", "lax", "--memory", "69000000", "--workers", "1", "--repeats", "1"]
     done = CliRunner().invoke(stored.main, ["--robot", "case study", *options])
     assert done.exit_code == 0, done.output
     told = dict(zip(*map(cells, done.stdout.splitlines()[::2]), strict=True))
     slabs, number = int(told["slabs"]), r"(-?\d+) (?:ms|kB|MB)"
-    assert slabs > 1 and int(told["tasks"]) == (45 + 1 + 8) * slabs  # tubes, avoid tubes of the column and of the disk
+    assert slabs > 1 and int(told["tasks"]) == (6 + 1 + 2) * slabs  # tubes, avoid tubes of the column and of the disk
     sizes = [float(re.fullmatch(number, told[name])[1]) for name in ("sent a task", "read", "written")]
     assert 1 < sizes[0] < 100 and sizes[1] >= sizes[2] >= 0
     assert not list(tmp_path.iterdir())
