@@ -14,6 +14,7 @@ from toys import interval_problem, one_row, torus_problem, unicycle_problem
 import sdhj
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.problem import ROW, ULPS, _signed, alike
+from sdhj.table import table as table_module
 from sdhj.table.files import FORMAT_VERSION, header, replaced_whole, writable_file
 from sdhj.table.table import entries
 
@@ -142,7 +143,7 @@ def test_a_failed_write_leaves_the_old_file(arm_table, table, tmp_path, monkeypa
     def fail(*args, **kwargs):
         raise OSError("disk full")
 
-    monkeypatch.setattr("sdhj.table.table.entries", fail)
+    monkeypatch.setattr(table_module, "entries", fail)
     with pytest.raises(OSError, match="disk full"):
         table.save(path)
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["arm.h5"]

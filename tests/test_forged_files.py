@@ -14,6 +14,7 @@ from forging import FORGERIES, forged, replaced, seal, spoiled
 from toys import torus_problem
 
 import sdhj
+from sdhj.problem import memory as memory_module
 from sdhj.table.files import header
 
 LONGEST = 10.0  # seconds that an answer may take
@@ -122,8 +123,8 @@ def test_an_index_beyond_the_tubes_is_refused(path, wrong):
 
 
 def test_an_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
-    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (1000, "are available"))
-    monkeypatch.setattr("sdhj.problem.memory.SPARE", 0)
+    monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
+    monkeypatch.setattr(memory_module, "SPARE", 0)
     problem = torus_problem(nodes=10, steps=3)
     problem.identity  # noqa: B018, sampled while there is room
     with pytest.raises(MemoryError, match="the array tubes of the file needs about"):

@@ -1,5 +1,6 @@
 """What could lose work or leave litter: kills, Ctrl-C, full disks, names that cannot be written."""
 
+import builtins
 import dataclasses
 import fcntl
 import json
@@ -17,6 +18,7 @@ from toys import interval_problem
 
 import sdhj
 from sdhj import cli
+from sdhj import cli as cli_module
 from sdhj.table.files import replaced_whole, writable_file
 
 pytestmark = pytest.mark.usefixtures("signals_are_heard")
@@ -240,7 +242,7 @@ def test_the_command_offers_another_path(full, tmp_path, monkeypatch):
 def test_without_a_terminal_it_keeps_the_table_and_says_where(full, tmp_path, monkeypatch):
     kept = tmp_path / "temporary"
     kept.mkdir()
-    monkeypatch.setattr("sdhj.cli.gettempdir", lambda: str(kept))
+    monkeypatch.setattr(cli_module, "gettempdir", lambda: str(kept))
     done = solve_to(full)
     (name,) = os.listdir(kept)
     assert done.exit_code == 2 and "No space left on device; it is kept as" in done.output and name in done.output
@@ -279,7 +281,7 @@ def test_a_file_that_cannot_be_read_is_not_called_damaged(tmp_path, monkeypatch)
     def denied(*arguments, **options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("builtins.open", denied)
+    monkeypatch.setattr(builtins, "open", denied)
     with pytest.raises(PermissionError, match=r"cannot read .*a\.h5: Permission denied"):
         sdhj.load(path)
 

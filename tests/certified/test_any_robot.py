@@ -175,7 +175,7 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
 
 def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", [*sys.path])
+    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setitem(sys.modules, "cars", SimpleNamespace(problem=car, number=lambda: 3, broken=lambda: 1 / 0))
 
     def asked(*options):

@@ -13,8 +13,10 @@ from toys import interval_problem
 
 import sdhj
 from sdhj.certified import Certified, CertifiedTable, LipschitzBounds
+from sdhj.certified import sets as sets_module
 from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels, shares
+from sdhj.problem import memory as memory_module
 from sdhj.table.files import header
 
 
@@ -135,13 +137,13 @@ def test_sets_may_have_any_name(tmp_path, name):
 
 @pytest.mark.slow
 def test_solve_makes_certified_tables(monkeypatch):
-    monkeypatch.setattr("sdhj.certified.sets.ARM_CELLS", (105, 105, 36, 36))
+    monkeypatch.setattr(sets_module, "ARM_CELLS", (105, 105, 36, 36))
     problem = sdhj.arm_case_study(nodes=9, steps=1)
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
 
 
 def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (10_000_000, "are available"))
+    monkeypatch.setattr(memory_module, "available", lambda: (10_000_000, "are available"))
     with pytest.raises(MemoryError, match=r"cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
         sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
 

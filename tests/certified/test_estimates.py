@@ -14,6 +14,7 @@ import sdhj
 from sdhj.certified import sets
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.problem import memory as memory_module
 
 CELLS = (12, 12, 16)
 
@@ -56,7 +57,7 @@ def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):
 
 
 def test_memory_is_stated_before_anything_is_made(monkeypatch):
-    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (10**7, "are left"))
+    monkeypatch.setattr(memory_module, "available", lambda: (10**7, "are left"))
     for problem in (unicycle_problem(), sdhj.arm_case_study(**SMALL)):
         with pytest.raises(MemoryError, match="use fewer cells"):
             sdhj.Certified(cells=(300,) * problem.grid.ndim).estimate(problem)

@@ -3,6 +3,7 @@
 import csv
 from dataclasses import replace
 
+import campaign as campaign_module
 import numpy as np
 import pytest
 import toys
@@ -15,7 +16,7 @@ PLACE = np.array([1.5, 0.0])  # minus this: where a disk stands that no table kn
 
 
 def test_a_campaign_counts_batch_by_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("campaign.BATCH", 300)
+    monkeypatch.setattr(campaign_module, "BATCH", 300)
     table = sdhj.solve(toys.torus_problem(nodes=32), method="lax", progress=False)
     disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(*toys.wrapped(p + PLACE).T) - 0.2)
     controller = sdhj.Controller(replace(table, problem=replace(table.problem, unsafe=(disk,))))

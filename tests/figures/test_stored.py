@@ -1,6 +1,7 @@
 """The script that times stores: its tables, on few nodes, beside what the library says itself."""
 
 import re
+import tempfile
 
 import pytest
 import stored
@@ -14,7 +15,7 @@ def cells(line: str) -> list[str]:
 
 
 def test_one_solve_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(stored, "on_disk", lambda path: 15 * 10**8 if (path / "zarr.json").is_file() else 0)
     monkeypatch.setattr(stored, "timed", lambda call, *args, **options: (1234.4, call(*args, **options)))
     done = CliRunner().invoke(stored.main, ["--robot", "case study", "--nodes", "9", "--memory", "100000000"])
@@ -29,7 +30,7 @@ def test_one_solve_is_told(tmp_path, monkeypatch):
 
 def test_slabs_are_shared_out(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setitem(stored.MAKERS, "case study", lambda nodes: sdhj.arm_case_study(nodes, steps=2))
     options = ["--nodes", "9", "--method", "lax", "--memory", "69000000", "--workers", "1", "--repeats", "1"]
     done = CliRunner().invoke(stored.main, ["--robot", "case study", *options])
@@ -57,7 +58,7 @@ def test_three_ways_solve_and_leave_nothing(tmp_path, monkeypatch):
         written.append([path.name for folder in tmp_path.iterdir() for path in folder.iterdir()])
         return next(taken), None
 
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(stored, "timed", timed)
     bare, saved, kept, size = stored.three_ways(sdhj.arm_case_study(9), "lax")
     assert (bare, saved, kept) == (1.0, 5.0, 3.0) and size > 10_000 and not list(tmp_path.iterdir())
