@@ -21,7 +21,9 @@ from sdhj import plotting
 from sdhj.arm.case_studies import scene
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, UNSAFE_LOOKS
-from sdhj.simulation.runs import Trajectory
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.runs import Trajectory, admissible_states, rollouts
 from sdhj.table.batches import Table
 
 STUDY = True
@@ -208,8 +210,7 @@ def draw_slice(ax: Axes, table: Table, run: Trajectory, axes: tuple[int, int]) -
     """The tubes through the state at which a run begins, what is unsafe there, and the run."""
     plotting.draw_tubes(ax, table, through=run.states[0], axes=axes)
     plotting.draw_path(ax, table.grid, run.states, axes, marks=run.samples, linewidth=1.2)
-    if table.problem.name != "cart":
-        ax.set_aspect("equal")
+    ax.set_aspect(0.5 if table.problem.name == "cart" else "equal")
 
 
 def draw_poses(ax: Axes, table: Table, run: Trajectory) -> None:
@@ -296,29 +297,33 @@ WORKED = {
     "arm": Worked(
         folding_arm, lambda n: sdhj.arm_case_study(nodes=n), (13, 25), draw_poses, (-2.6, 1.0, *PURSUER_AT[2:])
     ),
-    "drone": Worked(drone, lambda n: drone(n, rod=0.0, radius=0.0), (5, 11), draw_capsules, (0.4, 1.4, 0.8), (0, 2)),
+    "drone": Worked(drone, lambda n: drone(n, rod=0.0, radius=0.0), (5, 11), draw_capsules, (0.4, 2.5, 0.8), (0, 2)),
     "ring": Worked(ring, lambda n: replace(ring(n), unsafe=()), (21, 41), draw_track, (-1.5, 0.1, np.pi)),
     "bar": Worked(swinging_bar, lambda n: replace(swinging_bar(n), unsafe=()), (21, 31), draw_bars, (-1.2, -0.4)),
     "cart": Worked(loaded_cart, lambda n: loaded_cart(n, known=True), (41, 81), draw_known, (-0.8, 0.0)),
 }
 
 
-def lost(table: Table, problem: sdhj.ReachAvoidProblem, adversary: str, runs: int) -> int:
-    """Of some runs of a table, played in the world of a problem, how many do not reach the target."""
-    controller = sdhj.Controller(replace(table, problem=problem))
-    return runs - sdhj.monte_carlo(controller, runs, adversary, seed=0, progress=False).counts["reached"]
+def lost(table: Table, problem: sdhj.ReachAvoidProblem, adversary: str, runs: int) -> float:
+    """Share of a table's runs that do not reach the target in the world of a problem.
+
+    They begin in states that are drawn uniformly from the table's tube, less those that are unsafe from the beginning.
+    """
+    controller, rng = sdhj.Controller(replace(table, problem=problem)), np.random.default_rng(0)
+    starts = admissible_states(controller, runs, rng)
+    starts = starts[problem.unsafe_value(starts, problem.time(0)) > 0]
+    outcomes, _ = rollouts(controller, starts, ADVERSARIES[adversary], rng)
+    return float(np.mean(outcomes != OUTCOMES.index("reached")))
 
 
 def row(name: str, table: Table, unaware: Table, runs: int) -> str:
-    """Size, share and runs lost, of the table and of one that is unaware, as a row of a table."""
+    """Size, share, and shares of runs lost, of the table and of one that is unaware, as a row of a table."""
     problem = table.problem
-    own, others = (
-        [lost(one, problem, adversary, runs) for adversary in ("random", "worst")] for one in (table, unaware)
-    )
-    size = " x ".join(map(str, problem.grid.shape))
-    share, blind = (one.fraction(start=0, within=one.steps) for one in (table, unaware))
-    cells = name, size, problem.steps, f"{share:.4f}", *own, f"{blind:.4f}", *others
-    return f"| {' | '.join(map(str, cells))} |"
+    cells = [name, " x ".join(map(str, problem.grid.shape)), str(problem.steps)]
+    for one in (table, unaware):
+        cells.append(f"{one.fraction(start=0, within=one.steps):.4f}")
+        cells += [f"{lost(one, problem, adversary, runs):.2%}" for adversary in ("random", "worst")]
+    return f"| {' | '.join(cells)} |"
 
 
 def shown_run(table: Table, near: tuple[float, ...]) -> Trajectory:

@@ -229,20 +229,9 @@ def run(blocks: Sequence[tuple[str, str]]) -> None:
 
 def build() -> None:
     """Call what makes problems in the modules of figures/ and notebooks/, on few nodes."""
-    boat, air3d, dcdc, losing, sensing, worked, large, maze, shaky = map(
-        importlib.import_module,
-        (
-            "boat",
-            "extra_air3d",
-            "extra_dcdc",
-            "extra_losing",
-            "extra_sensing",
-            "extra_worked",
-            "large",
-            "maze",
-            "shaky",
-        ),
-    )
+    boat, large, maze, shaky = map(importlib.import_module, ("boat", "large", "maze", "shaky"))
+    extra = ("air3d", "dcdc", "losing", "sensing", "worked")
+    air3d, dcdc, losing, sensing, worked = (importlib.import_module(f"extra_{name}") for name in extra)
     boat.boat_problem(nodes=21)
     air3d.air3d(nodes=(21, 21, 12))
     dcdc.dcdc(21)
