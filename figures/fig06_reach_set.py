@@ -8,7 +8,7 @@ from sdhj import plotting
 
 
 def draw(context: Context) -> Figure:
-    figure, game = plotting.new_figure(5.0, 4.0), shown_game()
+    figure, game = plotting.new_figure(5.0, 4.3), shown_game()
     (_, inside), _, (_, outside) = STARTS
     starts = [("$q$", play(game.problem, inside)), ("$q'$", play(game.problem, outside))]
     draw_one_step(figure.subplots(), game, show="reach", starts=starts)

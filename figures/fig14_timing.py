@@ -23,10 +23,7 @@ from sdhj.solver.methods import Method
 from sdhj.solver.projections import default_subspaces
 from sdhj.solver.schemes import STAGES
 
-PAPER_SECONDS = {
-    "hji": {25: 586.0, 30: 1540.0, 35: 3093.0, 40: 5615.0},
-    "projected": {25: 105.0, 30: 190.0, 35: 347.0, 40: 549.0},
-}
+PAPER_SECONDS = {"hji": (586.0, 1540.0, 3093.0, 5615.0), "projected": (105.0, 190.0, 347.0, 549.0)}
 PAPER_MACHINE = "Intel Xeon W-2145"
 PAPER_METHOD = sdhj.HJI(sdhj.Scheme(flux="lax-friedrichs", frame="fixed"))  # a PDE for each input
 SCHEMES: dict[str, dict[str, Method]] = {
@@ -118,23 +115,23 @@ def node_updates(problem: ReachAvoidProblem, spaces: Sequence[Sequence[int]]) ->
 
 
 def draw_timings(axes: Sequence[Axes], measured: Measured) -> None:
-    """Seconds beside the paper's, and the ratios of full to projected, on two axes."""
+    """Seconds beside the paper's, and the ratios of full to projected, on two axes; of LOOKS what is `measured`."""
     times, ratio = axes
-    shown = {"paper": PAPER_SECONDS, **measured}
+    theirs = {method: dict(zip(PAPER_NODES, seconds, strict=True)) for method, seconds in PAPER_SECONDS.items()}
+    shown = {name: {"paper": theirs, **measured}[name] for name in LOOKS if name in {"paper", *measured}}
     for method in PAPER_SECONDS:
-        for name in ("paper", *SCHEMES):
+        for name in (name for name in shown if name != "node updates"):
             looks, label = METHOD_LOOKS[method] | LOOKS[name], f"{METHOD_NAMES[method]}, {name}"
             times.plot(*zip(*shown[name][method].items(), strict=True), label=label, gid=f"{name}-{method}", **looks)
-    for name, looks in LOOKS.items():
-        full, projected = shown[name].values()
+    for name, (full, projected) in ((name, shown[name].values()) for name in shown):
         quotients = [full[n] / projected[n] for n in full]
-        looks = {"color": INK, "marker": "o", "linestyle": "-"} | looks
+        looks = {"color": INK, "marker": "o", "linestyle": "-"} | LOOKS[name]
         ratio.plot(list(full), quotients, label=name, gid=f"{name}-ratio", **looks)
     times.set(yscale="log", ylabel="computation time (s)")
     ratio.set(ylabel="full / projected", ylim=(0, None))
     for ax, said in (
         (times, f"sdhj: processor time of one thread; paper: {PAPER_MACHINE}"),
-        (ratio, "of times, and of nodes updated by the paper's scheme"),
+        (ratio, "of times" + ", and of nodes updated by the paper's scheme" * ("node updates" in shown)),
     ):
         ax.legend(title=said, title_fontsize=7.0, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         ax.set_xlabel("nodes on each axis")
