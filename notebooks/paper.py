@@ -10,7 +10,7 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / "figures"))  # the 
 import boat
 from charts import METHOD_NAMES, draw_fractions, draw_sweep
 from common import PAPER_NODES, Context, draw, starts_of_runs, title
-from fig14_timing import PAPER_SECONDS, draw_timings, machine
+from fig14_timing import PAPER_SECONDS, draw_timings
 from surfaces import LIGHT, block, draw_isosurface, isosurface
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "draw_sweep",
     "draw_timings",
     "isosurface",
-    "machine",
     "paper_figure",
     "starts_of_runs",
 ]
