@@ -63,7 +63,7 @@ def draw_bars(
     values: Mapping[str, Sequence[float]],
     *,
     ylabel: str,
-    intervals: Mapping[str, Sequence[tuple[float, float]]] | None = None,
+    intervals: Mapping[str, Sequence[tuple[float, float] | FloatArray]] | None = None,
     fmt: str = "{:.3g}",
 ) -> None:
     """Grouped bars with their values above: groups along the axis, in each one bar for each entry of `values`.
