@@ -180,7 +180,7 @@ def test_labels_are_colours_of_a_slice(table):
     where = slices.plane(table.grid, THROUGH, resolution=31)
     expected = where.shaped(labels(table, smaller, where.points, start=0, within=3))
     assert np.array_equal(image.get_array(), expected) and set(np.unique(expected)) == {0, 1, 2}
-    assert np.array_equal(expected <= 1, where.of(table.grid, table.values(start=0, within=3)) <= 0)
+    assert np.array_equal(expected <= 1, where.shaped(table.contains(where.points, start=0, within=3)))
     assert [patch.get_label() for patch in slices.label_legend()] == list(LABELS)
     assert named(ax, "tube-edge")
 
