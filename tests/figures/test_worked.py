@@ -325,7 +325,7 @@ def test_the_arm_with_more_to_avoid_is_an_own_problem(tmp_path):
 
 @pytest.mark.slow
 def test_the_arm_with_more_to_avoid_is_certified(rng):
-    """With level sets in plain NumPy throughout, which intervals go through; so few cells prove little but the target."""
+    """With level sets in plain NumPy throughout, which intervals follow; so few cells prove little but the target."""
     arm, more = plain_arm(), folding_arm().unsafe[2:]
     proved = sdhj.solve(replace(arm, unsafe=(*arm.unsafe, *more)), sdhj.Certified(cells=(30, 30, 8, 8)), progress=False)
     less = sdhj.solve(arm, sdhj.Certified(cells=(30, 30, 8, 8)), progress=False)
