@@ -6,6 +6,7 @@ import tracemalloc
 import numba
 import numpy as np
 import pytest
+from plain import run_plainly
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
@@ -105,11 +106,14 @@ def test_constant_velocities_and_the_same_as_fields_agree(rng, shape, order, flu
 
 
 @pytest.mark.parametrize("run", [8, 40, 10_000])
-def test_the_length_of_the_loops_does_not_matter(monkeypatch, rng, run):
+@pytest.mark.parametrize(("plain", "order"), [(False, 2), (True, 3), pytest.param(False, 3, marks=pytest.mark.slow)])
+def test_the_length_of_the_loops_does_not_matter(monkeypatch, rng, run, plain, order):
     """However the planes are cut into runs of rows, ghost nodes included."""
+    if plain:
+        run_plainly(monkeypatch)
     grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 9, 7), (True, False, True, False))
     values, velocities = rng.normal(size=grid.shape), Velocities(np.array([-1.0, 0.3, -0.2, -2.0]), np.ones(4))
-    scheme = Scheme(order=3, dtype="float64")
+    scheme = Scheme(order=order, dtype="float64")
     expected = evolve(grid, values, velocities, 0.05, scheme)
     schemes.layout_of.cache_clear()
     monkeypatch.setattr(schemes, "RUN", run)
@@ -218,7 +222,7 @@ def test_what_memory_held_before_does_not_matter(rng, monkeypatch, order, integr
     grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 7, 8), (True, False, False, True))
     values, speed = rng.normal(size=grid.shape), np.array([-1.0, 0.2, -0.5, -2.0])
     fields = np.broadcast_to(speed[:, None, None, None, None], (4, *grid.shape))
-    scheme = Scheme(order=order, integrator=integrator, dtype="float64")
+    scheme = Scheme(order=order, integrator=integrator)
     for lower in (speed, fields):
         clean = evolve(grid, values, Velocities(lower, lower + 1.5), 0.01, scheme, steps=2)
         with monkeypatch.context() as patch:

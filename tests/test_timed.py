@@ -417,7 +417,7 @@ class Turning:
 
 @cache
 def turning_table(nodes):
-    return sdhj.solve(Turning.problem(nodes), METHODS["hji"], progress=False)
+    return sdhj.solve(Turning.problem(nodes), progress=False)
 
 
 @pytest.mark.slow
