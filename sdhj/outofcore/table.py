@@ -30,7 +30,7 @@ LOOKED_UP = 2**23  # values that are looked up in at a time
 
 
 def digests(problem: ReachAvoidProblem, cut: tuple[int, int]) -> tuple[str, list[list[float]]]:
-    """As `identity.identity`, of a grid that is sampled slab by slab; `cut`: along which axis, and how thick."""
+    """As `problem.identity`, of a grid that is sampled slab by slab; `cut`: along which axis, and how thick."""
     (axis, width), n, timeless = cut, problem.grid.shape[cut[0]], problem.timeless
     digest, sums = hashlib.sha256(), np.zeros(1)
     for begin in range(0, n, width):

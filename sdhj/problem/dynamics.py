@@ -174,7 +174,8 @@ class Dynamics:
         """
         if callable(self.gain):
             return True
-        moved = np.asarray(self.gain)[list(axes)] != 0.0
+        pushed = np.abs(self.gain)[list(axes)] * (1.0 if callable(self.bounds) else self.bounds)
+        moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
         return bool((np.count_nonzero(moved, axis=0) > 1).any())
 
     def restricted(self, axes: Sequence[int], embedded: Callable[[FloatArray], FloatArray]) -> "Dynamics":

@@ -276,13 +276,16 @@ class ReachAvoidProblem:
         """An unsafe set's function at the nodes, `closed` and then lowered, as its `sampling` asks for."""
         grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
-            values = _of_whole(
-                grid, lambda whole: least_in_cells(whole, lambda p: self._checked(function(p), part.name))
-            )
+            whole = grid.whole if isinstance(grid, Window) else grid
+            values = least_in_cells(whole, lambda points: self._checked(function(points), part.name))
+            values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
             values = self._sample_on(grid, function, part.name)
-            if not values.all():
-                values = _of_whole(grid, lambda whole: closed(whole, self._sample_on(whole, function, part.name)))
+            if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR)).any():
+                more, middle = _with_nodes_around(grid)
+                values = closed(more, self._sample_on(more, function, part.name))[middle]
+            else:
+                values = closed(grid, values)
         values = values - lower
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 
@@ -454,6 +457,8 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
 
 
 RIM = 4  # nodes: the widest stencils reach three
+AROUND = 6  # nodes: what is near a set whose function is 0 inside depends on so many
+HAIR = 1e-9  # below 0: no distance that tells anything
 ON_BOUNDARY = 1e-30  # below 0, of a function that is 0 at a node: enough for single precision, nothing for distances
 
 
@@ -497,32 +502,63 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 
 
 def closed(grid: Grid, values: FloatArray) -> FloatArray:
-    """Level-set function of an unsafe set, shape grid.shape, made negative at the nodes where it is 0: G is closed.
+    """Level-set function of an unsafe set, shape grid.shape, below 0 at the nodes where it is at most 0: G is closed.
 
-    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0 on a whole set (a distance without a sign, a
-    positive part, 1 - occupancy) does not say where between two nodes the set ends; so it is continued into the set, by
-    the most that it falls from one node to the next out there. A distance then ends where it does. Where it falls by
-    more at the set than before it jumps, and is taken to do so next to the node outside.
+    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, or a `HAIR` less, in the whole set (a
+    distance without a sign, a positive part, 1 - occupancy) does not say where between two nodes the set ends; so it is
+    continued into the set by as much as it falls from one node to the next just outside. A distance then ends where it
+    does. Where it falls by more at the set than before, as where it jumps or is cut off, the set is taken to end next
+    to the node outside. What becomes of a node depends on those up to `AROUND` away.
     """
-    zero, axes = values == 0.0, range(grid.ndim)
-    around = {(axis, by): beside(grid, values, axis, by, -np.inf) for axis in axes for by in (-1, 1)}
-    honest = np.logical_or.reduce([(near < 0.0) & np.isfinite(near) for near in around.values()])  # on a boundary
-    flat, outside = zero & ~honest, {place: np.maximum(near, 0.0) for place, near in around.items()}
-    depth, fall = np.where(zero, -ON_BOUNDARY, 0.0), np.zeros(grid.ndim)
-    for axis in axes:
-        rims = [(outside[axis, by], beside(grid, values, axis, 2 * by, -np.inf)) for by in (-1, 1)]
-        first = max(float(near[flat].max(initial=0.0)) for near, _ in rims)
-        rate = max(float((far - near)[flat & (near > 0.0)].max(initial=0.0)) for near, far in rims)
-        fall[axis] = max(rate, first) if 2 * rate > first else (1.0 + STEEP) * first
-        for near, _ in rims:
-            depth = np.where(flat & (near > 0.0), np.minimum(depth, near - fall[axis]), depth)
-    known = flat & np.logical_or.reduce([near > 0.0 for near in outside.values()])
-    for _ in range(RIM):  # deeper in, at the same rate, as far as stencils reach
-        told = np.where(known, depth, -np.inf)
-        deeper = np.maximum.reduce([beside(grid, told, *place, -np.inf) - fall[place[0]] for place in around])
-        depth, known = np.where(flat & ~known & np.isfinite(deeper), deeper, depth), known | np.isfinite(deeper)
-    depth = np.where(flat & ~known, depth.min(), depth)
-    return np.where(zero, np.minimum(depth, -ON_BOUNDARY), values)
+    inside = np.nonzero(values <= 0.0)
+    level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
+    near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
+    flat = (level >= -HAIR) & ~np.any([one < level for one in near], axis=0)
+    rim = flat & np.any([one > 0.0 for one in near], axis=0)
+    out = np.where(values == 0.0, -ON_BOUNDARY, values)
+    if not rim.any():
+        return out
+    at, depth, fallen = tuple(index[rim] for index in inside), out[inside][rim], np.zeros(np.count_nonzero(rim))
+    for (axis, by), first in zip(steps, near, strict=True):
+        first, second = first[rim], _moved(grid, values, at, axis, 2 * by)
+        drop, rate = first - level[rim], second - first
+        fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
+        depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
+        fallen = np.where(first > 0.0, np.maximum(fallen, fall), fallen)
+    step = np.zeros(values.shape)
+    out[at], step[at] = depth, fallen
+    rest = tuple(index[flat & ~rim] for index in inside)
+    for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
+        falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
+        depths = [
+            np.where(fall > 0.0, _moved(grid, out, rest, *one) - fall, -np.inf)
+            for one, fall in zip(steps, falls, strict=True)
+        ]
+        found = falls.max(axis=0) > 0.0
+        at = tuple(index[found] for index in rest)
+        out[at], step[at] = np.max(depths, axis=0)[found], falls.max(axis=0)[found]
+        rest = tuple(index[~found] for index in rest)
+    return out
+
+
+def _moved(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
+    """Values `by` nodes on along an axis from some nodes; NaN past a bounded end."""
+    n, moved = grid.shape[axis], at[axis] + by
+    found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
+    return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
+
+
+def _with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
+    """A window with `AROUND` nodes more beside it, and where in it the window is, as an index of arrays."""
+    first, shape, places = [], [], []
+    for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
+        low, high = begin - AROUND, begin + count + AROUND
+        low, high = (low, high) if periodic else (max(low, 0), min(high, n))
+        low, high = (0, n) if high - low >= n else (low, high)
+        first.append(low % n)
+        shape.append(high - low)
+        places.append((begin + np.arange(count) - low) % n)
+    return grid.whole.window(first, shape), np.ix_(*places)
 
 
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -540,13 +576,6 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
         at = at % n if periodic else np.clip(at, 0, n - 1)
         values = np.minimum.reduce([values.take(column, axis) for column in at.T])
     return values
-
-
-def _of_whole(grid: Grid, sampled: Callable[[Grid], FloatArray]) -> FloatArray:
-    """What is to be sampled on the whole grid; of a window, its part of that."""
-    if not isinstance(grid, Window):
-        return sampled(grid)
-    return sampled(grid.whole)[np.ix_(*map(grid.places, range(grid.ndim)))]
 
 
 MOMENTS = 20_000  # times at most

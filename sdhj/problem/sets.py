@@ -34,7 +34,8 @@ class UnsafeSet:
     axes : sequence of int
         The axes it depends on, ascending. Fewer axes make the avoid game cheaper.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Negative inside the set at time t, zero on its boundary.
+        At most 0 in the set at time t, its boundary included, and above 0 outside; best a distance that is negative
+        inside. One that is 0 in the whole set will do, if outside it grows as a distance does.
     swept : callable (points, t0, t1) -> (M,), optional
         Negative wherever the set is at any time of [t0, t1] (it may be larger, never smaller).
     rate : float, optional

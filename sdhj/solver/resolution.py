@@ -73,17 +73,18 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     deepest = int(least.argmin())
     if least[deepest] > 0:
         return ""
-    thickness, use, thick = -2 * float(least[deepest]), "", "its level-set function is 0, which tells no thickness,"
+    thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which tells no thickness,"
+    use = "a distance that is negative inside, with sampling='cell', or more nodes"
     names = [problem.grid.names[axis] for axis in part.axes]
     if thickness > 0:
         needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
         use = f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
+        use += 'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
         thick = f"it is about {thickness:.2g} thick there,"
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return (
         f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
         f"{', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. Use {use}"
-        'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
     )
 
 
@@ -141,8 +142,7 @@ LEAST_TOLD = 0.1  # cells: the least thickness that is told
 
 def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """What to say of a wall, three nodes along it or more, or a dot that is too thin; nothing where there is none."""
-    dynamics = problem.dynamics
-    if (dynamics.stateless and not dynamics.couples(problem.avoid_axes(part))) or part.sampling == "steep":
+    if problem.dynamics.stateless or part.sampling == "steep":
         return ""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])

@@ -304,7 +304,7 @@ class LookupTable(OfProblem):
         return found
 
     def fraction(self, *, start: int, within: int) -> float:
-        """Share of the grid's volume inside the tube, of what `contains` says so."""
+        """Share of the grid's volume inside the tube, by the nodes; `contains` also asks the true functions."""
         return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
