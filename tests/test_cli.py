@@ -11,7 +11,7 @@ from forging import forged
 from toys import torus_problem
 
 import sdhj
-from sdhj.certified import check
+from sdhj import cli
 from sdhj.cli import WARM_CELLS, main
 
 
@@ -174,8 +174,8 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
 @pytest.mark.slow
 def test_warmup_covers_every_method(monkeypatch):
     """The tubes of its certified table grow, so that their kernels run too; it is played and verified."""
-    verified, verify = [], check.verify
-    monkeypatch.setattr(check, "verify", lambda *args, **options: verified.append(verify(*args, **options)))
+    verified, verify = [], cli.check
+    monkeypatch.setattr(cli, "check", lambda *args, **options: verified.append(verify(*args, **options)))
     result = run("warmup")
     assert result.exit_code == 0, result.output
     for method in ("hji", "projected", "lax", "certified"):
