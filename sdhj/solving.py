@@ -4,7 +4,7 @@ import os
 import reprlib
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 from tqdm import tqdm
 
@@ -42,7 +42,8 @@ def solve(
         `sdhj.HJI`: finite differences on the whole grid; `sdhj.Projected`: on lower-dimensional subspaces (Sec. 5.1);
         `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
+        Show a progress bar; by default where standard error is a terminal. Where the problem gives no number of steps
+        it tells what share of the states the last step changed, and Ctrl-C ends the solve with the table so far.
     store : path, optional
         A folder, as "table.zarr", in which the table is made slab by slab, for tables larger than memory (extra
         `outofcore`). Methods "hji" and "lax"; tubes are equal to the last bit to those made in memory.
@@ -76,10 +77,20 @@ def solve(
         raise ValueError("resume, client and memory are for a store; give one, as store='table.zarr'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
-        sets, steps = method.sets(problem, progress), problem.most_steps
+        sets, steps = cast(Any, method.sets(problem, progress)), problem.most_steps
         total = None if problem.steps is None else steps if sets.timeless else steps * (steps + 1) // 2
         with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-            recursion(sets, steps, bar.update)
+
+            def done() -> None:
+                bar.update()
+                if problem.steps is None:
+                    bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
+
+            try:
+                recursion(sets, steps, done)
+            except KeyboardInterrupt:
+                if problem.steps or not sets.filled:
+                    raise  # where there is a number of steps the table is none before the last
         return sets.finish({"seconds": time.perf_counter() - started})
 
 

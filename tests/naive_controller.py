@@ -59,8 +59,8 @@ def largest_in_box(values, low, high, order, grid):
     return reduced(len(order), [0] * len(order))
 
 
-def decide(q, tubes, following, marks, boxes, order, avoid, grid, within=1):
-    """Steps to go (None where not admissible), safe inputs and margins at one state.
+def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1):
+    """Steps to go (None where not admissible), safe inputs, margins and the best input at one state.
 
     Parameters
     ----------
@@ -69,12 +69,15 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, within=1):
     marks : list of bool arrays (*shape, L), which inputs each node marks, for each n
     boxes : list of (low, high), the corners of the box of states that each input can lead to
     avoid : list of (axes, values (L, *shape of those axes))
+    true : what the true sets say: {"unsafe": of q, "off the target": of q, "passes": callable (j, steps left)}, bools
     within : judge inputs by the tube of so many steps to go where that is more than the fewest
     """
     axes = list(range(len(q)))
     to_go = next((n for n, tube in enumerate(tubes) if interpolated(tube, q, axes, grid) <= 0.0), None)
-    if to_go is None or not following:
-        return to_go, [], []
+    if to_go == 0 and true["off the target"]:
+        to_go = 1 if following else None
+    if to_go is None or true["unsafe"] or not following:
+        return None if true["unsafe"] else to_go, [], [], None
     n = max(to_go, within)
     inputs = range(len(boxes))
     margins = [largest_in_box(following[n - 1], low, high, order, grid) for low, high in boxes]
@@ -83,11 +86,31 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, within=1):
     hazard = [max(interpolated(values[j], q, axes, grid) for axes, values in avoid) for j in inputs]
     first = [j for j in inputs if marked[j] and margins[j] <= 0.0]
     second = [j for j in inputs if margins[j] <= 0.0 and hazard[j] <= 0.0]
-    if first or second:
-        return to_go, first or second, margins
+    safe = sorted(first or second, key=lambda j: (margins[j], j))
+    while safe and not true["passes"](safe[0], n - 1):
+        del safe[0]
+    if safe:
+        return to_go, sorted(safe), margins, safe[0]
     both = [max(margin, h) for margin, h in zip(margins, hazard, strict=True)]
-    least = min((not marked[j], both[j], j) for j in inputs)
-    return to_go, [least[2]], both
+    if first or second:
+        least = min(first or second, key=lambda j: (margins[j], j))
+    else:
+        least = min(inputs, key=lambda j: (not marked[j], both[j], j))
+    ranked = [least, *sorted(set(inputs) - {least}, key=lambda j: (both[j], j))]
+    passing = [j for j in ranked if both[j] < math.inf and true["passes"](j, n - 1)]
+    return to_go, [], margins, passing[0] if passing else least
+
+
+def looked_at(q, path, box, times, unsafe, target):
+    """Whether neither the path, at its times, nor the corners of a box at the last of them meet the unsafe set.
+
+    With a target the corners have to be in it. Walls are the caller's.
+    """
+    corners = list(itertools.product(*zip(*box, strict=True)))
+    places = [*zip(path, times, strict=True), *((corner, times[-1]) for corner in corners)]
+    if any(unsafe(place, t) for place, t in places):
+        return False
+    return target is None or all(target(corner, times[-1]) for corner in corners)
 
 
 def best(safe, scores, margins):

@@ -15,7 +15,7 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.kernels.lookup import Reach
 from sdhj.problem.dynamics import Interval
-from sdhj.table.table import ROOM, WIDER, _interpolated, look_ahead
+from sdhj.table.ahead import ROOM, WIDER, _interpolated, look_ahead
 
 TORUS = Grid([-np.pi] * 2, [np.pi] * 2, [48, 48], [True] * 2)
 COURSES = 0.6 * np.array([[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)])  # m/s, of a boat

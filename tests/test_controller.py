@@ -13,11 +13,11 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.kernels.lookup import take_best
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.batches import CHUNK, Batch, batched
+from sdhj.table.ahead import LOOKED, WIDER
+from sdhj.table.batches import CHUNK, Batch, Table, take_least
 from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
-from sdhj.table.table import WIDER, AvoidTubes, LookupTable
+from sdhj.table.table import AvoidTubes, LookupTable
 
 FREE = toys.interval_problem(nodes=33, steps=3, unsafe=False)
 
@@ -70,9 +70,44 @@ def admissible_states(table: LookupTable, count: int, rng: np.random.Generator, 
     return found
 
 
+def truth(problem: ReachAvoidProblem, q: np.ndarray, step: int, boxes: list[Any]) -> dict[str, Any]:
+    """What the true sets say of a state, one place at a time."""
+    grid, dynamics, begin = problem.grid, problem.dynamics, problem.time(step)
+    walls = [
+        np.where([(end == "wall") & ~p for end, p in zip(ends, grid.periodic, strict=True)], face, off)
+        for ends, face, off in zip(
+            zip(*grid.ends, strict=True), (grid.lower, grid.upper), (-np.inf, np.inf), strict=True
+        )
+    ]
+
+    def unsafe(place: Any, t: float) -> bool:
+        return bool(problem.unsafe_value(np.clip(place, *walls)[None], t)[0] <= 0)
+
+    def target(place: Any, t: float) -> bool:
+        return bool(problem.target_value(np.clip(place, *walls)[None], t)[0] <= 0)
+
+    def passes(j: int, left: int) -> bool:
+        slope = problem.delta * dynamics.drift_at(grid.wrapped(q[None]), j)[0]
+        halfway = np.clip(q + slope / 2, *walls)
+        bent = problem.delta * dynamics.drift_at(grid.wrapped(halfway[None]), j)[0] - slope
+        shares = np.arange(1, LOOKED + 1) / LOOKED
+        path = [q + share * slope + share**2 * bent for share in shares]
+        ends = [face for face, end in zip((grid.lower, grid.upper), zip(*grid.ends, strict=True), strict=True)]
+        for place in path:
+            for axis in range(grid.ndim):
+                if not grid.periodic[axis]:
+                    low, high = (end == "unsafe" for end in grid.ends[axis])
+                    if (low and place[axis] < ends[0][axis] - 1e-9) or (high and place[axis] > ends[1][axis] + 1e-9):
+                        return False
+        goal = target if left == 0 else None
+        return naive_controller.looked_at(q, path, boxes[j], begin + problem.delta * shares, unsafe, goal)
+
+    return {"unsafe": unsafe(q, begin), "off the target": not target(q, begin), "passes": passes}
+
+
 def twin(
     table: LookupTable, q: np.ndarray, step: int, within: int = 1, wider: float = 0.0
-) -> tuple[int | None, list[int], list[float]]:
+) -> tuple[int | None, list[int], list[float], int | None]:
     """What the slow twin says of a state, its boxes wider by so many cells to each side."""
     (boxes, order, avoid, grid), left = around(table, q, step), table.steps - step
     more = wider * np.array(table.grid.spacing)
@@ -82,7 +117,8 @@ def twin(
         for start in (step, step + 1)
     ]
     marks = [table.inputs(start=step, within=n) for n in range(left + 1)]
-    return naive_controller.decide(q, tubes, following, marks, boxes, order, avoid, grid, within)
+    true = truth(table.problem, q, step, boxes)
+    return naive_controller.decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within)
 
 
 def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], list[int], list[Any], dict[str, Any]]:
@@ -116,11 +152,12 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
         within = max(1, table.steps - step) if all_left else 1
         batch = table.batch(states, step, within) if all_left else controller.batch(states, step)
         for m, q in enumerate(states):
-            to_go, safe, margins = twin(table, q, step, within)
-            _, other, most = twin(table, q, step, within, wider)
+            to_go, safe, margins, best = twin(table, q, step, within)
+            _, other, most, _ = twin(table, q, step, within, wider)
             assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
             assert safe != other or np.flatnonzero(batch.safe[m]).tolist() == safe
-            if safe:
+            assert wider or batch.best[m] == (-1 if best is None else best)
+            if margins:
                 # products and sums of a few dozen float64 numbers of order one, in another order
                 assert (batch.margins[m] >= np.array(margins) - 1e-12).all()
                 assert (batch.margins[m] <= np.array(most) + 1e-12).all()
@@ -145,10 +182,13 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
             scores = naive_controller.fallback_scores(q, following, boxes, avoid, grid)
             with np.errstate(invalid="ignore"):  # -inf where nothing is unsafe
                 np.testing.assert_allclose(every[m], [hazard for hazard, _ in scores], rtol=0, atol=1e-12)
-            (hazard, margin), (least, best) = scores[chosen[m]], min(scores)
+            true = truth(table.problem, q, step, boxes)
+            passing = [score for j, score in enumerate(scores) if true["passes"](j, 1)]
+            (hazard, margin), (least, best) = scores[chosen[m]], min(passing or scores)
             assert hazard == least or hazard - least < 1e-12  # rounding tells equals apart
             assert hazard > least or margin - best < 1e-12
-            assert hazards[m] == every[m, chosen[m]] and steps[m] == (hazards[m] <= 0)
+            assert hazards[m] == every[m, chosen[m]]
+            assert steps[m] == (hazards[m] <= 0 and bool(passing) and not true["unsafe"])
             alone = Controller(table).fallback(q, step)
             assert (alone.input, alone.steps, alone.hazard) == (chosen[m], steps[m], hazards[m])
         promised |= set(steps.tolist())
@@ -159,7 +199,10 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
 def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
-    problem = replace(problem, dynamics=replace(problem.dynamics, bounds=np.full(2, bounds)))
+    nowhere = sdhj.UnsafeSet((0,), lambda p, t: np.ones(len(p)), rate=1.0)  # moves: each step has its own tubes
+    everywhere = sdhj.TargetSet((0,), lambda p, t: np.full(len(p), -1.0))  # the true sets refute nothing
+    dynamics = replace(problem.dynamics, bounds=np.full(2, bounds))
+    problem = replace(problem, dynamics=dynamics, target=everywhere, unsafe=(nowhere,))
     table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng))
     for step in range(3):
         for n in range(3 - step):
@@ -172,7 +215,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
         states = random_states(problem, 100, rng)
         batch = controller.batch(states, step)
         for m, q in enumerate(states):
-            to_go, safe, margins = twin(table, q, step)
+            to_go, safe, margins, _ = twin(table, q, step)
             assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
             assert np.flatnonzero(batch.safe[m]).tolist() == safe
             if safe:
@@ -191,7 +234,7 @@ def test_inputs_that_lead_to_the_same_box_have_one_margin(rng: np.random.Generat
     assert batch.safe.any()
     for q, n, margins in zip(states, batch.steps_to_go, batch.margins, strict=True):
         if n >= 0:
-            to_go, safe, expected = twin(table, q, 1)
+            to_go, safe, expected, _ = twin(table, q, 1)
             assert to_go == n and len(set(margins[[0, 2, 4]])) == len(set(margins[[3, 6]])) == 1 and safe
             np.testing.assert_allclose(margins, expected, rtol=0, atol=1e-12)
 
@@ -245,11 +288,14 @@ def test_without_a_promise_the_marks_of_the_table_decide(
     marks = table.inputs(start=0, within=1), table.inputs(start=0, within=2)
     cells = np.floor((states - table.grid.lower) / table.grid.spacing).astype(int)
     seen = 0
-    for m in rows:
-        assert batch.safe[m].sum() == 1 and batch.margins[m].min() > 0
+    for m in rows[batch.margins[rows].min(axis=1) > 0]:
+        assert not batch.safe[m].any()
         nodes = marks[max(batch.steps_to_go[m], 1) - 1][np.ix_(*(cells[m, axis] + np.arange(2) for axis in range(2)))]
         marked = nodes.reshape(-1, 9).all(axis=0)
-        assert marked[batch.safe[m]] or not marked.any()
+        if marked.any():  # nothing is unsafe: the one of least margin, but for what the true target refutes
+            first = np.flatnonzero(marked)[batch.margins[m][marked].argmin()]
+            way = states[m][None], np.array([first]), 0, batch.left[m : m + 1]
+            assert batch.best[m] == first or not table.passes(*way)[0]
         seen += marked.any() and not marked[batch.margins[m].argmin()]
     assert seen > 0  # the look-ahead alone would have chosen another
     kept = np.where(batch.safe, batch.margins, np.inf)[batch.promised]
@@ -347,27 +393,28 @@ def test_a_query_may_run_beside_a_solve(tables: dict[str, LookupTable], rng: np.
     assert beside > 0
 
 
-class Halves:
+class Halves(Table):
     """A table of one's own, not one of the library's: |q| <= 1 is the target, two steps to go are enough elsewhere."""
 
-    method, details, nbytes = "halves", {}, 0
-    problem, grid, steps = FREE, FREE.grid, FREE.steps
+    method, details, nbytes = "halves", {}, 0  # type: ignore[assignment]
+    problem = FREE
 
-    def batch(self, states: np.ndarray, step: int) -> Batch:
-        def answer(batch: Batch, rows: np.ndarray) -> None:
-            q = batch.states[rows, 0]
-            batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
-            batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
-            batch.margins[rows] = -1.0
+    def _answer(self, batch: Batch, rows: np.ndarray, reach: Any) -> None:
+        q = batch.states[rows, 0]
+        batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
+        batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
+        batch.margins[rows] = -1.0
+        batch.best[rows] = batch.safe[rows].argmax(axis=1)
 
-        return batched(self.problem, states, step, answer)
+    def _inside(self, points: np.ndarray, start: int, within: int) -> np.ndarray:
+        return points[:, 0] < 3
 
-    def values_at(self, points: np.ndarray, step: int, within: np.ndarray) -> np.ndarray:
+    def _values_at(self, points: np.ndarray, step: int, within: np.ndarray) -> np.ndarray:
         return points[..., 0] - 3.0 + 0.0 * within[:, None]
 
 
 def test_whatever_answers_is_a_table() -> None:
-    controller = Controller(Halves(), "effort")  # type: ignore[arg-type]
+    controller = Controller(Halves(), "effort")
     assert controller.steps_to_go([2.0], 0) == 2 and controller.steps_to_go([3.5], 0) is None
     assert controller.safe_inputs([2.0], 0).tolist() == [0] and controller.safe_inputs([-2.0], 0).tolist() == [2]
     assert controller.select([-0.5], 0) == 1
@@ -400,6 +447,8 @@ def test_rules_take_the_best_of_the_safe_inputs(tables: dict[str, LookupTable], 
         }
         for rule in RULES:
             j = chosen[rule][m]
+            if not safe.size:
+                continue
             assert j in safe
             assert scores[rule][safe.tolist().index(j)] == scores[rule].min()
             assert Controller(table, rule).select(q, step) == j
@@ -416,15 +465,26 @@ def test_equals_go_to_the_deeper_one() -> None:
 
 @pytest.mark.parametrize("levels", [2, 50])
 def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Generator) -> None:
-    """Scores and margins of few levels, so that many are equal; infinite ones too."""
-    safe = rng.random((300, 9)) < 0.4
+    """Scores and margins of few levels, so that many are equal; infinite ones too. What fails a look is passed over."""
+    safe, failing = rng.random((300, 9)) < 0.4, rng.random((300, 9)) < 0.3
     scores = rng.integers(0, levels, safe.sum()).astype(float)
     scores[scores == 0] = np.inf
     margins = rng.integers(-levels, levels, safe.shape).astype(float)
-    chosen = np.full(len(safe), -1)
-    take_best(safe, scores, margins, chosen)
-    assert chosen.tolist() == naive_controller.best(safe.tolist(), scores.tolist(), margins.tolist())
-    assert (chosen < 0).any() and np.isinf(scores).any()
+    best = np.array([(np.flatnonzero(row & ~bad).tolist() or [-1])[0] for row, bad in zip(safe, failing, strict=True)])
+    safe[best < 0] = False
+    to_go = np.where(safe.any(axis=1), 1, -1)
+    batch = Batch(np.arange(300.0)[:, None], 0, 1, to_go, safe, margins, best)
+
+    class Looking(Table):
+        def passes(self, states: Any, inputs: Any, step: int, left: Any) -> Any:
+            return ~failing[states[:, 0].astype(int), inputs]
+
+    ranked = np.full(safe.shape, np.nan)
+    ranked[safe] = scores[: safe.sum()]
+    chosen = take_least(Looking(), batch, ranked[safe])
+    kept = safe & ~failing
+    assert chosen.tolist() == naive_controller.best(kept.tolist(), ranked[kept].tolist(), margins.tolist())
+    assert (chosen < 0).any() and np.isinf(scores).any() and (safe & failing).any()
 
 
 def test_own_rule_sees_the_candidates_of_a_batch_and_decides() -> None:

@@ -56,7 +56,7 @@ def test_other_problems_are_still_told(staying, reaching, tmp_path):
 
 def test_no_step_is_asked_for(staying):
     controller, q = Controller(staying), np.array([0.0, 2.0])
-    assert controller.steps_to_go(q) == controller.steps_to_go(q, 0) == 0
+    assert controller.steps_to_go(q) == controller.steps_to_go(q, 0) == staying.steps
     assert controller.safe_inputs(q).tolist() == controller.safe_inputs(q, 0).tolist() == [0]
     assert controller.select(q) == 0 and controller.filter(q, wanted=2).inputs == 0
     assert controller.fallback(np.array([0.9, 2.0])) == controller.fallback(np.array([0.9, 2.0]), 0)

@@ -116,7 +116,7 @@ def test_without_steps_the_target_is_reached_some_time():
 def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
     table = sdhj.solve(double_integrator(steps=30, nodes=(101, 101)), progress=False)
     controller = Controller(table)
-    assert controller.steps_to_go([0.0, 0.0], 0) == 0 and controller.steps_to_go([0.9, 2.0], 0) is None
+    assert controller.steps_to_go([0.0, 0.0], 0) == 30 and controller.steps_to_go([0.9, 2.0], 0) is None
     with pytest.raises(sdhj.NotAdmissible, match="stay clear for 30 steps"):
         controller.select([0.9, 2.0], 0)
     assert controller.safe_inputs([0.0, 2.3], 0).tolist() == [0]  # brake

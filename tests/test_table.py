@@ -34,7 +34,6 @@ def test_values_cannot_be_modified_and_indices_are_checked(table):
         {"start": 0.5, "within": 1},
         {"start": 0, "within": float("nan")},
         {"start": 0, "within": np.inf},
-        {"start": 0, "within": None},
         {"start": 0, "within": "1"},
         {"start": True, "within": 1},
     ):

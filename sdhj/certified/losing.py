@@ -54,7 +54,7 @@ class LosingProof(GeneralProof):
         cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, stated: LipschitzBounds
     ) -> "LosingProof":
         """Make room; `prepare` fills it. ValueError where the adversary has too many vertices or ends are safe."""
-        if any(np.isfinite(face).any() for face in problem.grid.faces("safe")):
+        if problem.grid.has("safe"):
             raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
         stated, dynamics = stated.checked(problem), problem.dynamics
         still = np.zeros(dynamics.adversaries) if callable(dynamics.bounds) else dynamics.bounds == 0.0

@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from typing import Any, ClassVar
 
 import h5py
@@ -16,13 +16,13 @@ from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
+from sdhj.kernels.lookup import Reach
 from sdhj.kernels.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.problem.checks import real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import recursion
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, batched
+from sdhj.solver.recursion import recursion, unsettled
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
-from sdhj.table.table import OfProblem, entry
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -30,7 +30,7 @@ PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
 @dataclass(frozen=True, repr=False)
-class CertifiedTable(OfProblem):
+class CertifiedTable(Table):
     """Every certified S_k^n, packed; used like a `LookupTable`. Made by `sdhj.solve` with the method `Certified`.
 
     The level-set function of S_k^n that it reports is the number of steps in which the target is certified to be
@@ -53,10 +53,11 @@ class CertifiedTable(OfProblem):
     index: FloatArray
     pool: FloatArray
     details: Mapping[str, Any]
-    method: ClassVar[str] = "certified"
+    method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
+    proved: ClassVar[bool] = True
 
     @property
-    def problem(self) -> ReachAvoidProblem:
+    def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
         return self.proof.problem
 
     @property
@@ -78,10 +79,11 @@ class CertifiedTable(OfProblem):
         """Bytes that the sets and what proves them take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
-    def place(self, start: int, within: int) -> int:
-        """Which row of the index (start, within) has; `within` beyond N - start means N - start."""
-        place = self.entry(start, within)
-        return place if len(self.index) > self.steps + 1 else min(within, self.steps - start, len(self.index) - 1)
+    def place(self, start: int, within: int | None) -> int:
+        """Which row of the index (start, within) has."""
+        start, within = self.within(start, within)
+        several = len(self.index) > self.steps + 1
+        return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
         """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
@@ -100,8 +102,7 @@ class CertifiedTable(OfProblem):
             return self._fewest(states, last, last) * (self.steps - step + 1)
         return self._fewest(states, self.place(step, 0), last)
 
-    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is certified, with all it may be taken for (`Sensing`): bool (M,)."""
+    def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         place = self.place(start, within)
         out = self._fewest(points, place, place) == 0
         if self.problem.sensing:
@@ -153,43 +154,39 @@ class CertifiedTable(OfProblem):
             return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(self, states, step, (place, self.place(step + 1, within - 1)))
 
-    def values(self, *, start: int, within: int) -> FloatArray:
+    def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
+        start, within = self.within(start, within)
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        within = self.place(start, within) - self.place(start, 0)
         return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
 
-    def inputs(self, *, start: int, within: int) -> FloatArray:
+    def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
-        return self.certified_inputs(self.grid.points(), start, within).reshape(*self.grid.shape, -1)
+        return self.certified_inputs(self.grid.points(), *self.within(start, within)).reshape(*self.grid.shape, -1)
 
-    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Steps to go at points (M, V, ndim) minus within (M,); shape (M, V)."""
+    def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
-        return (to_go - np.asarray(within)[:, None]).astype(np.float64)
+        return (to_go - within[:, None]).astype(np.float64)
 
-    def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """As `LookupTable.hazards`, by the proof: <= 0 only where an input is proved to stay clear from the state."""
-        return self.proof.hazards(self, states_array("states", states, self.grid.ndim), step)
+    def _hazards(self, states: FloatArray, step: int) -> FloatArray:
+        return self.proof.hazards(self, states, step)
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """As `LookupTable.batch`, of certified inputs only.
+        """As `Table.batch`, of certified inputs only.
 
         The margin is the steps to go that the undisturbed successor has, minus those it may have; at most 0 for a
         certified input, and the lower, the sooner the target; +inf for the others. From the target there may be no
         input that is proved to bring the state back into it one step later.
         """
-        return batched(self.problem, states, step, partial(self._answer, within=within))
+        return super().batch(states, step, within)
 
-    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        left = self.steps - step
-        least = left if self.problem.stays else min(within, left)  # in the target already: what brings q back into it
-        ahead = np.where(to_go < 0, to_go, np.maximum(to_go, least))
+        ahead = np.where(to_go < 0, to_go, np.maximum(to_go, batch.within))  # in the target: what brings q back into it
         for within in np.unique(ahead[ahead > 0]):
             safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))
         margins = np.full(safe.shape, np.inf)
@@ -199,17 +196,15 @@ class CertifiedTable(OfProblem):
             moved = self.grid.held(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
             margins[pairs, inputs] = self.steps_to_go(moved, step + 1) - (ahead[pairs] - 1)
         batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
+        batch.best[rows] = np.where(safe.any(axis=1), margins.argmin(axis=1), NOT_ADMISSIBLE)
 
     def bits(self, *, start: int, within: int) -> FloatArray:
         """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
         return to_bits(self.pool[self.index[self.place(start, within)]], packed).reshape(self.shape)
 
-    def fraction(self, *, start: int, within: int) -> float:
-        """Share of the volume of the state space that is certified (of cells, not of nodes).
-
-        With `Sensing` that of 2^18 states drawn evenly for which `contains` says so.
-        """
+    def _share(self, start: int, within: int) -> float:
+        """Of cells, not of nodes; with `Sensing` of 2^18 states drawn evenly for which `contains` says so."""
         if self.problem.sensing:
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
@@ -235,13 +230,11 @@ class CertifiedTable(OfProblem):
         """
         return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
 
-    def unknown(self, *, start: int, within: int) -> float:
+    def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the volume of the state space of which neither is proved: what more cells can still gain."""
-        told = {"start": start, "within": within}
-        return 1.0 - self.fraction(**told) - self.losing.fraction(**told)
+        return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """As `LookupTable.save`."""
         cells = {
             "kind": self.proof.kind,
             "shape": self.shape,
@@ -291,6 +284,7 @@ class CellSets:
     def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
         self.timeless = isinstance(proof, GeneralProof) and proof.timeless
+        self.filled, self.changing, self.settled = 0, 1.0, False
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
@@ -306,7 +300,9 @@ class CellSets:
         self.following[rows] = blocks
         before, stays = self.cells.copy(), self.proof.problem.stays
         self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
-        self._keep(step, within, (self.cells != before).any(axis=1))
+        changed = self.cells != before
+        self._keep(step, within, changed.any(axis=1))
+        self.filled, self.changing = within, float(np.mean(changed))
 
     def stopped(self, step: int, within: int) -> bool:
         """Whether entry (step, within) is the one of (step, within - 1)."""
@@ -315,6 +311,7 @@ class CellSets:
     def share(self, step: int, within: int) -> None:
         """Entry (step, within) is the one of (step, within - 1)."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
+        self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
         rows = np.flatnonzero(changed)
@@ -329,9 +326,10 @@ class CellSets:
         told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
         if problem.steps is None:
             changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
-            told["endless"] = True
-            if (last := max(changed, default=1)) == problem.most_steps:
-                raise ValueError(f"the sets still change after {last:,} steps; give the problem a number of steps")
+            last = max(changed, default=1)
+            told |= {"endless": True} if self.settled or not problem.stays else {}
+            if not self.settled:
+                unsettled(problem, last, self.changing, stacklevel=3)
             proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
@@ -342,7 +340,7 @@ class CellSets:
             pool.append(blocks)
             used += rows.size
         if problem.steps is None:  # without a target only what stays clear for ever
-            index = index[-1:] if problem.stays else index[: last + 1]
+            index = index[-1:] if problem.stays and self.settled else index[: last + 1]
         return CertifiedTable(proof, index, np.concatenate(pool), told)
 
 

@@ -178,34 +178,34 @@ def _hazard(shelf, step, j, room, still, moving):
 
 @kernel(**UNCOUNTED)
 def _judge(shelf, step, state, lattice, room, margin, safe):
-    """safe[j] from marks and margins; see the docstring of `sdhj.table.table`."""
-    found = False
+    """safe[j] from marks and margins, and the best input; see the docstring of `sdhj.table.table`."""
+    best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = room.marks[j] and margin[j] <= 0.0
-        found = found or safe[j]
-    if found:
-        return
+        if safe[j] and (best < 0 or margin[j] < margin[best]):
+            best = j
+    if best >= 0:
+        return best
     still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
     moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
     for j in range(safe.size):
         safe[j] = margin[j] <= 0.0 and _hazard(shelf, step, j, room, still, moving) <= 0.0
-        found = found or safe[j]
-    if found:
-        return
-    best = 0
-    for j in range(safe.size):
-        margin[j] = max(margin[j], _hazard(shelf, step, j, room, still, moving))
-        if room.marks[j] == room.marks[best]:
-            best = j if margin[j] < margin[best] else best
-        elif room.marks[j]:
+        if safe[j] and (best < 0 or margin[j] < margin[best]):
             best = j
-    safe[best] = True
+    if best >= 0:
+        return best
+    best, least = 0, np.inf
+    for j in range(safe.size):
+        worse = max(margin[j], _hazard(shelf, step, j, room, still, moving))
+        if room.marks[j] > room.marks[best] or (room.marks[j] == room.marks[best] and worse < least):
+            best, least = j, worse
+    return best
 
 
 @kernel(**UNCOUNTED)
 def _decide(states, rows, when, shelf, reach, lattice, room, out):
     """`decide` with room to work in."""
-    to_go, safe, margins = out
+    to_go, safe, margins, best = out
     step, within = when
     steps, index, weight = shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
@@ -213,7 +213,7 @@ def _decide(states, rows, when, shelf, reach, lattice, room, out):
     for r in range(rows.size):
         m = rows[r]
         state = states[m]
-        to_go[m], safe[m], margins[m] = -1, False, np.inf
+        to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
         if not on_grid(state, lattice):
             continue
         count = corners(state, room.axes, lattice, TINY, index, weight)
@@ -224,7 +224,7 @@ def _decide(states, rows, when, shelf, reach, lattice, room, out):
         _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
         own = r if reach.low.shape[0] > 1 else 0
         _worst_values(shelf.tubes[shelf.index[following + n - 1]], state, reach, own, lattice, room, margins[m])
-        _judge(shelf, step, state, lattice, room, margins[m], safe[m])
+        best[m] = _judge(shelf, step, state, lattice, room, margins[m], safe[m])
 
 
 @kernel(nogil=True)
@@ -239,9 +239,9 @@ def decide(states, rows, when, shelf, reach, lattice, out):
         Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more.
     shelf, reach, lattice : tuples
         The fields of a `Shelf`, a `Reach` and a `Lattice`: plain tuples get into compiled code 3 us sooner.
-    out : (to_go (M,), safe (M, L), margins (M, L))
-        To be written. to_go is -1 where no tube holds the state; safe is False and margins inf there and at the last
-        step.
+    out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
+        To be written. to_go is -1 where no tube holds the state; safe is False, margins inf and best -1 there and at
+        the last step.
     """
     reach, lattice = Reach(*reach), Lattice(*lattice)
     ndim, around = states.shape[1], (2, 1 << states.shape[1])
@@ -300,21 +300,3 @@ def tube_values(points, places, tubes, lattice, out):
         for v in range(points.shape[1]):
             count = corners(points[m, v], axes, lattice, TINY, index, weight)
             out[m, v] = weighted(tubes, places[m], index, weight, count)
-
-
-@kernel(nogil=True)
-def take_best(safe, scores, margins, chosen):
-    """chosen[m] = the safe input of least score, of equals the one of least margin; kept where no input is safe.
-
-    safe, margins (M, L), scores (one for each safe pair, in their order, none of them NaN), chosen (M,).
-    """
-    place = 0
-    for m in range(safe.shape[0]):
-        least = np.inf
-        for j in range(safe.shape[1]):
-            if not safe[m, j]:
-                continue
-            score, best = scores[place], chosen[m]
-            if best < 0 or score < least or (score == least and margins[m, j] < margins[m, best]):
-                chosen[m], least = j, score
-            place += 1

@@ -144,7 +144,7 @@ def refuse(problem: ReachAvoidProblem, method: Any) -> None:
         "steps=None": problem.steps is None,
         "sensing": bool(problem.sensing),
         "dynamics that depend on time": dynamics.timed,
-        "safe ends": any(np.isfinite(face).any() for face in problem.grid.faces("safe")),
+        "safe ends": problem.grid.has("safe"),
     }
     for reason, holds in reasons.items():
         if holds:

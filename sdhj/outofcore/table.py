@@ -7,24 +7,23 @@ are those of the table in memory.
 import hashlib
 import math
 import os
-import threading
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sdhj.arm.case_studies import problem_told
 from sdhj.kernels import FloatArray
+from sdhj.kernels.lookup import Reach
 from sdhj.outofcore.slabs import KINDS, around, read_window
 from sdhj.outofcore.store import Runs, TableStore, blocks
-from sdhj.problem.checks import real_array, states_array, whole
+from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, alike, identity
-from sdhj.table.batches import Batch, batched
+from sdhj.table.batches import Batch, Table, entry
 from sdhj.table.files import TableFileError, believed, what_differs
-from sdhj.table.table import ROOM, AvoidTubes, LookAhead, LookupTable, OfProblem, entry, look_ahead
+from sdhj.table.table import AvoidTubes, LookupTable
 
 LOOKED_UP = 2**23  # values that are looked up in at a time
 
@@ -63,7 +62,7 @@ def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None 
     return StoredTable(given, store)
 
 
-class StoredTable(OfProblem):
+class StoredTable(Table):
     """Every tube of a problem, in a store: a `Table` that reads what is asked for.
 
     Made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its methods answer as those of a `LookupTable` do.
@@ -89,8 +88,6 @@ class StoredTable(OfProblem):
         self.details: Mapping[str, Any] = store.told["details"]
         self.index = np.array(store.told["index"], dtype=np.int64)
         self.avoid_axes = {kind: tuple(axes) for kind, axes in store.told["avoid_axes"].items()}
-        self._lock = threading.Lock()
-        self._ahead: dict[int, LookAhead] = {}
 
     @property
     def nbytes(self) -> int:
@@ -99,19 +96,18 @@ class StoredTable(OfProblem):
 
     # ---- whole tubes
 
-    def values(self, *, start: int, within: int) -> FloatArray:
+    def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Level-set function of a tube on the whole grid, shape grid.shape."""
         return self._whole("tubes", start, within)
 
-    def inputs(self, *, start: int, within: int) -> FloatArray:
+    def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are safe and make progress at each node: bool, grid.shape + (L,)."""
         count = len(self.problem.inputs)
         require(count * self.grid.size, "the marks of all nodes", "ask for the states of interest with batch()")
         bits = np.unpackbits(self._whole("masks", start, within), axis=0, count=count, bitorder="little")
         return np.moveaxis(bits, 0, -1).astype(bool)
 
-    def fraction(self, *, start: int, within: int) -> float:
-        """Share of the grid's volume inside a tube."""
+    def _share(self, start: int, within: int) -> float:
         (axis, width), total, place = self.store.told["cut"], 0.0, self.place(start, within)
         for begin in range(0, self.grid.shape[axis], width):
             window = self.grid.stretch(axis, begin, min(width, self.grid.shape[axis] - begin))
@@ -135,61 +131,51 @@ class StoredTable(OfProblem):
         """As `LookupTable.save`: one file in place of the store, for a table that fits into memory."""
         self.loaded().save(path)
 
-    def _whole(self, name: str, start: int, within: int) -> FloatArray:
+    def _whole(self, name: str, start: int, within: int | None) -> FloatArray:
         array = self.store.arrays[name]
         require(array.dtype.itemsize * math.prod(array.shape[1:]), "a whole tube", "ask for states with contains()")
         return read_window(self.store.read, name, self.place(start, within), self.grid)
 
     # ---- states
 
-    def contains(self, points: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether each row of points (M, ndim) is in a tube: bool (M,)."""
-        points, place = np.atleast_2d(real_array("points", points)), self.place(start, within)
-        if np.isnan(points).any():
-            raise ValueError("points has a NaN; every coordinate must be a number")
-        found = np.empty(len(points), np.bool_)
+    def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
+        found, place = np.empty(len(points), np.bool_), self.place(start, within)
         for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
             found[rows] = window.interpolate(read_window(self._read, "tubes", place, window), points[rows]) <= 0
-        found[found] = ~self.problem.refuted(points[found], start, min(within, self.steps - start))
         return found
 
-    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """Steps to go, safe inputs and margins of states (M, ndim) at one step: see `LookupTable.batch`."""
-        return batched(self.problem, states, step, partial(self._answer, within=within))
-
-    def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Interpolated avoid tube of every input at states (M, ndim) over the interval from `step`: (M, L)."""
-        states, count = states_array("states", states, self.grid.ndim), len(self.problem.inputs)
+    def _hazards(self, states: FloatArray, step: int) -> FloatArray:
+        count = len(self.problem.inputs)
         out = np.empty((len(states), count))
         for rows, window in self._windows(states, np.zeros((2, 1, self.grid.ndim)), 2 * count):
-            out[rows] = self._part(window, step, []).hazards(states[rows], step)
+            out[rows] = self._part(window, step, [])._hazards(states[rows], step)
         return out
 
-    def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Interpolated values at points (M, V, ndim) of the tubes (step, within[m]): see `LookupTable.values_at`."""
-        points, within = real_array("points", points), np.asarray(within)
-        if points.ndim != 3 or points.shape[::2] != (len(within), self.grid.ndim):
-            raise ValueError(f"points must have shape ({len(within)}, V, {self.grid.ndim}), got {points.shape}")
+    def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         flat, out = points.reshape(-1, self.grid.ndim), np.empty(points.shape[:2])
-        wanted, first = np.clip(np.repeat(within, points.shape[1]), 0, self.steps - step), entry(self.steps, step, 0)
+        wanted, first = np.repeat(within, points.shape[1]), entry(self.steps, step, 0)
         asked = [first + n for n in np.unique(wanted).tolist()]
         for rows, window in self._windows(flat, np.zeros((2, 1, self.grid.ndim)), len(asked)):
             part = self._part(window, None, asked)
-            out.reshape(-1)[rows] = part.values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
+            out.reshape(-1)[rows] = part._values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray, within: int) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
+        assert reach is not None
         steps, step, states = self.steps, batch.step, batch.states
-        with self._lock:
-            if 0 not in self._ahead:
-                self._ahead[0] = look_ahead(self.problem.interval(0), ROOM)
-        reach = self._ahead[0](states, rows)
         following = steps - step if step < steps else 0
         asked = [entry(steps, step, n) for n in range(steps - step + 1)]
         asked += [entry(steps, step + 1, n) for n in range(following)]
         each = len(asked) + 2 * len(self.problem.inputs)
         for some, window in self._windows(states[rows], np.array([reach.lowest, reach.highest]), each):
-            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], within)
+            part = (
+                reach
+                if len(reach.low) == 1
+                else reach._replace(
+                    **{name: getattr(reach, name)[some] for name in ("low", "high", "lowest", "highest")}
+                )
+            )
+            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], part)
 
     # ---- windows
 
@@ -238,9 +224,7 @@ class StoredTable(OfProblem):
             static[:] = read_window(self._read, "avoid_static", 0, parts[0])
             moving[step] = read_window(self._read, "avoid_moving", step, parts[1])
         avoid = AvoidTubes(axes[0], static, axes[1], moving)
-        part = LookupTable(self.problem.on(window), self.method, index, tubes, masks, avoid, {})
-        part.__dict__["_ahead"] = self._ahead
-        return part
+        return LookupTable(self.problem.on(window), self.method, index, tubes, masks, avoid, {})
 
     def _read(self, name: str, lead: int, runs: Runs) -> FloatArray:
         """As `TableStore.read`, chunk by chunk of those kept."""

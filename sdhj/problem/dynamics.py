@@ -334,6 +334,19 @@ class Interval:
             moves.append(self.delta * self.drift(halfway, j, middle))
         return np.stack(moves, axis=1)
 
+    def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
+        """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
+
+        Shape (M, parts, ndim); held at walls. Exact for a constant drift, else to second order.
+        """
+        shares, slope = np.arange(1, parts + 1)[:, None] / parts, self.undisturbed(states, inputs, self.begin)
+        moved = self.delta * slope
+        bent = 0.0 * moved
+        if callable(self.dynamics.drift):
+            halfway = self.grid.held(states + moved / 2)
+            bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
+        return self.grid.held(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
+
     def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 

@@ -241,6 +241,10 @@ class Grid:
             self._faces[kinds] = low, np.where(told[:, 1], self.upper - past[1], np.inf)
         return self._faces[kinds]
 
+    def has(self, kind: str) -> bool:
+        """Whether some axis ends so."""
+        return bool(np.isfinite(self.faces(kind)).any())
+
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
         return {}
@@ -254,15 +258,15 @@ class Grid:
         return out
 
     def held(self, states: FloatArray, *kinds: str) -> FloatArray:
-        """States (M, ndim) clipped to the ends of these kinds, by default to walls."""
+        """States (..., ndim) clipped to the ends of these kinds, by default to walls."""
         low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
-        """Whether states (M, ndim) are past an end of these kinds, by more than rounding; (M,) bool."""
+        """Whether states (..., ndim) are past an end of these kinds, by more than rounding; (...) bool."""
         low, high = self.faces(*kinds)
         slack = SLACK * np.array(self.spacing)
-        return np.any((states < low - slack) | (states > high + slack), axis=1)
+        return np.any((states < low - slack) | (states > high + slack), axis=-1)
 
     @cached_property
     def weights(self) -> FloatArray:

@@ -141,9 +141,9 @@ class ReachAvoidProblem:
             told = reprlib.repr(self.unsafe)
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {told}")
         object.__setattr__(self, "unsafe", unsafe)
-        if not self.stays and any(np.isfinite(face).any() for face in self.grid.faces("safe")):
+        if not self.stays and self.grid.has("safe"):
             raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
-        if self.stays and not unsafe and not any(np.isfinite(face).any() for face in self.grid.faces("unsafe")):
+        if self.stays and not unsafe and not self.grid.has("unsafe"):
             raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
 
     @property
@@ -321,9 +321,20 @@ class ReachAvoidProblem:
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
         """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
-        points, t = self.grid.wrapped(points_array("points", points, self.grid.ndim)), number("t", t)
-        values = [part.level_set(points.take(part.axes, axis=1), t) for part in self.unsafe]
-        return reduce(np.minimum, values) if values else np.full(len(points), np.inf)
+        points = points_array("points", points, self.grid.ndim)
+        return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
+
+    def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
+        """As `unsafe_value` at places (M, T, ndim), each column at its own time, in ascending order: (M, T)."""
+        ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
+        wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
+        firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
+        for part in self.unsafe:
+            for begin, end in pairwise(firsts) if part.moving else [(0, len(times))]:
+                at = wrapped[:, begin:end].take(part.axes, axis=2).reshape(-1, len(part.axes))
+                value = part.level_set(at, times[begin]).reshape(len(points), end - begin)
+                np.minimum(out[:, begin:end], value, out=out[:, begin:end])
+        return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
         """Where no tube (step, within) holds a state, whatever was computed: in G, or not in the target at last.
@@ -375,7 +386,7 @@ def check_sensing(problem: ReachAvoidProblem) -> None:
             "jitter leaves the time open: neither dynamics nor target may depend on it, and view_time must be "
             '"swept" or "sampled"'
         )
-    if any(np.isfinite(face).any() for face in grid.faces("safe")):
+    if grid.has("safe"):
         raise ValueError('with sensing no end of the grid may be "safe": nobody knows that the state is past it')
     goals = (problem.goal(step) for step in steps)
     if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):

@@ -114,7 +114,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
         batch = self.table.batch(self.state[None], self.now, self.table.steps - self.now)
-        mask[:] = batch.safe[0]
+        mask[:] = self.controller.checked(batch)[0]
         if not mask.any():
             mask[self.controller.fallback(self.state, self.now).input] = 1
         return {"outcome": "", "action_mask": mask, "promised": bool(batch.promised[0])}

@@ -9,6 +9,7 @@ Without a target the entry (k, n) holds the states that stay clear of G for n st
 one and takes into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
 """
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -23,7 +24,7 @@ from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Games
 from sdhj.solver.resolution import check_promises, check_resolution
 from sdhj.table.batches import Table
-from sdhj.table.table import AvoidTubes, LookupTable
+from sdhj.table.table import QUIET, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
 
@@ -32,6 +33,8 @@ class Sets(Protocol):
     """Every S_k with n steps to go, in some representation: what Theorem 2 asks of it.
 
     timeless : whether all rows are one, as nothing depends on time; the entry (k, n) then is the entry (0, n).
+    Sets that a problem without a number of steps may be solved with also have `filled`, up to which n they are filled
+    in, and `changing`, which share of the state space the last step changed.
     """
 
     timeless: bool
@@ -50,6 +53,21 @@ class Sets(Protocol):
 
     def finish(self, details: Mapping[str, Any]) -> Table:
         """The table of all entries; `details` tell how it came about."""
+
+
+class UnsettledWarning(UserWarning):
+    """The sets of a problem without a number of steps still changed when the solve ended."""
+
+
+def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: int) -> None:
+    """Warn that a solve without a number of steps ends before nothing changes; `share` of the space still did."""
+    holds = "what is in it may stay clear for so many steps, not for ever" if problem.stays else "it holds for so many"
+    warnings.warn(
+        f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. Use more "
+        "nodes, a longer delta, or give the problem a number of steps",
+        UnsettledWarning,
+        stacklevel=stacklevel + 1,
+    )
 
 
 def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
@@ -168,12 +186,10 @@ class GridSets:
         self.problem, self.games, self.told = problem, games(problem.rimmed), dict(told or {})
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
-        self.joint = getattr(self.games, "joint", False) and not any(
-            np.isfinite(face).any() for face in problem.grid.faces("unsafe")
-        )
+        self.joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
         self.rows = InputRows(problem.grid, tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
-        self.shared = 0
+        self.shared, self.filled, self.changing = 0, 0, 1.0
 
     def goal(self, step: int) -> None:
         self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
@@ -195,6 +211,8 @@ class GridSets:
             add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
+        if endless:
+            self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
@@ -207,12 +225,18 @@ class GridSets:
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
-        table = self.table if self.problem.steps else self.table.settled()
+        table, endless = self.table, self.problem.steps is None
+        if endless:
+            share, settled = table.fraction(within=self.filled), self.shared > 0
+            table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
+            if not settled:
+                unsettled(self.problem, self.filled, self.changing, stacklevel=3)
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
-        told = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
-        told |= {"endless": True} if self.problem.steps is None else {}
+        told: dict[str, Any] = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
+        if endless:
+            told |= {"endless": True, "settled": settled, "given_up": share - table.fraction(start=0)}
         table = table.finish(self.told | told | dict(details))
         check_promises(table, stacklevel=3)
         return table

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import take_best
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
+from sdhj.table.ahead import first_passing
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, take_least
 
 STRIDES = 8  # steps of order 4 in which a measurement is moved on
 CLOCK = 1e-9  # of times, s
@@ -41,7 +41,7 @@ class Candidates:
     states : (P, ndim) array
     steps_to_go : (P,) int array
     margins : (P,) array
-        The largest level-set value that the adversary can bring about; > 0 where nothing is promised.
+        The largest level-set value that the adversary can bring about.
     successors : (P, ndim) array
         Where the input leads in one interval without an adversary.
     """
@@ -150,7 +150,8 @@ class Filtered:
     promised : (M,) bool
         Whether the target can still be reached safely by the last step, as the table promises it.
     fallback : (M,) bool
-        Whether no input is known to be safe, so that the one of `Controller.fallback` is applied, without a promise.
+        Whether no input is known to be safe, so that the best there is is applied without a promise: that of
+        `Batch.best` where the state is admissible, else that of `Controller.fallback`.
     """
 
     inputs: Any
@@ -186,7 +187,7 @@ class Controller:
     last: "Action | None" = None  # what `step` answered last
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
-        if not hasattr(table, "values_at"):
+        if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
             told = reprlib.repr(rule)
@@ -196,25 +197,29 @@ class Controller:
     # ---- one state
 
     def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
-        """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible."""
+        """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible.
+
+        0 is in the target. Without a target: for how many steps q may stay, which are all that are left.
+        """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
 
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
 
-        With no steps to go they bring the state back into the target one step later. None at the last step. Where no
-        input passes the look-ahead it is the best there is, without a promise: see `Batch.promised`.
+        With no steps to go they bring the state back into the target one step later. Each has been looked at
+        (`Table.passes`). None at the last step, and where none is known to be safe, as there may be next to the
+        boundary of a tube: `select` then takes the best there is.
 
         Raises
         ------
         NotAdmissible
             Where no tube holds q.
         """
-        return np.flatnonzero(self._admissible(q, step).safe[0])
+        return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None) -> int:
-        """Index into problem.inputs of the safe input that the rule prefers.
+        """Index into problem.inputs of the safe input that the rule prefers; where none is safe, of the best there is.
 
         Raises
         ------
@@ -320,12 +325,22 @@ class Controller:
         return filtered(self.table, q, self._at(step), wanted)
 
     def choose(self, batch: Batch) -> FloatArray:
-        """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none."""
-        chosen = np.full(len(batch.states), NOT_ADMISSIBLE)
+        """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none.
+
+        Of the safe inputs the one of least score that passes a look (`Table.passes`), and where none is safe
+        `Batch.best`.
+        """
+        if self.rule == "deepest" or not batch.safe.any():
+            return batch.best.copy()
         candidates = Candidates(self.problem, batch, *np.nonzero(batch.safe))
-        if candidates.rows.size:
-            take_best(batch.safe, self._scores(candidates), batch.margins, chosen)
-        return chosen
+        return take_least(self.table, batch, self._scores(candidates))
+
+    def checked(self, batch: Batch) -> FloatArray:
+        """Which inputs of a batch are safe and pass a look (`Table.passes`): bool (M, L)."""
+        rows, inputs = np.nonzero(batch.safe)
+        safe = batch.safe.copy()
+        safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.left[rows])
+        return safe
 
     def _scores(self, candidates: Candidates) -> FloatArray:
         if callable(self.rule):
@@ -378,30 +393,37 @@ def acted(controller: "Controller", measurement: FloatArray, time: float, fallba
     batch = controller.batch(state[None], step)
     if step == controller.table.steps:
         raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-    chosen = int(controller.choose(batch)[0])
-    to_go = controller.steps_to_go(state, step)
+    chosen, to_go = int(controller.choose(batch)[0]), int(batch.steps_to_go[0])
     if chosen == NOT_ADMISSIBLE:
         chosen = controller.fallback(state, step).input if fallback else controller.select(state, step)
-    return Action(chosen, k, to_go, bool(batch.promised[0]) and not missed, late, missed)
+    return Action(
+        chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, bool(batch.promised[0]) and not missed, late, missed
+    )
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
 
-    Of tubes equally deep, as where nothing is unsafe, the input of the least look-ahead margin: the largest value of
-    the tube with all steps left over the corners of the box that it and any adversary can lead to.
+    An input that a look refutes (`Table.passes`) comes after all others. Of tubes equally deep, as where nothing is
+    unsafe, the input of the least look-ahead margin: the largest value of the tube with all steps left over the corners
+    of the box that it and any adversary can lead to.
     """
-    step = whole("step", step, least=0, most=table.steps - 1)
     hazards = table.hazards(states, step)
     margins = np.zeros(hazards.shape)
     tied = (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1
     if tied.any():
         margins[tied] = _margins(table, states[tied], step)
-    chosen = np.full(len(states), NOT_ADMISSIBLE)
-    take_best(np.ones(hazards.shape, np.bool_), hazards.ravel(), margins, chosen)
-    deepest = hazards[np.arange(len(states)), chosen]
-    promised = (deepest <= 0.0) & ~table.grid.beyond(table.grid.wrapped(states), "unsafe", "wall")
-    return chosen, promised.astype(np.int64), deepest
+    order = np.lexsort((margins, hazards))
+    some_way = np.ones(len(states), np.int64)  # to go: the target does not matter
+    passing = first_passing(
+        np.argsort(order, axis=1).astype(np.float64),
+        lambda rows, inputs: table.passes(states[rows], inputs, step, some_way[rows]),
+    )
+    chosen = np.where(passing == NOT_ADMISSIBLE, order[:, 0], passing)
+    hazard = hazards[np.arange(len(states)), chosen]
+    clear = (hazard <= 0.0) & ~table.grid.beyond(table.grid.wrapped(states), "unsafe", "wall")
+    clear &= (passing >= 0) & ~table.problem.refuted(states, step, 1)
+    return chosen, clear.astype(np.int64), hazard
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
@@ -433,14 +455,12 @@ def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
     distances = np.linalg.norm(inputs - commands[:, None], axis=2)  # (M, L)
     if index is not None:
         distances[rows, index] = -1.0  # before another input of the same command
-    chosen = np.full(len(rows), NOT_ADMISSIBLE)
-    take_best(batch.safe, distances[batch.safe], batch.margins, chosen)
-    promised, lost = batch.promised, chosen == NOT_ADMISSIBLE
-    if lost.any():
+    chosen, promised = take_least(table, batch, distances[batch.safe]), batch.promised
+    if (lost := chosen == NOT_ADMISSIBLE).any():
         chosen[lost] = fallbacks(table, batch.states[lost], step)[0]
     changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)
     overruled = distances[rows, chosen] > distances.min(axis=1)
-    answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, lost)
+    answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, ~promised)
     return Filtered(*(field[0] for field in answer) if single else answer)
 
 
