@@ -181,7 +181,7 @@ def simulate(
             began.append(moment.time)
             held.append((moment.inputs[0], moment.steps_to_go[0]))
 
-    rng, steps = np.random.default_rng(seed), _length(controller, steps)
+    rng, steps = np.random.default_rng(seed), play_length(controller, steps)
     outcomes, _ = rollouts(controller, start[None], play, rng, watch, walls=walls, steps=steps)
     inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
@@ -224,7 +224,7 @@ def monte_carlo(
         For an option that does not fit, or where the tube of step 0 is empty.
     """
     check_controller(controller)
-    play, began, length = adversary_of(adversary), time.perf_counter(), _length(controller, steps)
+    play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
     require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
@@ -256,7 +256,7 @@ def monte_carlo(
     )
 
 
-def _length(controller: Controller, steps: int | None) -> int | None:
+def play_length(controller: Controller, steps: int | None) -> int | None:
     """How many steps to play, asked as of step 0; None: those of the table, one after the other."""
     table = controller.table
     if steps is None and table.details.get("endless"):
@@ -329,7 +329,7 @@ def rollouts(
 ) -> tuple[FloatArray, FloatArray]:
     """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,).
 
-    `steps` as `_length` returns them.
+    `steps` as `play_length` returns them.
     """
     problem, last = controller.problem, controller.problem.steps if steps is None else steps
     if sensing := problem.sensing if sensing is None else sensing:

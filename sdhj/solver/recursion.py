@@ -22,7 +22,7 @@ from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Games
-from sdhj.solver.resolution import check_promises, check_resolution
+from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, AvoidTubes, LookupTable
 
@@ -234,9 +234,11 @@ class GridSets:
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
-        told: dict[str, Any] = {"pdes_of_algorithm": asked, "pdes_solved": self.games.solved, "tubes_shared": self.shared}
+        told: dict[str, Any] = {
+            "pdes_of_algorithm": asked,
+            "pdes_solved": self.games.solved,
+            "tubes_shared": self.shared,
+        }
         if endless:
             told |= {"endless": True, "settled": settled, "given_up": share - table.fraction(start=0)}
-        table = table.finish(self.told | told | dict(details))
-        check_promises(table, stacklevel=3)
-        return table
+        return table.finish(self.told | told | dict(details))

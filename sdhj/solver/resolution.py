@@ -15,14 +15,11 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
-from sdhj.table.table import LookupTable
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
 SOUGHT = 200_000  # values at most that a search asks for
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
 TIMES = 3  # at which a moving set is looked at
-ASKED = 4000  # states, whether an input is promised there
-BRIEF = 20  # steps, in which a state without one is met in less than half of the runs even where they are 3 % of all
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -109,30 +106,6 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         "the boundary is known to half a cell at best; give a distance to the set (sdhj.UnsafeSet.from_map makes one "
         "of a map)"
     )
-
-
-def check_promises(table: "LookupTable", stacklevel: int = 2) -> None:
-    """Warn where a run is bound to meet a state for which the table promises no input.
-
-    Between the nodes there are such states for every grid. A run of a few steps meets them rarely, and most of what is
-    then chosen leads on; where one is met for certain before the target, runs end by standing there.
-    """
-    if table.steps < BRIEF or table.problem.stays:
-        return
-    grid = table.grid
-    told = table.batch(np.random.default_rng(0).uniform(grid.lower, grid.upper, (ASKED, grid.ndim)), 0)
-    on_the_way = told.steps_to_go > 0
-    if not on_the_way.any():
-        return
-    unsure, steps = float((~told.promised[on_the_way]).mean()), float(told.steps_to_go[on_the_way].mean())
-    if unsure * steps > 1:
-        warnings.warn(
-            f"for {unsure:.1%} of the states that are won no input is sure to lead on, and {steps:.0f} steps are to go "
-            "from them on average: runs are bound to meet such a state and may stand there for ever. Use more nodes, "
-            'fewer steps, or method="certified"',
-            ResolutionWarning,
-            stacklevel=stacklevel + 1,
-        )
 
 
 DEEP = 0.75  # cells, of the deepest node across a wall

@@ -22,6 +22,7 @@ from sdhj.table.ahead import ROOM, LookAhead, first_passing, look_ahead, nothing
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
+PLAYER: list[Callable[..., Any]] = []  # what plays runs; `sdhj.solving` adds it, as it stands in a room above
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,17 @@ class Table:
         return (
             f"<{type(self).__name__} of {problem.name!r}, method {self.method!r}: {nodes} nodes, "
             f"{len(problem.inputs)} inputs, {self.steps} steps of {problem.delta:g} s; "
-            f"{self.fraction():.1%} of the grid's volume within all of them>"
+            f"{self.fraction():.1%} of the grid's volume within all of them{self._lost}>"
         )
+
+    @property
+    def _lost(self) -> str:
+        counts = self.details.get("played")
+        return f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
+
+    def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
+        """Play runs from the whole tube and say how many are lost: see `sdhj.simulation.played.played`."""
+        return PLAYER[0](self, runs, adversary, seed, steps)
 
     # ---- sets
 

@@ -1,0 +1,189 @@
+"""How many runs a table loses of those that it promises to win, to whom, and what helps: `Table.played`."""
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import whole
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
+from sdhj.simulation.runs import (
+    MOST_RUNS,
+    admissible_states,
+    adversary_of,
+    named,
+    play_length,
+    rollouts,
+    score_interval,
+)
+from sdhj.solver.resolution import ResolutionWarning
+from sdhj.table.batches import Table
+from sdhj.table.controller import Controller
+
+ALARMING = 0.02  # of the runs: that more are lost, with 95 % confidence, is worth a warning
+FEWEST, MOST = 50, 1000  # runs at the end of a solve
+SHARE = 0.03  # of what the solve costs, by this model: so many seconds a node of a PDE, so many a run and step
+NODE, RUN = 3e-9, 1.3e-4
+EVER = 30  # steps of a run that has no end, at the end of a solve
+TINY = 1e-4  # of the state space: a tube that is smaller is called empty
+DECIDES = 5  # substeps for which the adversary keeps to what it has decided, at the end of a solve
+
+
+@dataclass(frozen=True)
+class Played:
+    """Runs from states drawn uniformly from the whole tube, and those that were lost.
+
+    Attributes
+    ----------
+    runs, lost : int
+    adversary : str
+    ways : mapping of str to int
+        How runs were lost, and to which unsafe set or end of the grid.
+    advice : str
+        What helps; empty where nothing was lost.
+    """
+
+    runs: int
+    lost: int
+    adversary: str
+    ways: Mapping[str, int]
+    advice: str
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % confidence interval of the rate of lost runs (Wilson's score interval)."""
+        return score_interval(self.lost, self.runs)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        told = f"{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
+        ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
+        return told + (f": {ways}. {self.advice}" if self.lost else "")
+
+
+def played(
+    table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
+) -> Played:
+    """Play runs from the whole tube of step 0 and say how many are lost, to whom, and what helps.
+
+    Parameters
+    ----------
+    table : Table
+    runs : int
+    adversary, steps
+        As for `sdhj.monte_carlo`.
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        For an option that does not fit, or where the tube of step 0 is empty.
+    """
+    controller, play = Controller(table), adversary_of(adversary)
+    runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
+    places: dict[int, str] = {}
+
+    def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
+        for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "unsafe")):
+            at = moment.time + moment.duration
+            places.setdefault(int(moment.runs[row]), _where(table, states[row], at, bool(clearance[row] <= 0)))
+
+    starts = admissible_states(controller, runs, rng)
+    outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
+    lost = np.flatnonzero(outcomes != REACHED)
+    told = {COLLIDED: "collided with ", OFF: "went off the grid past the end of "}
+    ways = Counter(
+        told[outcome] + places.get(run, "something") if outcome in told else str(OUTCOMES[outcome])
+        for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
+    )
+    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), _advice(table, ways) if ways else "")
+
+
+def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
+    """The unsafe set that a state has met, or the axis past whose end it is."""
+    problem, grid = table.problem, table.grid
+    if met:
+        held = grid.held(state[None], "safe")
+        return min(problem.unsafe, key=lambda part: float(problem.value_of(part, held, t)[0])).name
+    low, high = grid.faces("unsafe")
+    return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
+
+
+def _advice(table: Table, ways: Mapping[str, int]) -> str:
+    """What helps, in a sentence or two."""
+    problem, grid, said = table.problem, table.grid, []
+    blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
+    if blunt and not problem.dynamics.stateless:
+        said.append(f'sampling="steep" of {", ".join(blunt)}')
+    for axis in _adversary_s(table):
+        if f"went off the grid past the end of {grid.names[axis]}" in ways:
+            said.append(
+                f"other ends of {grid.names[axis]}, along which only the adversary moves: it wins by leaving past an "
+                'unsafe end (ends="wall" or "safe", or a longer axis)'
+            )
+    values = table.values()
+    inside = values <= 0
+    bends = []
+    for axis in range(grid.ndim):
+        bent = np.abs(np.diff(values, 2, axis))
+        near = np.diff(inside, 1, axis)
+        near = near.take(range(near.shape[axis] - 1), axis) | near.take(range(1, near.shape[axis]), axis)
+        bends.append(float(bent[near].mean()) if near.any() else 0.0)
+    said.append(f"more nodes along {grid.names[int(np.argmax(bends))]}, where the tube bends most between nodes")
+    return f'What helps: {"; ".join(said)}; or method="certified", which proves what it promises'
+
+
+def _adversary_s(table: Table) -> list[int]:
+    """Axes with unsafe ends along which no input moves the robot, but the adversary does."""
+    problem, states = table.problem, np.array(table.grid.lower)[None]
+    moves = problem.interval(0).displacements(states)[0]
+    pushed = np.abs(problem.interval(0).gain(states, np.zeros(1, np.int64), problem.time(0))[0]).sum(axis=1) > 0
+    alike = np.ptp(moves, axis=0) == 0
+    ends = np.isfinite(np.stack(table.grid.faces("unsafe"))).any(axis=0)
+    return np.flatnonzero(alike & pushed & ends).tolist()
+
+
+def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
+    """What a solve says of its own table: warns of an empty tube and of promises that are lost; for its details."""
+    share = table.fraction()
+    if share < TINY or (not table.problem.stays and share <= table.fraction(within=0)):
+        warnings.warn(_emptied(table, share), ResolutionWarning, stacklevel=stacklevel + 1)
+    if share < TINY or table.proved:
+        return {}
+    stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
+    work = NODE * table.details.get("pdes_solved", 0) * table.grid.size
+    runs = int(np.clip(SHARE * work / (RUN * mean), FEWEST, MOST))
+    worst: Any = ADVERSARIES["worst"]
+
+    def patient(moment: Moment) -> FloatArray:
+        return worst(moment) if moment.substep % DECIDES == 0 else moment.previous
+
+    found = played(table, runs, worst if table.problem.sensing else patient, steps=EVER if stays else None)
+    if found.interval[0] > ALARMING:
+        warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
+    return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}
+
+
+def _emptied(table: Table, share: float) -> str:
+    """Which unsafe set, input set or projection has emptied a tube."""
+    problem, grid = table.problem, table.grid
+    told = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
+    told += "" if problem.stays else ", no more than the target itself" if share else ""
+    states = grid.points()[:: max(grid.size // 20_000, 1)]
+    clear = problem.unsafe_value(states, problem.time(0)) > 0
+    hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
+    ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
+    if table.method == "projected" and ways > TINY:
+        return told + ': what the projections leave out may be the reason; try method="hji"'
+    if ways <= TINY:
+        names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
+        return told + f": no input keeps clear of {names} for one interval; use a shorter delta or other inputs"
+    return told + (
+        f": from {ways:.0%} of the free states some input keeps clear for one interval, but none of the "
+        f"{len(problem.inputs)} inputs leads on against the adversary; use stronger inputs, more nodes or another delta"
+    )
