@@ -85,3 +85,33 @@ def check_third(eno3):
         [minus[30], plus[30]], [-1.0, 1.0], "at the kink p- is the slope on the left, p+ the one on the right."
     )
     return f"Fitted order on a sine: {order:.1f}."
+
+
+@exercise("2.6")
+def check_filled(lowered, filled):
+    """Second differences below zero; two lost nodes claimed by the right scheme."""
+    values = np.random.default_rng(0).normal(size=60)
+    got = np.asarray(lowered(values))
+    expect(got.shape == (60,), "one answer for each node of the periodic line.")
+    bend = np.roll(values, -1) - 2 * values + np.roll(values, 1)
+    expect(
+        not np.array_equal(got, bend > 0),
+        "the sign of the term is that of the second derivative: where is that negative?",
+    )
+    expect(got == (bend < 0), "a node and its two neighbours tell: the second difference, on a line that closes.")
+    nodes, courant, steps = 80, 0.5, 16
+    x, h = np.linspace(-1.0, 1.0, nodes, endpoint=False), 2.0 / nodes
+    start = np.asarray(filled(x), dtype=np.float64)
+    expect(start.shape == x.shape, "x is an array: one value for each place.")
+    expect(np.abs(np.roll(start, -1) - start) <= h * (1 + 1e-9), "somewhere the slope is more than one, ends included.")
+    computed = start
+    for _ in range(steps):
+        computed = (1 - courant) * computed + courant * np.roll(computed, -1)
+    exact = np.asarray(filled(np.mod(x + steps * courant * h + 1.0, 2.0) - 1.0), dtype=np.float64)
+    expect(np.any(exact <= 0), "there is nothing to be reached.")
+    false = int(np.count_nonzero((computed <= 0) & (exact > 1e-12)))
+    expect(
+        false >= 2,
+        f"{false} lost nodes are claimed. The function has to be concave, and just above zero, between two parts.",
+    )
+    return f"{false} lost nodes are claimed. The coarser the grid, the wider the gaps that it fills."

@@ -1,7 +1,7 @@
 """Solutions of chapter 2, and answers that its checks refuse."""
 
 import numpy as np
-from checks_02 import check_amplification, check_help, check_steps, check_third, check_wall
+from checks_02 import check_amplification, check_filled, check_help, check_steps, check_third, check_wall
 
 # 0.5 s, speeds 1.3 and 0.8 m/s, spacing 3 / 40 m, a CFL number of 0.75
 steps_needed = int(np.ceil(0.5 * (1.3 + 0.8) / (3 / 40) / 0.75))
@@ -52,12 +52,27 @@ def eno3(values, h):
     return (at(first, -1) + correction(-1, 1)) / h, (first + correction(0, -1)) / h
 
 
+def lowered(values):
+    """Where the function is concave: the second difference is negative."""
+    return np.roll(values, -1) - 2 * values + np.roll(values, 1) < 0
+
+
+def _parts(x, *intervals):
+    return np.min([np.maximum(left - x, x - right) for left, right in intervals], axis=0)
+
+
+def filled(x):
+    """Two intervals with a gap of three cells: its crest, 0.04 high, is worn down by about 0.04."""
+    return _parts(np.mod(x + 1.0, 2.0) - 1.0, (-0.4, 0.001), (0.08, 0.4))
+
+
 RIGHT = {
     check_steps: steps_needed,
     check_amplification: amplification,
     check_help: helper,
     check_wall: at_the_wall,
     check_third: eno3,
+    check_filled: (lowered, filled),
 }
 
 
@@ -102,4 +117,11 @@ WRONG = {
         lambda x, tau: np.minimum(x, 1),
     ],
     check_third: [_first_order, _second_order, _fixed_stencil],
+    check_filled: [
+        (lambda values: ~lowered(values), filled),  # where it is raised
+        (lambda values: np.gradient(values) < 0, filled),  # where the function falls
+        (lowered, lambda x: _parts(x, (-0.4, 0.4))),  # one part: nothing is claimed in error
+        (lowered, lambda x: _parts(x, (-0.8, -0.2), (0.2, 0.8))),  # the gap is too wide
+        (lowered, lambda x: np.where(_parts(x, (-0.4, 0.0), (0.08, 0.4)) <= 0, -1.0, 1.0)),  # slopes of more than one
+    ],
 }
