@@ -33,7 +33,7 @@ def draw_curves(
 def draw_rides(
     ax: Axes, times: FloatArray, paths: FloatArray, costs: FloatArray, target: FloatArray, unsafe: FloatArray
 ) -> None:
-    """Runs (M, T) over time, the dearest bold; the target is a bar at the end, the unsafe set a band."""
+    """Runs (M, T) over time, the costliest bold; the target is a bar at the end, the unsafe set a band."""
     if unsafe.size:
         ax.axhspan(unsafe.min(), unsafe.max(), color=RED, linewidth=0, zorder=0, gid="unsafe")
     ax.plot(
@@ -64,7 +64,7 @@ def explore_value(model: Callable[..., Mapping[str, Any]]) -> Explorer:
         draw_games_on_a_line(figure, shown)
         values = list(shown["curves"].values())[-1]
         return {
-            "dearest run tried": float(np.max(shown["costs"])),
+            "costliest run tried": float(np.max(shown["costs"])),
             "value from the equation": float(np.interp(start, shown["x"], values)),
         }
 

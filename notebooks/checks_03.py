@@ -31,7 +31,7 @@ def check_order(orders):
         first, second = orders(table)
         expect(first >= second - 1e-12, "whoever commits first cannot be better off: the robot pays, so it minimises.")
         expect_close(
-            first, table.max(axis=1).min(), "committing first: for each row the dearest column, then the best row."
+            first, table.max(axis=1).min(), "committing first: for each row the costliest column, then the best row."
         )
         expect_close(
             second, table.min(axis=0).max(), "answering: for each column the cheapest row, then the worst column."

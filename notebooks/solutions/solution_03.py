@@ -10,7 +10,7 @@ def hamiltonian(p, u, v_max):
 
 
 def orders(table):
-    """Commits first: the best row of the dearest columns. Answers: the worst column of the cheapest rows."""
+    """Commits first: the best row of the costliest columns. Answers: the worst column of the cheapest rows."""
     return table.max(axis=1).min(), table.min(axis=0).max()
 
 

@@ -38,7 +38,7 @@ def test_the_value_of_the_equation_is_that_of_the_worst_signal() -> None:
         for v_max in (0.0, 0.25, 0.8):
             shown = explorer.set(game=game, v_max=v_max, start=-0.1)
             assert explorer.error == ""
-            assert shown["value from the equation"] == pytest.approx(shown["dearest run tried"], abs=0.03)
+            assert shown["value from the equation"] == pytest.approx(shown["costliest run tried"], abs=0.03)
     calm = explorer.set(game="reach", v_max=0.0)["value from the equation"]
     assert explorer.set(v_max=0.4)["value from the equation"] > calm
 
