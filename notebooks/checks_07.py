@@ -132,3 +132,44 @@ def check_in_order(in_order):
             got == wanted, "some state is called lost that wins. May the first place be seen early, and passed again?"
         )
     return "It is Theorem 2 on states with a flag: a product of the game and a small automaton."
+
+
+def _entries(step, goals, unsafe):
+    """Every entry (k, n) of a game whose goal depends on time, by Theorem 2."""
+    last = len(goals) - 1
+    entries = {(k, 0): goals[k] & ~unsafe for k in range(last + 1)}
+    for k in range(last - 1, -1, -1):
+        for n in range(1, last - k + 1):
+            leads = entries[k + 1, n - 1][step].all(axis=2).any(axis=0)
+            entries[k, n] = entries[k, n - 1] | (leads & ~unsafe)
+    return entries
+
+
+@exercise("7.6")
+def check_pausing(settled, pausing):
+    """Entry (k, n) equals (k, n - 1) where (k + 1, n - 1) equals (k + 1, n - 2); a row that pauses and grows again."""
+    for seed in range(60):
+        step, goal, unsafe = _game(seed)
+        rng = np.random.default_rng(seed)
+        goals = goal & (rng.random((5, 1)) < 0.4)  # there at some steps only
+        entries = _entries(step, goals, unsafe)
+        for k, n in ((start, within) for start in range(3, -1, -1) for within in range(1, 5 - start)):
+            known = {at: entry for at, entry in entries.items() if at[0] > k or (at[0] == k and at[1] < n)}
+            got = bool(settled(known, k, n))
+            same = np.array_equal(entries[k, n], entries[k, n - 1])
+            where = f"entry ({k}, {n}) of a game with goals at some steps only"
+            expect(
+                same or not got, f"{where}: you say that it is settled, and it grows. Is it the row below that tells?"
+            )
+            told = n >= 2 and np.array_equal(entries[k + 1, n - 1], entries[k + 1, n - 2])
+            expect(got or not told, f"{where}: the two entries below are equal, so nothing new can come from there.")
+    step, goals, unsafe = map(np.asarray, pausing)
+    m = len(unsafe)
+    expect(step.ndim == 3 and step.shape[1] == m and goals.shape == (5, m), "step (inputs, m, moves), goals (5, m).")
+    expect((step >= 0) & (step < m), "every move leads to one of the states 0 to m - 1.")
+    entries = _entries(step, goals.astype(bool), unsafe.astype(bool))
+    grows = [not np.array_equal(entries[0, n], entries[0, n - 1]) for n in range(1, 5)]
+    expect(any(grows), "row 0 never grows. Is the goal there at a step that it can be reached at?")
+    last = 4 - grows[::-1].index(True)
+    expect(not all(grows[:last]), "row 0 grows at every column until it ends. When is the goal there?")
+    return "Row 0 holds " + ", ".join(str(int(entries[0, n].sum())) for n in range(5)) + " states."

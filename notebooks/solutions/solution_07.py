@@ -1,7 +1,7 @@
 """Solutions of chapter 7, and answers that its checks refuse."""
 
 import numpy as np
-from checks_07 import check_in_order, check_inputs, check_rows, check_tubes, check_viable
+from checks_07 import check_in_order, check_inputs, check_pausing, check_rows, check_tubes, check_viable
 
 
 def entry(N, k, n):
@@ -52,12 +52,26 @@ def in_order(step, first, second, unsafe, N):
     return unseen
 
 
+def settled(entries, k, n):
+    """Nothing new comes from the row below where its last two entries are equal."""
+    return n >= 2 and np.array_equal(entries[k + 1, n - 1], entries[k + 1, n - 2])
+
+
+def _line(goal_steps):
+    """Six states in a row, to walk left, stay or walk right; the first is the goal at some steps of 0 to 4."""
+    step = np.clip(np.arange(6) + np.array([[-1], [0], [1]]), 0, 5)[:, :, None]
+    goals = np.zeros((5, 6), bool)
+    goals[list(goal_steps), 0] = True
+    return step, goals, np.zeros(6, bool)
+
+
 RIGHT = {
     check_rows: entry,
     check_tubes: finite_tubes,
     check_inputs: progress_inputs,
     check_viable: viable,
     check_in_order: in_order,
+    check_pausing: (settled, _line([3, 4])),
 }
 
 
@@ -98,5 +112,11 @@ WRONG = {
         lambda step, a, b, unsafe, N: finite_tubes(step, a, unsafe, N)[-1] & finite_tubes(step, b, unsafe, N)[-1],
         lambda step, a, b, unsafe, N: finite_tubes(step, a & finite_tubes(step, b, unsafe, N)[-1], unsafe, N)[-1],
         lambda step, a, b, unsafe, N: in_order(step, b, a, unsafe, N),
+    ],
+    check_pausing: [
+        (lambda entries, k, n: n >= 2 and np.array_equal(entries[k, n - 1], entries[k, n - 2]), _line([3, 4])),
+        (lambda entries, k, n: False, _line([3, 4])),  # never certain
+        (settled, _line(range(5))),  # the goal is there all the time
+        (settled, _line([])),  # never
     ],
 }
