@@ -23,13 +23,16 @@ def check_games(games):
 
 @exercise("10.2")
 def check_memory(most):
-    """The largest m with 45 m^4 8 <= 1e9."""
+    """The largest m with 45 m^4 8 + 100 m^4 + 800 m^2 <= 1e9."""
 
     def size(m):
-        return 45 * m**4 * (4 + 4)
+        return 45 * m**4 * (4 + 4) + 4 * 25 * m**4 + 4 * 25 * 8 * m**2
 
     expect(int(most) == most, "nodes come whole.")
-    expect(size(most) <= 1e9, f"{most} nodes take {size(most) / 1e9:.2f} GB: (N+1)(N+2)/2 = 45 tubes, 8 bytes a node.")
+    expect(most != 40, "the tubes alone would fit. Do the avoid tubes?")
+    expect(
+        size(most) <= 1e9, f"{most} nodes take {size(most) / 1e9:.2f} GB: 45 tubes, 8 bytes a node, and avoid tubes."
+    )
     expect(size(most + 1) > 1e9, "one more would fit: 25 inputs take 4 bytes at each node, a value 4.")
 
 
