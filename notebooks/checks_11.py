@@ -98,3 +98,25 @@ def check_adversary(villain):
     told = f"yours beats {1 - yours.rate('reached'):.2%} of the runs, aggressive {1 - known.rate('reached'):.2%}"
     expect(yours.interval("reached")[1] < known.interval("reached")[0], f"{told}: that is not more, beyond chance.")
     return told + "."
+
+
+@exercise("11.6")
+def check_error(largest_error):
+    """min(-m / slope, -a / slope_avoid), at least 0; then with margins and avoid tubes of the arm."""
+    margins = np.array([-0.04, -0.04, -0.01, 0.02, -0.03, 0.0, -0.06])
+    avoid = np.array([-0.10, -0.01, -0.09, -0.05, 0.01, -0.05, -np.inf])
+    wanted = np.array([0.02, 0.004, 0.005, 0.0, 0.0, 0.0, 0.03])
+    got = np.asarray(largest_error(margins, avoid, 2.0, 2.5), dtype=np.float64)
+    expect(got.shape == margins.shape, "one error for each input.")
+    expect(got >= 0, "an error is not below 0: where an input is not right for the measurement itself, return 0.")
+    expect(got[1] < 0.02, "a deep margin is about reaching only. How deep is the avoid tube?")
+    expect(got[2] < 0.036, "a deep avoid tube is about the way only. How deep is the margin?")
+    expect_close(got, wanted, "each value divided by its own slope, and both conditions of (11.3') hold.", within=1e-12)
+    table, states = _table(), _states()
+    batch, hazards = table.batch(states, 0), table.hazards(states, 0)
+    asked = batch.safe & (batch.steps_to_go > 0)[:, None]
+    got = np.asarray(largest_error(batch.margins[asked], hazards[asked], 0.3, 0.3))
+    by_margin = -batch.margins[asked] / 0.3
+    wanted = np.maximum(np.minimum(by_margin, -hazards[asked] / 0.3), 0.0)
+    expect_close(got, wanted, "safe inputs of the arm, with slopes of 0.3 m/rad.")
+    return f"On 15 nodes the avoid tube is what limits {np.mean(wanted < by_margin):.0%} of the arm's safe inputs."

@@ -3,7 +3,7 @@
 from itertools import product
 
 import numpy as np
-from checks_11 import check_adversary, check_fewest, check_filter, check_rule, check_wilson
+from checks_11 import check_adversary, check_error, check_fewest, check_filter, check_rule, check_wilson
 
 import sdhj
 
@@ -41,12 +41,18 @@ def villain(moment):
     return signs[np.argmax(moment.tube(ends), axis=1)] * moment.bounds
 
 
+def largest_error(margins, avoid, slope, slope_avoid):
+    """Both conditions: the smaller of two errors, and none where one of them fails already."""
+    return np.maximum(np.minimum(-margins / slope, -avoid / slope_avoid), 0.0)
+
+
 RIGHT = {
     check_fewest: fewest,
     check_rule: calm_shoulder,
     check_wilson: (wilson, runs_needed),
     check_filter: nearest_safe,
     check_adversary: villain,
+    check_error: largest_error,
 }
 
 
@@ -86,4 +92,10 @@ WRONG = {
         lambda controller, q, step, wanted: controller.select(q, step),  # safe, not near
     ],
     check_adversary: [lambda moment: np.zeros_like(moment.previous), lambda moment: moment.bounds.copy()],
+    check_error: [
+        lambda margins, avoid, slope, slope_avoid: np.maximum(-margins / slope, 0.0),  # reaching only
+        lambda margins, avoid, slope, slope_avoid: np.maximum(-avoid / slope_avoid, 0.0),  # the way only
+        lambda margins, avoid, slope, slope_avoid: np.minimum(-margins / slope, -avoid / slope_avoid),  # below 0
+        lambda margins, avoid, slope, slope_avoid: np.maximum(-np.maximum(margins, avoid) / slope, 0.0),  # one slope
+    ],
 }
