@@ -20,10 +20,7 @@ def reference_car(nodes=(25, 25, 24), inputs=((1.0, -2.0), (1.0, 0.0), (1.0, 2.0
             np.array(inputs), drift, gain=np.array([[1, 0], [0, 1], [0, 0]]), bounds=np.array([0.15, 0.15])
         ),
         "target": sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.55, p[:, 1]) - 0.25),
-        "unsafe": (
-            sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.18, name="obstacles"),
-            sdhj.UnsafeSet((0, 1), lambda p, t: 0.95 - np.abs(p).max(axis=1), name="edge"),
-        ),
+        "unsafe": (sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.18, name="obstacles"),),
         "delta": 0.25,
         "steps": 5,
     }
@@ -54,6 +51,7 @@ def check_reverse(reversing_car):
     problem, known = reversing_car(), _forward().problem
     expect(isinstance(problem, sdhj.ReachAvoidProblem), "return a sdhj.ReachAvoidProblem.")
     expect(problem.grid.shape == known.grid.shape, "on (25, 25, 24) nodes.")
+    expect(problem.grid.ends == known.grid.ends, "what the ends of the map are has changed: to leave it is to lose.")
     expect((problem.delta, problem.steps) == (known.delta, known.steps), "the same clock.")
     count = len(problem.inputs)
     expect(count in (5, 6), f"five or six inputs, not {count}.")
