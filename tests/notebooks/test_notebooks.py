@@ -9,6 +9,7 @@ import re
 import runpy
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import nbformat
 import pytest
@@ -17,6 +18,7 @@ from PIL import Image
 ROOT = Path(__file__).parent.parent.parent
 CHAPTERS = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
 TOOL = runpy.run_path(str(ROOT / ".ci" / "notebooks.py"))
+READING = ROOT / "notebooks" / "site" / "reading.md"
 CITED = re.compile(r"Eqs?\. \(\d|Definition \d|Theorem \d|Proposition \d|App\. A|Sec\. \d|Figs?\. \d|Algorithm \d")
 
 
@@ -73,6 +75,25 @@ def test_every_chapter_has_its_parts(path: Path) -> None:
 def test_links_lead_somewhere(path: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", prose(path)):
         assert target.startswith("http") or (path.parent / target).is_file(), f"{path.name} links to {target}"
+
+
+def keys() -> list[str]:
+    """The entries of the reading list as links name them: their headings, made anchors of as GitHub and the site do."""
+    headings = re.findall(r"^### (.+)$", READING.read_text(encoding="utf-8"), re.MULTILINE)
+    return [re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings]
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_every_chapter_says_where_its_results_come_from(path: Path) -> None:
+    cited = {unquote(key) for key in re.findall(r"\]\(site/reading\.md#([^)]+)\)", prose(path))}
+    assert cited <= set(keys()), f"{path.name} cites what is not in the reading list: {sorted(cited - set(keys()))}"
+    assert len(cited) >= 3, f"{path.name} cites {sorted(cited)}"
+
+
+def test_the_reading_list_has_each_source_once_and_none_that_nobody_cites() -> None:
+    assert len(keys()) == len(set(keys())) > 40
+    text = "\n".join(map(prose, CHAPTERS))
+    assert [key for key in keys() if f"(site/reading.md#{key})" not in text] == []
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
