@@ -53,7 +53,7 @@ def test_every_chapter_has_its_parts(path: Path) -> None:
         "**Before:**",
         "**After:**",
         "**What to notice",
-        "**In earnest:**",
+        "**In the library:**",
         "## Exercises",
         "$$",
     ):
