@@ -451,5 +451,5 @@ def test_a_picture_on_a_full_disk_is_an_error_of_the_disk(tmp_path):
 
 def test_the_limit_that_this_process_has_is_read(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (10**12, 10**12) if which == resource.RLIMIT_AS else None)
-    ((left, said),) = memory._of_process()
+    ((left, said),) = memory.of_process()
     assert 0 < left < 10**12 and "1e+03 GB of address space" in said

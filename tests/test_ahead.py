@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import judge
@@ -15,7 +15,8 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.kernels.lookup import Reach
 from sdhj.problem.dynamics import Interval
-from sdhj.table.ahead import ROOM, WIDER, _interpolated, look_ahead
+from sdhj.table import batches
+from sdhj.table.ahead import ROOM, WIDER, look_ahead
 
 TORUS = Grid([-np.pi] * 2, [np.pi] * 2, [48, 48], [True] * 2)
 COURSES = 0.6 * np.array([[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)])  # m/s, of a boat
@@ -85,7 +86,20 @@ def states_of(problem: ReachAvoidProblem, count: int, rng: np.random.Generator) 
 
 
 def tabulated(tell: Any) -> bool:
-    return getattr(tell, "func", None) is _interpolated
+    """Whether boxes come from a table, which is then among the arguments of what tells them."""
+    return isinstance(tell, partial)
+
+
+def recorded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Interval, float, Any]]:
+    """What tables ask `look_ahead` for from now on: the interval, the room, and what they got."""
+    asked = []
+
+    def look(interval: Interval, room: float = ROOM) -> Any:
+        asked.append((interval, room, look_ahead(interval, room)))
+        return asked[-1][2]
+
+    monkeypatch.setattr(batches, "look_ahead", look)
+    return asked
 
 
 def as_worked_out(told: Reach, interval: Interval, states: np.ndarray) -> bool:
@@ -139,7 +153,7 @@ def test_the_table_is_interpolated_as_its_slow_twin_does(name: str, rng: np.rand
                 assert corner[r][place] == pytest.approx(expected, rel=0, abs=1e-12)
 
 
-def test_velocities_that_read_nothing_share_one_box() -> None:
+def test_velocities_that_read_nothing_share_one_box(monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays, and functions that take the points to no end; each step its own where they depend on time."""
     constant = toys.torus_problem()
     idle = replace(constant, dynamics=replace(constant.dynamics, drift=lambda q, u: np.tile(u, (len(q), 1))))
@@ -149,12 +163,11 @@ def test_velocities_that_read_nothing_share_one_box() -> None:
         assert told.low.shape == (1, 9, 2) and tell(np.ones((1, 2)), np.arange(1)) is told
         np.testing.assert_allclose(told.low[0], 0.2 * (problem.inputs - 0.4), rtol=0, atol=1e-15)
     tide = replace(constant, dynamics=replace(constant.dynamics, drift=lambda u, t: u * t))
-    table = sdhj.solve(tide, progress=False)
+    table, asked = sdhj.solve(tide, progress=False), recorded(monkeypatch)
     for step in (2, 0, 3, 1):
         table.batch(np.zeros((1, 2)), step)
-    moved = [table._ahead[step](np.zeros((1, 2)), np.arange(1)).high[0, 8, 0] for step in range(3)]
-    np.testing.assert_allclose(moved, [0.2 * (2.0 * (0.2 * k + 0.1) + 0.4) for k in range(3)], rtol=0, atol=1e-12)
-    assert sorted(table._ahead) == [0, 1, 2]
+    moved = [tell(np.zeros((1, 2)), np.arange(1)).high[0, 8, 0] for _, _, tell in asked]
+    np.testing.assert_allclose(moved, [0.2 * (2.0 * (0.2 * k + 0.1) + 0.4) for k in (2, 0, 1)], rtol=0, atol=1e-12)
 
 
 def jump(q: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -174,14 +187,18 @@ def test_what_a_table_cannot_tell_is_worked_out(drift: Any, rng: np.random.Gener
     assert as_worked_out(tell(states, np.arange(100, 200)), interval, states[100:200])
 
 
-def test_without_room_for_a_table_boxes_are_worked_out(rng: np.random.Generator) -> None:
+def test_without_room_for_a_table_boxes_are_worked_out(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, states = boat(), rng.uniform(-2, 2, (300, 2))
     tell = look_ahead(problem.interval(0), room=10_000)
     assert not tabulated(tell) and as_worked_out(tell(states, np.arange(300)), problem.interval(0), states)
     tide = sdhj.solve(boat(lambda q, u, t: u + current(q, t), steps=3), progress=False)
+    asked = recorded(monkeypatch)
     tide.batch(states, 1)
-    assert sorted(tide._ahead) == [1] and tabulated(tide._ahead[1])
-    assert tide._ahead[1].args[0].nbytes <= ROOM / 3  # type: ignore[attr-defined]
+    ((interval, room, tell),) = asked
+    assert interval.begin == tide.problem.interval(1).begin and room == ROOM / 3
+    assert tabulated(tell) and tell.args[0].nbytes <= room
 
 
 def test_drifts_that_fail_between_the_nodes_are_asked_for_no_other_states(rng: np.random.Generator) -> None:
@@ -203,8 +220,13 @@ def both(name: str) -> tuple[Controller, Controller]:
     """One with tables of boxes, one that works them out at each state."""
     table = sdhj.solve(PROBLEMS[name](), progress=False)
     exact = replace(table)
-    for step in range(table.steps):
-        exact._ahead[step] = look_ahead(table.problem.interval(step), room=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batches, "ROOM", 0)
+        asked = recorded(patch)
+        for step in range(table.steps):  # what tells the boxes of a step is kept from the first question on
+            exact.batch(table.grid.points()[:1], step)
+    assert len(asked) == (table.steps if table.problem.dynamics.timed else 1)
+    assert not any(tabulated(tell) for _, _, tell in asked)
     return Controller(table), Controller(exact)
 
 

@@ -13,7 +13,7 @@ from toys import interval_problem, one_row, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.plotting.looks import writable_folder
-from sdhj.problem.problem import ROW, ULPS, _signed, alike
+from sdhj.problem.problem import ROW, ULPS, alike, signed_sums
 from sdhj.table import table as table_module
 from sdhj.table.files import FORMAT_VERSION, header, replaced_whole, writable_file
 from sdhj.table.table import entries
@@ -300,7 +300,7 @@ def test_a_stronger_adversary_is_another_problem(tmp_path, part):
 
 
 def identity_of(values):
-    return np.array([_signed(values, 4.0)])
+    return np.array([signed_sums(values, 4.0)])
 
 
 def test_a_recipe_is_compared_as_well(arm_table, tmp_path, monkeypatch):

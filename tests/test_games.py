@@ -55,7 +55,7 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     for name, games in every_game(problem).items():
         fields = [problem.interval(2).velocities(j, (0,)) for j in range(3)]
         steps = max(field.steps(problem.grid, 0.5, DOUBLE.cfl) for field in fields)
-        pieces = games._pieces([0]) if name == "lax" else steps
+        pieces = games.pieces([0]) if name == "lax" else steps
         # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
         slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
         for j, tube in enumerate(games.avoid(part, 2)):
@@ -174,7 +174,7 @@ def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     run_plainly(monkeypatch)
     problem = chained_problem((7, 6, 5, 5))
     games, steps = HJIGames(problem, DOUBLE), 8
-    games._steps = {((0, 1), 0): steps, ((0, 1, 2, 3), 0): steps}
+    games.counted = {(0, 1): [steps], (0, 1, 2, 3): [steps]}
     small = games.avoid(problem.unsafe[0], 0)
     assert small.shape == (2, 7, 6)
     wall = Wall.of(problem, problem.unsafe[0], (0, 1, 2, 3))

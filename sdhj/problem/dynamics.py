@@ -418,15 +418,15 @@ class Interval:
     @cached_property
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, by its values at the nodes; (ndim, ndim) bool."""
-        return self._survey[0]
+        return self.survey[0]
 
     @cached_property
     def speeds(self) -> FloatArray:
         """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
-        return self._survey[1]
+        return self.survey[1]
 
     @cached_property
-    def _survey(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def survey(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`reads`, `speeds` and which component of the adversary moves which axis, (L, ndim, D) bool, sampled once."""
         ndim, dynamics = self.grid.ndim, self.dynamics
         instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.timed else INSTANTS[:1])
@@ -452,7 +452,7 @@ class Interval:
     def on(self, grid: Grid) -> "Interval":
         """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
         part = replace(self, grid=grid)
-        part.__dict__["_survey"] = self._survey
+        part.__dict__["survey"] = self.survey
         return part
 
     def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
@@ -485,7 +485,7 @@ class Interval:
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
         pushed = b.any(axis=(0, *range(3, b.ndim)))
         if isinstance(self.grid, Window) and not (dynamics.timed or dynamics.stateless):
-            pushed = self._survey[2][j][list(axes)]  # elsewhere on the grid perhaps
+            pushed = self.survey[2][j][list(axes)]  # elsewhere on the grid perhaps
         coupled = (np.count_nonzero(pushed, axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 

@@ -15,7 +15,7 @@ GROUPS = {
 
 def available() -> tuple[int, str] | None:
     """Bytes that this process can still take and what says so, or None where the system does not."""
-    return min([*_of_machine(), *_of_process(), *of_control_groups()], default=None)
+    return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
@@ -24,7 +24,8 @@ def _of_machine() -> Iterator[tuple[int, str]]:
             yield 1024 * int(line.split()[1]), "are available"
 
 
-def _of_process() -> Iterator[tuple[int, str]]:
+def of_process() -> Iterator[tuple[int, str]]:
+    """What is left of the address space that this process may take, where it has a limit."""
     for line in _lines(Path("/proc/self/statm")):
         import resource  # where there is such a file there is this
 

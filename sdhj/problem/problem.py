@@ -729,7 +729,7 @@ def identity(problem: "ReachAvoidProblem") -> tuple[str, FloatArray]:
         data = np.ascontiguousarray(part)
         h.update(repr((data.dtype.str, data.shape)).encode())
         h.update(data.data)
-        sums.append(_signed(data.ravel().astype(np.float64), reach))
+        sums.append(signed_sums(data.ravel().astype(np.float64), reach))
     return h.hexdigest(), np.array(sums)
 
 
@@ -740,7 +740,8 @@ def alike(sums: FloatArray, others: FloatArray) -> bool:
     return bool((np.abs(sums - others) <= ULPS * np.finfo(np.float64).eps * sums[:, :1]).all())
 
 
-def _signed(values: FloatArray, reach: float) -> list[float]:
+def signed_sums(values: FloatArray, reach: float) -> list[float]:
+    """What `identity` adds up of the numbers of one part; up to the size `reach` it tells how large they are."""
     sizes = np.abs(values)
     scale = min(float(sizes.mean()), reach) if sizes.any() else 1.0
     rows = np.zeros((-(-values.size // ROW), ROW))

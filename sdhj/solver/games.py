@@ -274,7 +274,7 @@ class HopfLaxGames(_OnAxes):
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `HJIGames.reach`."""
-        interval, parts = self.problem.interval(step), self._pieces(list(self.axes), self.early / self.duration)
+        interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
         boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
         values = np.asarray(values, self.dtype)
@@ -283,7 +283,7 @@ class HopfLaxGames(_OnAxes):
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `_OnAxes.each_tube`; each piece of the interval takes the box that holds all states of its duration."""
         problem, axes, wanted = self.problem, list(wall.axes), self.wanted_on(wall.axes)
-        grid, pieces, interval = problem.grid.subgrid(axes), self._pieces(axes), problem.interval(step)
+        grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if wall.instant else wall.over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
@@ -293,6 +293,6 @@ class HopfLaxGames(_OnAxes):
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
             yield from maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
 
-    def _pieces(self, axes: list[int], share: float = 1.0) -> int:
+    def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))

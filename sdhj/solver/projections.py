@@ -155,7 +155,7 @@ class ProjectedGames:
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
             if (t0, t1) not in sampled:  # once for all subspaces
-                sampled[t0, t1] = self._outer_projections(part, axes, wall.over(t0, t1))
+                sampled[t0, t1] = self.outer_projections(part, axes, wall.over(t0, t1))
             return sampled[t0, t1][keep]
 
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
@@ -175,7 +175,7 @@ class ProjectedGames:
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
-    def _outer_projections(self, part: UnsafeSet, axes: Axes, wall: FloatArray) -> dict[Axes, FloatArray]:
+    def outer_projections(self, part: UnsafeSet, axes: Axes, wall: FloatArray) -> dict[Axes, FloatArray]:
         """-g_p(x) = max over the dropped coordinates of -g(x, w); notes how much of the space g_p leaves free."""
         projected = {}
         for keep in self._kept(axes):

@@ -199,7 +199,7 @@ def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
         in_pieces, pieces = build(), list(build().grid.pieces())
         assert len(pieces) > 3 and max(piece.size for piece in pieces) <= 100
         assert np.array_equal(np.concatenate([piece.points() for piece in pieces]), at_once.grid.points())
-        for one, other in zip(in_pieces.interval(0)._survey, at_once.interval(0)._survey, strict=True):
+        for one, other in zip(in_pieces.interval(0).survey, at_once.interval(0).survey, strict=True):
             assert np.array_equal(one, other)
         assert in_pieces.timeless == at_once.timeless
         monkeypatch.undo()
