@@ -7,6 +7,7 @@ import runpy
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -131,16 +132,24 @@ def test_pins_satisfy_the_requirements() -> None:
         assert requirement.specifier.contains(versions[requirement.name]), f"{requirement}: run .ci/pin"
 
 
+@cache
+def top_names(path: Path) -> set[str]:
+    """The packages that a file imports, each by the first part of its name."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.append(node.module or "")
+    return {name.split(".")[0] for name in names}
+
+
 def imported(*patterns: str) -> dict[str, set[str]]:
     """For each third-party package the files that import it, of those that match a pattern."""
     found: dict[str, set[str]] = {}
     for path in sorted(path for pattern in patterns for path in ROOT.glob(pattern)):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom) and node.level == 0:
-                names = [node.module or ""]
-            for top in {name.split(".")[0] for name in names}:
-                found.setdefault(COMES_WITH.get(top, top), set()).add(str(path.relative_to(ROOT)))
+        for top in top_names(path):
+            found.setdefault(COMES_WITH.get(top, top), set()).add(str(path.relative_to(ROOT)))
     return {name: files for name, files in found.items() if name not in OURS | set(sys.stdlib_module_names)}
 
 

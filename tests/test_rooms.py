@@ -3,6 +3,7 @@
 import ast
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 
@@ -19,6 +20,7 @@ SCREEN = 60  # lines of a function at most
 TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command"}
 
 
+@cache
 def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 

@@ -55,11 +55,11 @@ def test_a_disk_stays_where_it_is_said_to_be(late, arm_world):
 @pytest.mark.parametrize("evader", [False, True])
 def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
     """Wide cells; the target's radius is about the distance of the farthest tip in samples."""
-    stack, outcomes = np.empty((separation.STACK, 10)), []
+    world, stack, outcomes = arm_world(), np.empty((separation.STACK, 10)), []
     for _ in range(100):
         low = rng.uniform([-3, -3, -0.3, -0.3], [3, 3, 0.3, 0.3])
         cell = np.stack([low, low + rng.uniform(0.0, [1.0, 1.0, 0.1, 0.1])], axis=1).ravel()
-        world, centre = arm_world(), rng.uniform(-0.3, 0.3, 2)
+        centre = rng.uniform(-0.3, 0.3, 2)
         states, _ = naive.states_during(world, cell, 4, 0.0, rng, 400)
         farthest = max(
             math.dist(naive.elbow_and_tip(q1, q2, tuple(world.arm))[1], p if evader else centre)
