@@ -3,6 +3,8 @@
 The plant of the runs here is that of the simulation, in the true geometry: a state with g <= 0 has collided.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from slabbed import assert_bit_equal, room
@@ -12,7 +14,7 @@ from sdhj.problem.problem import ON_BOUNDARY, closed
 from sdhj.solver.resolution import ResolutionWarning
 
 CENTRE, HALF = np.array([2.03, 1.47]), np.array([0.41, 0.52])  # of a box, m
-RUNS = 5000
+RUNS = 2000
 
 
 def signed(points, t):
@@ -93,10 +95,11 @@ def test_other_functions_that_tell_nothing_inside(method, level_set):
 def test_a_moving_set_and_a_store(tmp_path):
     """Lowered for what happens between the samples, after it was closed; and in slabs with the same bits."""
     moving = problem(lambda p, t: unsigned(p - [0.1 * t, 0.0], t), steps=6, rate=0.1)
+    moving = replace(moving, grid=sdhj.Grid([0, 0], [4, 3], [41, 31]))
     table = sdhj.solve(moving, progress=False)
     counts = sdhj.monte_carlo(sdhj.Controller(table), RUNS, adversary="none", seed=0, progress=False).counts
     assert counts["collided"] == 0
-    stored = sdhj.solve(moving, store=tmp_path / "t.zarr", memory=room(moving, width=20), progress=False)
+    stored = sdhj.solve(moving, store=tmp_path / "t.zarr", memory=room(moving, width=10), progress=False)
     assert stored.details["slabs"] > 2
     assert_bit_equal(stored, table)
 

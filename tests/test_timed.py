@@ -146,7 +146,7 @@ def exact(name):
 @cache
 def table(name, method):
     """The formula asks for velocities at more times the finer the grid is, one after the other: fewer nodes for it."""
-    nodes = 49 if CASES[name].timed and method in ("lax", "limited") else 97
+    nodes = 33 if CASES[name].timed and method in ("lax", "limited") else 97
     return sdhj.solve(CASES[name].problem(nodes), METHODS[method], progress=False)
 
 

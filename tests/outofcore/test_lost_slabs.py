@@ -161,8 +161,11 @@ def test_files_that_may_not_grow(problem, memory, table, tmp_path):
 # ---- damage
 
 
-def test_every_flipped_byte_of_a_chunk_is_found(problem, store, table):
-    rng = np.random.default_rng(0)
+def test_every_flipped_byte_of_a_chunk_is_found(tmp_path):
+    """Of a store of few chunks, as all of them are read each time."""
+    problem, store, rng = toys.torus_problem(nodes=12, steps=2), tmp_path / "few.zarr", np.random.default_rng(0)
+    table = sdhj.solve(problem)
+    sdhj.solve(problem, store=store, memory=room(problem, width=6))
     for name in ("tubes", "masks", "avoid_moving"):
         file = files_of(store, name)[-1]
         whole = file.read_bytes()
