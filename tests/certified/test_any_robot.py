@@ -40,8 +40,8 @@ def test_a_car_grows_and_is_proved(saved, rng):
     assert table.fraction(start=0, within=4) > 1.8 * table.fraction(start=0, within=0) > 0.01
     assert (verdict := verify(path, car(), progress=False)).ok, str(verdict)
     assert verify(path, car(), samples=500, progress=False).ok
-    report = sdhj.monte_carlo(sdhj.Controller(table), 2000, "worst", seed=1, progress=False)
-    assert report.counts["reached"] == 2000
+    report = sdhj.monte_carlo(sdhj.Controller(table), 1000, "worst", seed=1, progress=False)
+    assert report.counts["reached"] == 1000
     again = sdhj.load(path, problem=car())
     states = states_in(table, rng, 500)
     np.testing.assert_array_equal(again.certified_inputs(states, 0, 4), table.certified_inputs(states, 0, 4))
@@ -83,14 +83,14 @@ def test_staying_clear_for_ever(tmp_path, rng):
             steps=None,
         )
 
-    table = sdhj.solve(cart(), sdhj.Certified(cells=(100, 100)), progress=False)
+    table = sdhj.solve(cart(), sdhj.Certified(cells=(70, 70)), progress=False)
     states = rng.uniform([-1, -2], [1, 2], (20_000, 2))
     inside = table.contains(states, start=0, within=table.steps)
     fast = np.maximum(states[:, 1], 0) ** 2 / (2 * 3.2)
     assert not (inside & (states[:, 0] + fast > 1)).any() and inside.mean() > 0.4
     table.save(tmp_path / "cart.h5")
     assert (verdict := verify(tmp_path / "cart.h5", cart(), progress=False)).ok, str(verdict)
-    states = states[inside][:2000]
+    states = states[inside][:1000]
     for _ in range(10 * table.steps):
         safe = table.certified_inputs(states, 0, 1)
         assert safe.any(axis=1).all()

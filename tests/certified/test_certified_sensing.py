@@ -126,7 +126,7 @@ def test_no_prediction_is_farther_off_than_proved(sensing, rng):
     """
     problem = replace(car(), sensing=sensing)
     proof = sdhj.solve(replace(problem, steps=1), sdhj.Certified(cells=(20, 20, 19)), progress=False).proof
-    count = 20_000
+    count = 5000
     states = rng.uniform([-1.5, -1.5, -np.pi], [1.5, 1.5, np.pi], (count, 3))
     places, worst = rng.integers(0, 6, count), np.zeros(3)
     for steady in (True, False):
@@ -153,7 +153,7 @@ def drive(q, places, signs):
     return np.stack([speed * np.cos(q[:, 2]) + wind[:, 0], speed * np.sin(q[:, 2]) + wind[:, 1], turn], axis=1)
 
 
-def judged(table, sensing, push, rng, count=6000):
+def judged(table, sensing, push, rng, count=2000):
     """The outcomes of runs of a robot that senses so, and is promised something by the table."""
     controller = sdhj.Controller(table)
     if sensing != table.problem.sensing:  # a table that knows nothing of it: its controller predicts all the same
@@ -202,10 +202,10 @@ def judged(table, sensing, push, rng, count=6000):
 @pytest.mark.parametrize("push", PUSHES)
 def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
     outcomes = judged(solved(), ALL, push, rng)
-    assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 300
+    assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 100
     harsh = Sensing(0.02, 0.1, 0.02)
     control = judged(solved(Sensing()), harsh, push, rng)
-    assert np.isin(control, ["left", "late", "wrong", "collided"]).sum() > 10
+    assert np.isin(control, ["left", "late", "wrong", "collided"]).sum() > 3
 
 
 # ---- the checker

@@ -80,13 +80,13 @@ def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     stronger = replace(table.problem.dynamics, bounds=1.2 * table.problem.dynamics.bounds)
     proof = replace(table.proof, problem=replace(table.problem, dynamics=stronger))
     controller = Controller(replace(table, proof=proof))
-    report = search_losing(controller, 300, population=16, generations=8, progress=False)
+    report = search_losing(controller, 150, population=16, generations=8, progress=False)
     named = {name: rollouts(controller, report.starts, ADVERSARIES[name], np.random.default_rng(0))[0] for name in PLAY}
     failed = {name: int((outcomes != OUTCOMES.index("reached")).sum()) for name, outcomes in named.items()}
     again = np.repeat(report.starts, 128, axis=0)
-    random = rollouts(controller, again, ADVERSARIES["random"], np.random.default_rng(0))[0].reshape(300, 128)
+    random = rollouts(controller, again, ADVERSARIES["random"], np.random.default_rng(0))[0].reshape(150, 128)
     luck = int((random != OUTCOMES.index("reached")).any(axis=1).sum())
-    assert report.lost.sum() >= 20 and report.lost.sum() > 1.5 * max(failed.values()) and report.lost.sum() > 1.5 * luck
+    assert report.lost.sum() >= 10 and report.lost.sum() > 1.5 * max(failed.values()) and report.lost.sum() > 1.5 * luck
 
 
 def test_plans_keep_to_the_box_and_reproduce_what_they_did() -> None:
