@@ -55,7 +55,7 @@ class Robot:
     bounds : (D,) array
     hazards : sequence of Hazard
     delta, steps : float, int or None
-        Of an interval, s; None: for ever.
+        Of an interval, s; None: as many as it takes until nothing changes.
     target : (axes, callable (points, t) -> (M,)), or None
     periodic : (ndim,) bool
     ends : (ndim,) str or pair of str
@@ -67,6 +67,9 @@ class Robot:
         With which method "certified" takes a minute or two; none where it takes more, or proves nothing.
     steep : bool
         Whether it is solved with sampling="steep" too.
+    ever : bool
+        Whether it is asked at step 0 throughout, for ever. With a number of steps where its tubes never settle to the
+        last bit: so many, after which little changes.
     """
 
     lower: Sequence[float]
@@ -85,6 +88,7 @@ class Robot:
     stateless: bool = False
     cells: tuple[int, ...] = ()
     steep: bool = False
+    ever: bool = False
     scales: dict[str, FloatArray] = field(default_factory=dict, compare=False)
 
     @property
@@ -456,7 +460,7 @@ def arm() -> Robot:
 
 
 def coarse_disk() -> Robot:
-    """A point, and a disk of radius 0.3 m on nodes 0.375 m apart: x, y (m)."""
+    """A point, and a disk of radius 0.3 m in the middle of a cell, with nodes 0.375 m apart: x, y (m)."""
 
     def drift(q: FloatArray, u: FloatArray) -> FloatArray:
         return rows(q, part(u, 0), part(u, 1))
@@ -469,7 +473,7 @@ def coarse_disk() -> Robot:
         drift=drift,
         gain=np.eye(2),
         bounds=np.array([0.1, 0.1]),
-        hazards=[Hazard((0, 1), disk(2.4, 1.4, 0.3), "disk")],
+        hazards=[Hazard((0, 1), disk(2.4375, 1.3125, 0.3), "disk")],
         target=((0, 1), disk(3.4, 1.5, 0.6)),
         delta=0.4,
         steps=10,
@@ -521,6 +525,7 @@ def rail() -> Robot:
         hazards=[],
         delta=0.1,
         steps=None,
+        ever=True,
         cells=(160, 160),
     )
 
@@ -542,6 +547,7 @@ def double_integrator() -> Robot:
         hazards=[],
         delta=0.1,
         steps=None,
+        ever=True,
         cells=(160, 160),
     )
 
@@ -563,6 +569,7 @@ def pendulum() -> Robot:
         hazards=[],
         delta=0.05,
         steps=None,
+        ever=True,
         cells=(200, 200),
     )
 
@@ -587,7 +594,8 @@ def cart_pole() -> Robot:
         bounds=np.array([0.2]),  # rad/s^2
         hazards=[],
         delta=0.1,
-        steps=None,
+        steps=60,
+        ever=True,
     )
 
 
@@ -612,7 +620,8 @@ def air3d() -> Robot:
         bounds=np.array([1.0]),
         hazards=[Hazard((0, 1), disk(0.0, 0.0, 5.0), "collision")],
         delta=0.175,
-        steps=None,
+        steps=60,
+        ever=True,
         periodic=[False, False, True],
         ends=["safe"] * 3,
     )

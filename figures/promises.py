@@ -93,9 +93,9 @@ def starts(table: Table, count: int, seed: int) -> FloatArray:
 
 def answer(robot: Robot, controller: sdhj.Controller, states: FloatArray, step: int) -> Answer:
     """What the controller says of states (M, ndim)."""
-    at = 0 if robot.steps is None else step
+    at = 0 if robot.ever else step
     batch = controller.batch(states, at)
-    rest = np.full(len(states), controller.table.steps - (at + 1 if robot.steps else at))
+    rest = np.full(len(states), controller.table.steps - (0 if robot.ever else at + 1))
     left = rest if robot.target is None else np.maximum(batch.steps_to_go, 1) - 1
     return Answer(controller.choose(batch), batch.promised, left)
 
@@ -109,7 +109,7 @@ def filtered(robot: Robot, controller: sdhj.Controller, states: FloatArray, step
 
 def tube(robot: Robot, table: Table, points: FloatArray, step: int, left: FloatArray) -> FloatArray:
     """Level of the table's own tube at points (M, V, ndim) when the interval of a step ends: (M, V)."""
-    return table.values_at(points, 0 if robot.steps is None else step + 1, left)
+    return table.values_at(points, 0 if robot.ever else step + 1, left)
 
 
 def judged(
@@ -119,7 +119,7 @@ def judged(
     controller, begun = sdhj.Controller(table), starts(table, runs, seed)
     ways, promised = Counter[str](), 0
     by: list[str] = []
-    steps = steps if robot.steps is None else robot.steps
+    steps = steps if robot.ever or robot.steps is None else robot.steps
     for place, (name, adversary) in enumerate(ADVERSARIES.items()):
         ask, level = partial(says, robot, controller), partial(tube, robot, table)
         outcomes, kept = trial(robot, ask, level, adversary, begun, steps, np.random.default_rng([seed, place]))
@@ -153,7 +153,7 @@ def rows(names: Sequence[str], runs: int, steps: int, seed: int, only: Sequence[
             table = sdhj.solve(problem, solver, progress=False)
             share, solved = table.fraction(start=0, within=table.steps), time.process_time() - began
             nodes = " x ".join(map(str, robot.cells if method == "certified" else robot.nodes))
-            says = {method: answer} if robot.steps is not None else {method: answer, f"{method}, filtered": filtered}
+            says = {method: answer} if not robot.ever else {method: answer, f"{method}, filtered": filtered}
             for told, how in says.items():
                 began = time.process_time()
                 counts = judged(robot, table, runs, steps, seed, how)
