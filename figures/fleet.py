@@ -273,12 +273,13 @@ def forklift() -> Robot:
 def swing_up() -> Robot:
     """A pendulum that a weak motor has to swing up, in degrees: angle from upright (deg), its rate (deg/s)."""
 
-    def drift(q: FloatArray, u: FloatArray) -> FloatArray:
-        return rows(q, q[:, 1], np.degrees(GRAVITY * np.sin(np.radians(q[:, 0])) + part(u, 0)))
+    degree = np.pi / 180
 
-    def upright(q: FloatArray, t: float) -> FloatArray:
-        off = np.degrees(np.arctan2(np.sin(np.radians(q[:, 0])), np.cos(np.radians(q[:, 0]))))
-        return np.maximum(np.abs(off) - 20.0, (np.abs(q[:, 1]) - 80.0) / 4.0)
+    def drift(q: FloatArray, u: FloatArray) -> FloatArray:
+        return rows(q, q[:, 1], (GRAVITY * np.sin(degree * q[:, 0]) + part(u, 0)) / degree)
+
+    def upright(q: FloatArray, t: float) -> FloatArray:  # about in degrees: less than 20 off, and 80 a second
+        return np.maximum(170.0 * (np.cos(20 * degree) - np.cos(degree * q[:, 0])), (np.abs(q[:, 1]) - 80.0) / 4.0)
 
     return Robot(
         lower=[-180.0, -500.0],
@@ -293,6 +294,7 @@ def swing_up() -> Robot:
         delta=0.1,
         steps=12,
         periodic=[True, False],
+        cells=(360, 400),
     )
 
 
@@ -389,6 +391,7 @@ def tractor() -> Robot:
         delta=0.3,
         steps=8,
         periodic=[False, False, True, False],
+        cells=(40, 40, 36, 20),
     )
 
 
@@ -427,6 +430,7 @@ def merging() -> Robot:
         delta=0.5,
         steps=12,
         ends=["unsafe", "unsafe", "wall"],
+        cells=(200, 80, 64),
         steep=True,
     )
 
@@ -504,6 +508,7 @@ def crossing() -> Robot:
         ],
         delta=0.25,
         steps=24,
+        cells=(88, 48, 56),
         ends=[("unsafe", "safe"), "wall", ("unsafe", "safe")],
     )
 
@@ -624,6 +629,7 @@ def air3d() -> Robot:
         ever=True,
         periodic=[False, False, True],
         ends=["safe"] * 3,
+        cells=(104, 80, 72),
     )
 
 
