@@ -31,6 +31,7 @@ from sdhj.table.files import replaced_whole
 ROBOTS = {name: lambda build=build: build().problem() for name, build in FLEET.items()}  # of each its problem
 DRAWN = 50_000  # states among which starts are looked for, at a time
 MOST_DRAWN = 200  # times
+MARK = "<!-- promises: what `python figures/promises.py` writes into results/promises.md -->"
 EVER = 200  # steps that stand for ever
 
 
@@ -173,6 +174,25 @@ def write_rows(found: Sequence[Row], folder: Path, note: str) -> list[Path]:
     return [table, page]
 
 
+def into_page(found: Sequence[Row], page: Path) -> None:
+    """Put the table below its mark in a page, in place of the one that stands there.
+
+    Raises
+    ------
+    ValueError
+        Where the page has no such mark, or two.
+    """
+    parts = page.read_text(encoding="utf-8").split(MARK)
+    if len(parts) != 2:
+        raise ValueError(f"{page} must have the line {MARK} once, above the table")
+    lines = parts[1].lstrip("\n").split("\n")
+    kept = next(number for number, line in enumerate(lines) if not line.startswith("|"))
+    table = "\n".join([*heading(), *map(str, found)])
+    with replaced_whole(page) as temporary:
+        rest = "\n".join(lines[kept:]).lstrip("\n")
+        temporary.write_text(f"{parts[0]}{MARK}\n{table}\n\n{rest}", encoding="utf-8")
+
+
 def heading() -> list[str]:
     """The two lines above the rows."""
     return [f"| {' | '.join(HEAD)} |", "|" + " --- |" * len(HEAD)]
@@ -185,8 +205,11 @@ def heading() -> list[str]:
 @click.option("--steps", default=EVER, type=click.IntRange(1, 1000), help="Of robots that are to stay clear for ever.")
 @click.option("--seed", default=0, type=SEED, help="Of the starts and the adversaries.")
 @click.option("--out", default="results", type=click.Path(path_type=Path), help="Folder for promises.csv and .md.")
+@click.option("--page", type=click.Path(path_type=Path, exists=True), help="Put the table into this page too.")
 @plainly
-def main(names: tuple[str, ...], only: tuple[str, ...], runs: int, steps: int, seed: int, out: Path) -> None:
+def main(
+    names: tuple[str, ...], only: tuple[str, ...], runs: int, steps: int, seed: int, out: Path, page: Path | None
+) -> None:
     """Count how many promised runs are lost, by robot and method."""
     folder = writable_folder(out)  # before long work
     click.echo("\n".join(heading()))
@@ -198,6 +221,8 @@ def main(names: tuple[str, ...], only: tuple[str, ...], runs: int, steps: int, s
     note = f"{runs} starts for each of {adversaries}; for ever: {steps} steps; seed {seed}. sdhj {sdhj.__version__}."
     for path in write_rows(found, folder, note):
         click.echo(path)
+    if page:
+        into_page(found, page)
 
 
 if __name__ == "__main__":

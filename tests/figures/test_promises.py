@@ -2,14 +2,16 @@
 
 import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from fleet import FLEET, Hazard, Robot, many_inputs
-from promises import HEAD, ROBOTS, Row, bounds, heading, main
+from promises import HEAD, MARK, ROBOTS, Row, bounds, heading, into_page, main, methods, rows
 from referee import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
 
+PAGE = Path(__file__).parent.parent.parent / "notebooks" / "site" / "promises.md"
 BRAKE, PUSH = 1.0, 0.2  # m/s^2, of `fleet.double_integrator`
 
 
@@ -227,3 +229,88 @@ def test_a_row_says_what_it_counts():
     row = str(Row("rail", "81 x 81", "hji", 0.5, 12_000, 12, 3, "collided 12 (to worst 12)", 1.0, 2.0))
     told = "50.0% | hji | 12,000 | 12 | 0.052% to 0.175% | 3 | collided 12 (to worst 12) |"
     assert row == f"| rail | 81 x 81 | {told}" and row.count("|") == len(HEAD) + 1
+
+
+def told():
+    """The rows of the page: (robot, method) -> dict."""
+    lines = PAGE.read_text(encoding="utf-8").split(MARK)[1].strip().split("\n\n")[0].splitlines()
+    assert lines[:2] == heading()
+    found = [dict(zip(HEAD, line.strip("| ").split(" | "), strict=True)) for line in lines[2:]]
+    return {(row["robot"], row["method"]): row for row in found}
+
+
+def number(text):
+    return int(text.replace(",", ""))
+
+
+def test_the_page_has_a_row_for_each_robot_and_method():
+    wanted = []
+    for name, build in FLEET.items():
+        for method, _, _ in methods(build()):
+            wanted += [(name, method), *([(name, f"{method}, filtered")] if build().ever else [])]
+    assert list(told()) == wanted
+    for (_, method), row in told().items():
+        lost, runs, promised = (number(row[one]) for one in ("lost", "runs", "lost while promised"))
+        low, high = bounds(lost, runs)
+        assert row["95 %"] == f"{low:.3%} to {high:.3%}" and promised <= lost and runs == 12_000
+        ways = [number(way.split()[-1]) for way in row["how"].partition(" (")[0].split(", ") if lost]
+        assert sum(ways) == lost
+        if method.startswith("certified"):
+            assert lost == 0
+
+
+def test_a_page_keeps_what_stands_around_the_table(tmp_path):
+    page, found = tmp_path / "page.md", [Row("rail", "81 x 81", "hji", 0.5, 12, 0, 0, "none", 1.0, 2.0)]
+    page.write_text(f"above\n\n{MARK}\n\nbelow\n", encoding="utf-8")
+    for _ in range(2):
+        into_page(found, page)
+        assert page.read_text(encoding="utf-8") == f"above\n\n{MARK}\n{chr(10).join(heading())}\n{found[0]}\n\nbelow\n"
+    page.write_text("no mark", encoding="utf-8")
+    with pytest.raises(ValueError, match="must have the line"):
+        into_page(found, page)
+
+
+DOUBT = 1e-4  # of each of the two bounds below
+
+
+def divergence(p, q):
+    """Of two coins, D(p || q): n throws of coin q show at least a share p > q with probability exp(-n D) at most."""
+    p, q = np.clip(p, 1e-12, 1 - 1e-12), np.clip(q, 1e-12, 1 - 1e-12)
+    return p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))
+
+
+def allowed(share, seen, again):
+    """The share that may be lost of the runs from `again` starts where `share` was lost of those from `seen`.
+
+    Starts are independent, the six runs from each are not. Their mean lies in [0, 1], so by Hoeffding it is at most as
+    spread as a coin, and Chernoff's bound holds twice: for what the true rate is at most, and for what few starts show.
+    """
+    rates = np.linspace(0.0, 1.0, 100_001)
+    above = rates[rates >= share]
+    true = above[seen * divergence(share, above) <= -np.log(DOUBT)].max(initial=share)
+    above = rates[rates >= true]
+    return above[again * divergence(above, true) <= -np.log(DOUBT)].max(initial=true)
+
+
+def test_what_is_allowed_follows_from_what_was_seen(rng):
+    assert allowed(0.0, 10**9, 10**9) < 1e-4 and allowed(0.5, 10**9, 10**9) < 0.501
+    assert allowed(0.01, 2000, 100) < 0.2
+    seen, again = rng.binomial(2000, 0.03, 3000) / 2000, rng.binomial(100, 0.03, 3000) / 100
+    assert all(few <= allowed(many, 2000, 100) for many, few in zip(seen[:50], again[:50], strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLEET)
+@pytest.mark.filterwarnings("ignore:::sdhj")
+def test_no_more_is_lost_than_the_page_says(name):
+    """Of fewer starts, others, and for ever is shorter, in which no more is lost; of certified tables nothing is."""
+    said, starts = told(), 100
+    for row in rows([name], starts, 60, 1):
+        print(row)
+        page = said[name, row.method]
+        assert row.share == pytest.approx(float(page["share promised"][:-1]) / 100, abs=0.001)
+        for lost, seen in ((row.lost, page["lost"]), (row.promised, page["lost while promised"])):
+            if row.method.startswith("certified"):
+                assert lost == 0
+            else:
+                assert lost / row.runs <= allowed(number(seen) / number(page["runs"]), 2000, starts)

@@ -78,7 +78,7 @@ def test_every_chapter_is_in_the_site(site: Path) -> None:
     contents = (site / "index.html").read_text(encoding="utf-8")
     for chapter in chapters:
         assert (site / f"{chapter}.html").is_file() and f'href="{chapter}.html"' in contents
-    for page in ("notation", "reading", "syllabus", "solutions", "worked", "api", "contributing"):
+    for page in ("notation", "reading", "syllabus", "solutions", "worked", "promises", "api", "contributing"):
         assert (site / "site" / f"{page}.html").is_file()
     assert "sdhj.solve" in (site / "site" / "api.html").read_text(encoding="utf-8")
 
