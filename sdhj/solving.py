@@ -16,7 +16,7 @@ from sdhj.problem.problem import ReachAvoidProblem, alike
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import recursion
+from sdhj.solver.recursion import Sets, recursion
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import TableFileError, opened, stored, what_differs
 from sdhj.table.table import LookupTable
@@ -45,8 +45,8 @@ def solve(
         `sdhj.HJI`: finite differences on the whole grid; `sdhj.Projected`: on lower-dimensional subspaces (Sec. 5.1);
         `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal. Where the problem gives no number of steps
-        it tells what share of the states the last step changed, and Ctrl-C ends the solve with the table so far.
+        Show a progress bar; by default where standard error is a terminal. Without a number of steps it tells what
+        share of the states the last step changed, and Ctrl-C ends the solve with the table so far.
     store : path, optional
         A folder, as "table.zarr", in which the table is made slab by slab, for tables larger than memory (extra
         `outofcore`). Methods "hji" and "lax"; tubes are equal to the last bit to those made in memory.
@@ -57,8 +57,8 @@ def solve(
     memory : int, optional
         Bytes that a slab may take, by default half of what is available: the grid is cut into slabs that take less.
     play : bool
-        Whether some runs from the whole tube are played at the end (50 to 1,000, some per cent of the time), and a
-        warning tells where more than 2 % are lost; not with a store. What they say stands in `table.details["played"]`.
+        Whether 50 to 1,000 runs from the whole tube are played at the end, for `table.details["played"]`, with a
+        warning where more than 2 % are lost; not with a store.
 
     Returns
     -------
@@ -83,23 +83,29 @@ def solve(
         raise ValueError("resume, client and memory are for a store; give one, as store='table.zarr'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
-        sets, steps = cast(Any, method.sets(problem, progress)), problem.most_steps
-        total = None if problem.steps is None else steps if sets.timeless else steps * (steps + 1) // 2
-        with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
-
-            def done() -> None:
-                bar.update()
-                if problem.steps is None:
-                    bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
-
-            try:
-                recursion(sets, steps, done)
-            except KeyboardInterrupt:
-                if problem.steps or not sets.filled:
-                    raise  # where there is a number of steps the table is none before the last
+        sets = _filled(problem, method, progress)
         table = sets.finish({"seconds": time.perf_counter() - started})
         told = judged_at_the_end(table, stacklevel=2) if play else {}
-        return replace(table, details=dict(table.details) | told) if told else table
+        return replace(cast(Any, table), details=dict(table.details) | told) if told else table
+
+
+def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:
+    """All sets of the recursion, or where the problem gives no number of steps those before Ctrl-C."""
+    sets, steps, endless = cast(Any, method.sets(problem, progress)), problem.most_steps, problem.steps is None
+    total = None if endless else steps if sets.timeless else steps * (steps + 1) // 2
+    with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
+
+        def done() -> None:
+            bar.update()
+            if endless:
+                bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
+
+        try:
+            recursion(sets, steps, done)
+        except KeyboardInterrupt:
+            if not endless or not sets.filled:
+                raise
+    return cast(Sets, sets)
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> "Table":

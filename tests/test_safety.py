@@ -89,16 +89,6 @@ def test_what_stays_clear_for_ever_does(disturbance, rng):
     assert np.mean(outcomes != "late") < 0.02, np.unique(outcomes, return_counts=True)
 
 
-def same_boundary(one, other, more):
-    """Sets equal at all nodes; values beside the boundary but for the rounding of so many more steps."""
-    np.testing.assert_array_equal(one <= 0, other <= 0)
-    beside = np.zeros(one.shape, bool)
-    for axis in range(one.ndim):
-        crossed = np.argwhere(np.diff(one <= 0, axis=axis))
-        beside[tuple(crossed.T)] = beside[tuple((crossed + np.eye(one.ndim, dtype=int)[axis]).T)] = True
-    np.testing.assert_allclose(one[beside], other[beside], rtol=0, atol=more * 4 * 2.0**-23 * np.abs(one).max())
-
-
 def test_without_a_target_the_sets_shrink_and_settle():
     problem = double_integrator(steps=60)
     table = sdhj.solve(problem, progress=False)
@@ -106,7 +96,9 @@ def test_without_a_target_the_sets_shrink_and_settle():
     assert shares == sorted(shares, reverse=True) and shares[0] == 1.0
     ever = settled(0.0, 51)
     assert shares[ever.steps] == shares[60] < shares[max(ever.steps // 2, 1)]
-    same_boundary(ever.values(start=0, within=1), table.values(start=0, within=60), 60)
+    stays = np.pad(table.values(start=0, within=60) <= 0, 1)  # and past the unsafe ends nothing does
+    around = [stays[i : i + n, j : j + m] for n, m in [table.grid.shape] for i in range(3) for j in range(3)]
+    np.testing.assert_array_equal(ever.values(start=0, within=1) <= 0, np.all(around, axis=0))  # a cell is kept
     np.testing.assert_array_equal(ever.inputs(start=0, within=1), table.inputs(start=0, within=60))
     assert len(table.tubes) <= 61 < len(table.index)  # one for each number of steps, however many start
 
@@ -116,7 +108,11 @@ def test_without_steps_the_target_is_reached_some_time():
     table = sdhj.solve(replace(problem, steps=None), progress=False)
     more = sdhj.solve(replace(problem, steps=table.steps + 7), progress=False)
     n = table.steps
-    same_boundary(table.values(start=0, within=n), more.values(start=0, within=n + 7), 7)
+    one, other = table.values(), more.values()
+    np.testing.assert_array_equal(one <= 0, other <= 0)
+    np.testing.assert_allclose(
+        np.where(np.abs(one) < 0.2, one, 0), np.where(np.abs(one) < 0.2, other, 0), atol=2e-3
+    )  # a hundredth of a cell
     assert 1 < n < 30 and table.fraction(start=0, within=n // 2) < table.fraction(start=0, within=n)
 
 

@@ -363,8 +363,6 @@ def test_what_is_refused_of_problems():
         replace(problem, **other, sensing=Sensing(0.01, 0.02))
         with pytest.raises(ValueError, match="jitter leaves the time open"):
             replace(problem, **other, sensing=Sensing(jitter=0.1))
-    with pytest.raises(ValueError, match="sensing is for problems with a number of steps"):
-        replace(problem, steps=None, sensing=Sensing(0.01))
     with pytest.raises(ValueError, match='may be "safe"'):
         staying = replace(problem, target=None, grid=Grid([-4.0], [4.0], [81], ends="safe"))
         replace(staying, sensing=Sensing(0.1))
@@ -372,11 +370,14 @@ def test_what_is_refused_of_problems():
 
 def test_runs_follow_the_steps_of_the_table():
     sure, plain = interval_tables(PLAYED)
-    with pytest.raises(ValueError, match="follow the steps of the table"):
-        sdhj.monte_carlo(Controller(sure), 10, steps=3, progress=False)
-    endless = sdhj.solve(replace(plain.problem, steps=None), EXACT, progress=False)
-    with pytest.raises(ValueError, match="follow the steps of the table"):
-        sdhj.monte_carlo(Controller(endless), 10, sensing=PLAYED, progress=False)
+    few = sdhj.monte_carlo(Controller(sure), 300, steps=2, progress=False)  # fewer than the table has
+    assert few.steps.max() <= 2 and 0 < few.counts["late"] < 300
+    endless = sdhj.solve(replace(sure.problem, steps=None), EXACT, progress=False)
+    report = sdhj.monte_carlo(Controller(endless), 300, progress=False)
+    assert endless.details["settled"] and report.counts["reached"] > 290
+    staying = sdhj.solve(replace(sure.problem, target=None, steps=None), EXACT, progress=False)
+    ever = sdhj.monte_carlo(Controller(staying), 300, steps=60, progress=False)
+    assert ever.counts["reached"] == 300 and ever.steps.min() == 60
     ends = replace(plain.problem, target=None, grid=Grid([-4.0], [4.0], [161], ends="safe"))
     safe = sdhj.solve(ends, EXACT, progress=False)
     with pytest.raises(ValueError, match='may be "safe"'):

@@ -364,8 +364,6 @@ def check_sensing(problem: ReachAvoidProblem) -> None:
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
-    if problem.steps is None:
-        raise ValueError("sensing is for problems with a number of steps so far, got steps=None; give the problem one")
     whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
     if sensing.delay > delta:
         raise ValueError(
@@ -378,7 +376,7 @@ def check_sensing(problem: ReachAvoidProblem) -> None:
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement may come before the input "
             f"before it has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
         )
-    steps, j = range(problem.steps + 1), sensing.jitter
+    steps, j = range((problem.steps or 0) + 1), sensing.jitter
     goals = (problem.target_at(problem.time(step) + late) for step in steps for late in (-j, j))
     moves = j and not all(np.array_equal(goal, problem.target_at(0.0)) for goal in goals)
     if j and (moves or problem.dynamics.timed or problem.view_time == "instantaneous"):

@@ -26,11 +26,11 @@ from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # of the runs: that more are lost, with 95 % confidence, is worth a warning
-FEWEST, MOST = 50, 1000  # runs at the end of a solve
-SHARE = 0.03  # of what the solve costs, by this model: so many seconds a node of a PDE, so many a run and step
-NODE, RUN = 3e-9, 1.3e-4
+FEWEST_PLAYED, MOST_PLAYED = 50, 1000  # runs at the end of a solve
+SHARE_PLAYED = 0.03  # of what the solve costs, by this model: so many seconds a node of a PDE, so many a run and step
+NODE_COST, RUN_COST = 3e-9, 1.3e-4
 EVER = 30  # steps of a run that has no end, at the end of a solve
-TINY = 1e-4  # of the state space: a tube that is smaller is called empty
+NEARLY_EMPTY = 1e-4  # of the state space: a tube that is smaller is called empty
 DECIDES = 5  # substeps for which the adversary keeps to what it has decided, at the end of a solve
 
 
@@ -151,13 +151,13 @@ def _adversary_s(table: Table) -> list[int]:
 def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     """What a solve says of its own table: warns of an empty tube and of promises that are lost; for its details."""
     share = table.fraction()
-    if share < TINY or (not table.problem.stays and share <= table.fraction(within=0)):
+    if share < NEARLY_EMPTY or (not table.problem.stays and share <= table.fraction(within=0)):
         warnings.warn(_emptied(table, share), ResolutionWarning, stacklevel=stacklevel + 1)
-    if share < TINY or table.proved:
+    if share < NEARLY_EMPTY or table.proved:
         return {}
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
-    work = NODE * table.details.get("pdes_solved", 0) * table.grid.size
-    runs = int(np.clip(SHARE * work / (RUN * mean), FEWEST, MOST))
+    work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
+    runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     worst: Any = ADVERSARIES["worst"]
 
     def patient(moment: Moment) -> FloatArray:
@@ -178,9 +178,9 @@ def _emptied(table: Table, share: float) -> str:
     clear = problem.unsafe_value(states, problem.time(0)) > 0
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
-    if table.method == "projected" and ways > TINY:
+    if table.method == "projected" and ways > NEARLY_EMPTY:
         return told + ': what the projections leave out may be the reason; try method="hji"'
-    if ways <= TINY:
+    if ways <= NEARLY_EMPTY:
         names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
         return told + f": no input keeps clear of {names} for one interval; use a shorter delta or other inputs"
     return told + (

@@ -115,8 +115,15 @@ class _Runs:
     """The closed loop of M robots, from where their first inputs start."""
 
     def __init__(
-        self, controller: Controller, starts: FloatArray, play: Adversary, rng: np.random.Generator, sensing: Sensing
+        self,
+        controller: Controller,
+        starts: FloatArray,
+        play: Adversary,
+        rng: np.random.Generator,
+        sensing: Sensing,
+        ever: bool,
     ) -> None:
+        self.ever = ever  # asked as of step 0 throughout: nothing depends on time
         name = next((name for name, known in ADVERSARIES.items() if known is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
         self.shift = getattr(play, "shift", SHIFTING[name])
@@ -154,18 +161,22 @@ class _Runs:
             raise ValueError(f"the adversary must keep the errors within +-{errors.tolist()}")
         return predict(off)
 
+    def following(self, step: int) -> int:
+        """The step that is asked about next."""
+        return 0 if self.ever else step + 1
+
     def begins(self, step: int, offset: int) -> float:
         return self.problem.time(step) + offset * self.problem.sensing.jitter
 
-    def decide(self, step: int, alive: FloatArray) -> Moment | None:
+    def decide(self, step: int, alive: FloatArray, last: bool) -> Moment | None:
         """End what is reached, or has no answer; the others hold an input over the interval that begins."""
         problem, states = self.problem, self.states
         batch = self.controller.batch(self.predictions[alive], step)
-        reached = np.full(alive.size, problem.stays and step == problem.steps)
+        reached = np.full(alive.size, problem.stays and last)
         if not problem.stays:  # with jitter the target stands still
             reached = (batch.steps_to_go == 0) & (problem.target_value(states[alive], problem.time(step)) <= 0)
         self.outcomes[alive[reached]] = REACHED
-        if step == problem.steps:
+        if last:
             return None
         inputs = self.controller.choose(batch)
         self.outcomes[alive[(inputs < 0) & ~reached]] = LEFT
@@ -200,7 +211,7 @@ class _Runs:
         self.taken[rows] += 1
         on = ended == UNDECIDED
         if on.any():
-            self.predictions[rows[on]] = self.measured(moment.step + 1, seen[on], begun.inputs[on])
+            self.predictions[rows[on]] = self.measured(self.following(moment.step), seen[on], begun.inputs[on])
 
 
 def sensed_rollouts(
@@ -214,19 +225,16 @@ def sensed_rollouts(
     sensing: Sensing,
 ) -> tuple[FloatArray, FloatArray]:
     """As `sdhj.simulation.runs.rollouts`, of robots that sense so, whatever the table was solved for."""
-    if steps is not None:
-        raise ValueError(
-            "runs of a robot with error, delay or jitter follow the steps of the table: leave out steps, and give a "
-            "problem that was solved with steps=None a number of them"
-        )
-    runs, jitter = _Runs(controller, starts, play, rng, sensing), sensing.jitter
+    runs, jitter = _Runs(controller, starts, play, rng, sensing, ever=steps is not None), sensing.jitter
+    last, step = runs.problem.steps if steps is None else steps, 0
     for offset in (-1, 0, 1):
         own = runs.offsets == offset
         hit = runs.problem.unsafe_value(starts[own], runs.begins(0, offset)) <= 0
         runs.outcomes[np.flatnonzero(own)[hit]] = COLLIDED
-    for step in range(runs.problem.steps + 1):
+    for number in range(last + 1):
         alive = np.flatnonzero(runs.outcomes == UNDECIDED)
-        moment = runs.decide(step, alive) if alive.size else None
+        moment = runs.decide(step, alive, number == last) if alive.size else None
+        step = runs.following(step)
         if moment is None or not moment.runs.size:
             break
         ends = real_array("what the adversary's shift returns", runs.shift(moment), moment.runs.shape)

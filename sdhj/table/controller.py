@@ -262,7 +262,9 @@ class Controller:
 
     def _explain(self, states: FloatArray, step: int) -> str:
         within = self.table.steps - step
-        if np.array_equal(self.problem.grid.held(states), states):
+        if self.problem.refuted(states, step, 1)[0]:
+            where = "it is in the unsafe set"
+        elif np.array_equal(self.problem.grid.held(states), states):
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
         else:

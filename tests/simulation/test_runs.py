@@ -80,12 +80,12 @@ def test_a_collision_that_the_table_does_not_know_is_seen() -> None:
     assert np.abs(run.samples + 1.3).min() > 0.02
 
 
-def test_a_start_in_an_unsafe_set_has_collided() -> None:
+def test_a_start_in_an_unsafe_set_is_refused() -> None:
     wall = sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] + 1.9, name="wall")
-    run = simulate(judged_by(toys.interval_table(), unsafe=(wall,)), [-2.0])
-    assert run.outcome == "collided" and run.times.tolist() == [0.0] and run.inputs.size == 0
     inside = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.9) - 0.1, name="in the target")
-    assert simulate(judged_by(toys.interval_table(), unsafe=(inside,)), [0.9]).outcome == "collided"
+    for part, start in ((wall, -2.0), (inside, 0.9)):  # whatever the table says
+        with pytest.raises(sdhj.NotAdmissible, match="it is in the unsafe set"):
+            simulate(judged_by(toys.interval_table(), unsafe=(part,)), [start])
 
 
 def test_moving_sets_are_judged_at_their_time() -> None:
@@ -98,12 +98,13 @@ def test_moving_sets_are_judged_at_their_time() -> None:
 
 
 def test_success_needs_the_true_target_not_the_table_s() -> None:
-    """The table says 0 steps to go at 0.8; the true target ends at 0.5. The run goes on until it is truly inside."""
+    """The table's tube of 0 steps holds 0.8; the true target ends at 0.5, so a step is to go until it is truly inside."""
     smaller = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5)
     controller = judged_by(toys.interval_table(), target=smaller)
-    assert controller.steps_to_go([0.8], 0) == 0
+    assert controller.table.values_at(np.array([[[0.8]]]), 0, np.array([0]))[0, 0] < 0
+    assert controller.steps_to_go([0.8], 0) == 1
     run = simulate(controller, [0.8], adversary="none")
-    assert run.outcome == "reached" and len(run.inputs) >= 1 and run.steps_to_go[0] == 0
+    assert run.outcome == "reached" and len(run.inputs) >= 1 and run.steps_to_go[0] == 1
     assert abs(run.states[-1, 0]) <= 0.5
 
 
