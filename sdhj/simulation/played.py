@@ -158,12 +158,12 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
-    worst: Any = ADVERSARIES["worst"]
+    play: Any = ADVERSARIES["worst"]
 
-    def patient(moment: Moment) -> FloatArray:
-        return worst(moment) if moment.substep % DECIDES == 0 else moment.previous
+    def worst(moment: Moment) -> FloatArray:  # keeps to what it decides for some substeps
+        return play(moment) if moment.substep % DECIDES == 0 else moment.previous
 
-    found = played(table, runs, worst if table.problem.sensing else patient, steps=EVER if stays else None)
+    found = played(table, runs, play if table.problem.sensing else worst, steps=EVER if stays else None)
     if found.interval[0] > ALARMING:
         warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
     return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}

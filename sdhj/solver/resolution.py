@@ -13,6 +13,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
+from sdhj.problem.memory import available
 from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
 
@@ -127,6 +128,12 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     for across, along in permutations(range(grid.ndim), 2):  # a wall may lie aslant
         near = np.logical_or.reduce([beside(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
         found |= thin[across] & beside(grid, near, along, -1, False) & beside(grid, near, along, 1, False)
+    for axis in range(grid.ndim):  # a chord that grazes what is thick beside it is no wall
+        thick = (values <= 0) & ~thin[axis]
+        for along, by in product(range(grid.ndim), (1, 2)):
+            thick = thick | beside(grid, thick, along, -by, False) | beside(grid, thick, along, by, False)
+        thin[axis] &= ~thick
+    found &= thin.any(axis=0)
     if not found.any():
         return ""
     place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
@@ -135,11 +142,15 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
     told = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
+    steep = 'UnsafeSet(..., sampling="steep"), which keeps the crest at the price of a part of a cell'
+    more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
+    nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
+    free = available()
+    fits = free is None or 8 * nodes * problem.most_steps < free[0]
     return (
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(told)} "
         "thick there, and differences wear down what is not some cells thick, so the solver may leak through it. Use "
-        f"{', '.join(f'{n} nodes along {names[axis]}' for n, axis in zip(needed, wrong, strict=True))}, or "
-        'UnsafeSet(..., sampling="steep"), which keeps the crest at the price of a part of a cell'
+        + (f"{more}, or {steep}" if fits else f"{steep}; {more} would take more memory than there is")
     )
 
 

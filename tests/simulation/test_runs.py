@@ -98,7 +98,7 @@ def test_moving_sets_are_judged_at_their_time() -> None:
 
 
 def test_success_needs_the_true_target_not_the_table_s() -> None:
-    """The table's tube of 0 steps holds 0.8; the true target ends at 0.5, so a step is to go until it is truly inside."""
+    """The table's tube of 0 steps holds 0.8, the true target ends at 0.5: a step is to go until it is truly inside."""
     smaller = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5)
     controller = judged_by(toys.interval_table(), target=smaller)
     assert controller.table.values_at(np.array([[[0.8]]]), 0, np.array([0]))[0, 0] < 0

@@ -1,0 +1,92 @@
+"""What a solve says of its own promises: runs from the whole tube, what emptied it, warnings that can be followed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet import FLEET
+from toys import interval_problem, torus_problem, unicycle_problem
+
+import sdhj
+import sdhj.simulation.played
+from sdhj import Controller, UnsafeSet
+from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
+from sdhj.solver.resolution import ResolutionWarning
+
+
+def test_runs_are_counted_as_monte_carlo_counts_them() -> None:
+    table = sdhj.solve(torus_problem(), progress=False)
+    found = table.played(400, seed=3)
+    report = sdhj.monte_carlo(Controller(table), 400, seed=3, progress=False)
+    assert found.runs == 400 and found.lost == sum(found.ways.values())
+    low, high = found.interval
+    assert low <= 1 - report.rate("reached") <= high  # other draws of the same rate
+    assert table.played(400, seed=3) == found and str(found.lost) in str(found)
+
+
+def test_who_won_is_named() -> None:
+    """The table does not know how hard it is pushed; it says how its runs ended, and what helps."""
+    table = sdhj.solve(torus_problem(), progress=False)
+    dynamics = replace(table.problem.dynamics, bounds=4 * table.problem.dynamics.bounds)
+    found = replace(table, problem=replace(table.problem, dynamics=dynamics)).played(600)
+    names = {f"collided with {part.name}" for part in table.problem.unsafe}
+    assert found.lost > 0 and names & set(found.ways) and "What helps" in found.advice
+
+
+def test_a_solve_is_played_at_its_end(solves_are_played: None) -> None:
+    problem = interval_problem()
+    table = sdhj.solve(problem, progress=False)
+    counts = table.details["played"]
+    assert FEWEST_PLAYED <= counts["runs"] <= MOST_PLAYED and counts["lost"] == 0 and "0 of 50 runs lost" in repr(table)
+    assert "played" not in sdhj.solve(problem, progress=False, play=False).details
+    certified = sdhj.solve(problem, sdhj.Certified(cells=[80]), progress=False)
+    assert "played" not in certified.details  # nothing can be lost
+
+
+def test_what_is_lost_is_a_warning_that_helps(solves_are_played: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sdhj.simulation.played, "ALARMING", 0.0)  # of so few runs any that is lost
+    with pytest.warns(ResolutionWarning, match="of what this table promises .* runs lost to adversary worst.*What helps"):
+        table = sdhj.solve(unicycle_problem(nodes=(9, 9, 8)), progress=False)
+    assert table.details["played"]["lost"] > 0
+
+
+def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
+    problem = replace(interval_problem(unsafe=False), target=None, grid=sdhj.Grid([-4.0], [4.0], [81]))
+    with pytest.warns(ResolutionWarning, match="no input keeps clear of .*bars.* for one interval"):
+        sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
+    weak = replace(problem.dynamics, bounds=[1.5])
+    with pytest.warns(ResolutionWarning, match="none of the 3 inputs leads on against the adversary"):
+        sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
+
+
+@pytest.mark.parametrize("name", ["rail", "pendulum", "double integrator"])
+def test_for_ever_a_reserve_keeps_what_is_promised(name: str) -> None:
+    """Pushed at by all, and driven to the rim by a reckless commander behind the filter."""
+    from promises import answer, filtered, judged
+
+    robot = FLEET[name]()
+    table = sdhj.solve(robot.problem(), progress=False)
+    assert 0 < table.details["given_up"] < 0.1 and table.details["settled"]
+    for says in (answer, filtered):
+        runs, lost, _, how = judged(robot, table, 40, 50, 0, says)
+        assert lost < 0.03 * runs, how  # 1 % of runs, and four standard errors of so few starts
+
+
+def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
+    """For one state and for many, by index and by command: an input of the problem, looked at, or the fallback."""
+    for table in (sdhj.solve(torus_problem(), progress=False), sdhj.solve(FLEET["rail"]().problem(), progress=False)):
+        problem, controller, inputs = table.problem, Controller(table), table.problem.inputs
+        states = rng.uniform(table.grid.lower, table.grid.upper, (300, table.grid.ndim))
+        near = inputs[rng.integers(0, len(inputs), 300)] + rng.normal(0, 0.3, (300, inputs.shape[1]))
+        for wanted in (rng.integers(0, len(inputs), 300), near, near.astype(np.float32)):
+            told = controller.filter(states, 0, wanted)
+            np.testing.assert_array_equal(told.commands, inputs[told.inputs])
+            passes = table.passes(states, told.inputs, 0, np.ones(300, np.int64))
+            assert passes[told.promised].all() and (told.promised | told.fallback).all()
+            for m in range(0, 300, 30):
+                one = controller.filter(states[m], 0, wanted[m])
+                assert one.inputs == told.inputs[m] and (one.commands == told.commands[m]).all()
+            batch = table.batch(states, 0, table.steps)
+            assert not (told.promised & (batch.steps_to_go < 0)).any()
+            lost = problem.unsafe_value(states, 0.0) <= 0
+            assert not told.promised[lost].any()
