@@ -4,9 +4,11 @@ pip install -e '.[docs]'
 python -m sphinx -c notebooks/site notebooks build/site
 """
 
+import html
 import json
 import os
 import re
+from pathlib import Path
 from typing import Any
 
 import sdhj
@@ -44,6 +46,9 @@ html_theme = "pydata_sphinx_theme"
 html_title = "sdhj: a course"
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
+html_js_files = ["frames.js"]
+FRAMES = Path(__file__).resolve().parent / "_static" / "frames"
+LIVE = "Controls, live where the notebook runs"  # how what a widget says without a kernel begins
 html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 html_copy_source = False
@@ -58,16 +63,55 @@ html_theme_options = {
 }
 
 
-def with_alt_texts(app: Any, docname: str, source: list[str]) -> None:
-    """Give a notebook's pictures the words that their outputs carry, where MyST-NB looks for them."""
-    if not os.fspath(app.env.doc2path(docname)).endswith(".ipynb"):
+def as_page(app: Any, docname: str, source: list[str]) -> None:
+    """Make a page of a notebook: its file is linked, pictures have words, and widgets have frames."""
+    path = Path(os.fspath(app.env.doc2path(docname)))
+    if path.suffix != ".ipynb":
         return
     notebook = json.loads(source[0])
+    link_to_notebook(notebook, path.name)
+    frames = FRAMES / f"{path.stem}.json"
+    told = iter(json.loads(frames.read_text("utf-8"))["widgets"] if frames.is_file() else [])
     for cell in notebook["cells"]:
-        told = (output.get("metadata", {}).get("image/png", {}).get("alt") for output in cell.get("outputs", []))
-        if words := next(filter(None, told), None):
-            cell["metadata"].setdefault("mystnb", {})["image"] = {"alt": words}
+        outputs = cell.get("outputs", [])
+        words = (output.get("metadata", {}).get("image/png", {}).get("alt") for output in outputs)
+        if alt := next(filter(None, words), None):
+            cell["metadata"].setdefault("mystnb", {})["image"] = {"alt": alt}
+        if any(is_panel(output) for output in outputs) and (widget := next(told, None)):
+            put_frames(outputs, widget)
     source[0] = json.dumps(notebook)
+
+
+def link_to_notebook(notebook: Any, name: str) -> None:
+    """A link to the file below the page's title."""
+    title, *rest = "".join(notebook["cells"][0]["source"]).split("\n\n", 1)
+    link = f"{{download}}`{name} <{name}>` is this page as a notebook, to run from `notebooks/` with its sliders live."
+    notebook["cells"][0]["source"] = "\n\n".join([title, link, *rest])
+
+
+def is_panel(output: Any) -> bool:
+    """Whether an output is what a widget says in place of its controls."""
+    return "".join(output.get("data", {}).get("text/plain", "")).startswith(LIVE)
+
+
+def put_frames(outputs: list[Any], widget: Any) -> None:
+    """A slider through a few pictures, in place of the one that waits for a kernel."""
+    panel = next(output for output in outputs if is_panel(output))
+    picture = next(output for output in outputs if "image/png" in output.get("data", {}))
+    controls = html.escape("".join(panel["data"]["text/plain"]).splitlines()[0])
+    panel["data"] = {"text/html": f'<p class="frames-controls">{controls}</p>'}
+    width, height = widget["size"]
+    at = widget["values"].index(min(widget["values"], key=lambda value: abs(float(value) - float(widget["at"]))))
+    told, label, alt = (html.escape(text) for text in (json.dumps(widget), widget["control"], widget["alt"]))
+    moved = f"transform: translateY(-{100 * at / len(widget['values'])}%)"
+    picture["data"] = {
+        "text/html": f"""<figure class="frames" data-told="{told}">
+<div class="frames-window" style="aspect-ratio: {width} / {height}; max-width: {width}px">
+<img src="_static/frames/{widget["file"]}" alt="{alt}" style="{moved}">
+</div>
+<figcaption><label>{label} <input type="range" min="0" max="{len(widget["values"]) - 1}" value="{at}"></label>
+<output></output></figcaption></figure>"""
+    }
 
 
 def as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
@@ -92,5 +136,5 @@ def setup(app: Any) -> dict[str, bool]:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", as_plain_text, priority=900)  # after numpydoc's sections are understood
     app.connect("doctree-read", as_written)
-    app.connect("source-read", with_alt_texts)
+    app.connect("source-read", as_page)
     return {"parallel_read_safe": True}

@@ -3,6 +3,7 @@
 Skipped without what `pip install -e '.[docs]'` brings; the browser's part also without Chromium or Playwright.
 """
 
+import json
 import re
 import shutil
 import subprocess
@@ -33,6 +34,45 @@ TEXT = """() => {
     return seen.textContent;
 }"""
 BROKEN = "() => [...document.images].filter(image => image.complete && !image.naturalWidth).map(image => image.src)"
+WIDTHS = (390, 1280, 1920)  # px: a telephone, a notebook, a screen
+# Formulas of which a glyph cannot be seen, however one scrolls: what clips it cuts it off, and does not scroll there.
+CUT = """() => {
+    document.querySelectorAll('details').forEach(folded => { folded.open = true; });
+    const slack = 1;  // px: boxes are rounded to whole pixels
+    const sides = {x: ['left', 'right', 'Left', 'Width'], y: ['top', 'bottom', 'Top', 'Height']};
+    const reached = (box, parent, [low, high, name, size], overflow) => {
+        const frame = parent.getBoundingClientRect(), start = frame[low] + parent['client' + name];
+        const scrolls = overflow === 'auto' || overflow === 'scroll';
+        const first = start - (scrolls ? parent['scroll' + name] : 0);
+        const length = scrolls ? parent['scroll' + size] : parent['client' + size];
+        return box[low] >= first - slack && box[high] <= first + length + slack;
+    };
+    const seen = glyph => {
+        let box = {x: glyph.getBoundingClientRect(), y: glyph.getBoundingClientRect()};
+        for (let parent = glyph.parentElement; parent !== document.documentElement; parent = parent.parentElement) {
+            const style = getComputedStyle(parent);
+            if (style.display === 'inline' || parent.tagName === 'BODY') continue;
+            for (const [axis, overflow] of [['x', style.overflowX], ['y', style.overflowY]]) {
+                if (overflow === 'visible') continue;
+                if (!reached(box[axis], parent, sides[axis], overflow)) return false;
+                if (overflow === 'auto' || overflow === 'scroll') box[axis] = parent.getBoundingClientRect();
+            }
+        }
+        return box.x.left >= -slack && box.x.right <= document.documentElement.clientWidth + slack;
+    };
+    const cut = [];
+    for (const formula of document.querySelectorAll('main mjx-container')) {
+        // MathJax makes the middle of a tall bracket by cutting off a stretched glyph: its ends are looked at
+        if (![...formula.querySelectorAll('mjx-c')].filter(glyph => !glyph.closest('mjx-ext')).every(seen)) {
+            const words = formula.querySelector('mjx-assistive-mml')?.textContent ?? '';
+            cut.push([formula.hasAttribute('display') ? 'displayed' : 'inline', words.slice(0, 60)]);
+        }
+    }
+    return cut;
+}"""
+# Blocks of code, and of what it printed, that have to be scrolled sideways.
+SIDEWAYS = """() => [...document.querySelectorAll('main pre')].filter(pre => pre.scrollWidth > pre.clientWidth)
+    .map(pre => pre.textContent.slice(0, 80))"""
 
 pytestmark = [
     pytest.mark.slow,
@@ -157,3 +197,82 @@ def test_mathematics_is_set_without_the_network(site: Path) -> None:
         assert formulas > 500
         assert wrong == []
         assert [url for url in asked if not url.startswith((address, "data:"))] == []
+
+
+@pytest.fixture(scope="module")
+def measured(site: Path) -> dict[int, list[tuple[str, Any, Any]]]:
+    """For each width, of every page: its name, the formulas that are cut off, and the code that has to be scrolled."""
+    found: dict[int, list[tuple[str, Any, Any]]] = {width: [] for width in WIDTHS}
+    with served(site) as address, chromium() as page:
+        for path in (path for path in pages(site) if "_modules" not in path.parts):
+            page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
+            page.wait_for_function(SETTLED)
+            for width in WIDTHS:
+                page.set_viewport_size({"width": width, "height": 1600})
+                page.wait_for_timeout(30)
+                found[width].append((path.name, page.evaluate(CUT), page.evaluate(SIDEWAYS)))
+    return found
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_glyph_of_a_formula_is_cut_off(measured: dict[int, list[tuple[str, Any, Any]]], width: int) -> None:
+    assert [(name, formula) for name, cut, _ in measured[width] for formula in cut] == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("width", [width for width in WIDTHS if width >= 1280])
+def test_code_need_not_be_scrolled_sideways(measured: dict[int, list[tuple[str, Any, Any]]], width: int) -> None:
+    assert [(name, code) for name, _, wide in measured[width] for code in wide] == []
+
+
+@pytest.mark.browser
+def test_a_formula_that_is_cut_off_is_found() -> None:
+    """The theme's row, which hides the left end of what is too wide; and a block that scrolls, which does not."""
+    glyphs = "".join("<mjx-c style='display: inline-block; width: 300px; flex: none'>x</mjx-c>" for _ in range(3))
+    formula = f"<mjx-container display='true' style='display: flex'>{glyphs}</mjx-container>"
+    row = "display: flex; flex-direction: row-reverse; overflow: hidden; width: 350px"
+    with chromium() as page:
+        for look, cut in ((row, 1), ("overflow-x: auto; width: 350px", 0), ("width: 350px", 0)):
+            page.set_content(f"<main><div style='{look}'>{formula}</div></main>")
+            assert len(page.evaluate(CUT)) == cut, look
+        page.set_viewport_size({"width": 390, "height": 800})
+        assert len(page.evaluate(CUT)) == 1  # beyond the page's right end
+
+
+def test_each_chapter_links_its_notebook_and_every_link_has_an_address(site: Path) -> None:
+    for chapter in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
+        page = site / f"{chapter.stem}.html"
+        files = [page.parent / unquote(to) for to in Links(page).targets if to.endswith(f"/{chapter.name}")]
+        assert len(files) == 1 and files[0].read_bytes() == chapter.read_bytes()
+    for path in pages(site):
+        empty = re.findall(
+            r"<a\b(?![^>]*\bhref=\"[^\"#])(?![^>]*\bhref=\"#[^\"])[^>]*>", path.read_text(encoding="utf-8")
+        )
+        assert [tag for tag in empty if 'class="reference' in tag or "btn" in tag or "button" in tag] == [], path.name
+
+
+LARGEST = 150_000  # bytes of the frames of a widget
+
+
+@pytest.mark.browser
+def test_widgets_move_on_the_site(site: Path) -> None:
+    """Every chapter has a slider; at each of its places another picture stands, and the words that belong to it."""
+    frames = site / "_static" / "frames"
+    with served(site) as address, chromium() as page:
+        for told in sorted(frames.glob("*.json")):
+            widgets = json.loads(told.read_text(encoding="utf-8"))["widgets"]
+            page.goto(f"{address}/{told.stem}.html", wait_until="load")
+            figures = page.locator("figure.frames")
+            assert figures.count() == len(widgets) > 0
+            for place, widget in enumerate(widgets):
+                assert (frames / widget["file"]).stat().st_size <= LARGEST, widget["file"]
+                figure, seen = figures.nth(place), set()
+                figure.scroll_into_view_if_needed()
+                slider = figure.locator("input")
+                for number, (value, said) in enumerate(zip(widget["values"], widget["said"], strict=True)):
+                    slider.fill(str(number))
+                    assert figure.locator("output").inner_text() == f"{value}. {said}"
+                    seen.add(figure.locator(".frames-window").screenshot())
+                assert len(seen) >= 3, f"{widget['file']} hardly moves"
+        assert len(list(frames.glob("*.json"))) == len(list((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")))
