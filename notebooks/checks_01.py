@@ -4,7 +4,11 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 
-@exercise("1.1")
+@exercise(
+    "1.1",
+    "Take the ring as a large disk less a small one, and from it a rectangle that begins at x = 0: a difference "
+    "is max(a, -b).",
+)
 def check_gap(gap):
     """A ring with radii 0.3 and 0.6, open where x > 0 and |y| < 0.15."""
     x, y = np.random.default_rng(0).uniform(-1, 1, (2, 20_000))
@@ -22,7 +26,7 @@ def check_gap(gap):
     return "Its area is that of the ring less the gap's; area(grid, gap(x, y)) tells."
 
 
-@exercise("1.2")
+@exercise("1.2", "The spacing is 2 / (n - 1). Solve for n, and round up.")
 def check_nodes(nodes):
     """The least n with (2 / (n - 1)) sqrt(2) / 2 <= 0.01."""
     expect(nodes > 2, "a number of nodes on each side.")
@@ -42,7 +46,10 @@ def _distance_to_rectangle(x, y, centre, half_sides):
     return np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) + np.minimum(np.maximum(dx, dy), 0)
 
 
-@exercise("1.3")
+@exercise(
+    "1.3",
+    "With dx = |x - c_x| - a, and dy alike: inside max(dx, dy) counts, outside the length of (max(dx, 0), max(dy, 0)).",
+)
 def check_rectangle(signed_distance):
     """The signed distance to a rectangle."""
     x, y = np.random.default_rng(1).uniform(-2, 2, (2, 5000))
@@ -58,7 +65,11 @@ def check_rectangle(signed_distance):
     expect_close(got[corner], wanted[corner], "beyond a corner the nearest point is the corner: a Euclidean distance.")
 
 
-@exercise("1.4")
+@exercise(
+    "1.4",
+    "Drop a perpendicular on the line and clip its foot to the segment before you take the distance. A segment "
+    "may have no length.",
+)
 def check_swept(swept):
     """The signed distance to a capsule."""
     x, y = np.random.default_rng(2).uniform(-2, 2, (2, 2000))

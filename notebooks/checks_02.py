@@ -4,7 +4,10 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 
-@exercise("2.1")
+@exercise(
+    "2.1",
+    "The greatest speeds are those of the velocity and of the adversary together, and 41 nodes have 40 gaps.",
+)
 def check_steps(steps):
     """ceil(0.5 (1.3 + 0.8) / (3 / 40) / 0.75)."""
     expect(steps != 18, "the count is the next whole number above: a step must not be longer than allowed.")
@@ -16,7 +19,10 @@ def check_steps(steps):
     expect_close(steps, 19, "0.5 s times the sum of speed over spacing, divided by the CFL number.")
 
 
-@exercise("2.2")
+@exercise(
+    "2.2",
+    "Two Euler steps multiply by (1 + z)^2. Half of that and half of 1 is G, which is complex: its size is asked for.",
+)
 def check_amplification(amplification):
     """|1 + z + z^2 / 2|."""
     theta = np.linspace(-np.pi, np.pi, 101)
@@ -30,7 +36,7 @@ def check_amplification(amplification):
     return "At most 1 up to a CFL number of 1, and closer to it for long waves than Euler's: less is smeared out."
 
 
-@exercise("2.3")
+@exercise("2.3", "In `godunov` the largest of the candidates wins. Who chooses here, and is zero a candidate?")
 def check_help(helper):
     """min over w of max(w, 0) p+ + min(w, 0) p-."""
     minus, plus = np.random.default_rng(0).normal(size=(2, 400))
@@ -45,7 +51,7 @@ def check_help(helper):
         expect_close(got, best, f"{where}: which side does each velocity look to? Right where w > 0.")
 
 
-@exercise("2.4")
+@exercise("2.4", "Follow one state: where is it after tau, if it meets the end on its way, and if it does not?")
 def check_wall(at_the_wall):
     """min(x + tau, 1)."""
     x = np.linspace(-1, 1, 41)
@@ -58,7 +64,26 @@ def check_wall(at_the_wall):
     return "A grid whose end is not a wall in the world needs an unsafe margin instead, or pretends that there is one."
 
 
-@exercise("2.5")
+def _eno3(values, h):
+    """From the definition: nodes i - 1 and i (or i and i + 1), then twice the neighbour with the smaller difference."""
+    count, found = len(values), np.zeros((2, len(values)))
+    for side, base in enumerate((-1, 0)):
+        for i in range(count):
+            nodes = [i + base, i + base + 1]
+            for _ in range(2):
+                left, right = [nodes[0] - 1, *nodes], [*nodes, nodes[-1] + 1]
+                sizes = [abs(np.diff(values[np.mod(one, count)], len(nodes))[0]) for one in (left, right)]
+                nodes = left if sizes[0] < sizes[1] else right
+            places = np.array(nodes) - i
+            found[side, i] = np.polyfit(places, values[np.mod(nodes, count)], 3)[2] / h
+    return found
+
+
+@exercise(
+    "2.5",
+    "Keep three arrays: D between nodes, B = D - D at nodes, C = B - B between nodes. With which factor C enters "
+    "is the slope of (i - a)(i - b) / 6 at node i.",
+)
 def check_third(eno3):
     """Exact for cubics, third order for a sine, one-sided at a kink."""
     n, h = 60, 0.1
@@ -77,6 +102,9 @@ def check_third(eno3):
         errors.append(np.mean(np.abs(minus - np.cos(x)) + np.abs(plus - np.cos(x))))
     order = np.log2(errors[-2] / errors[-1])
     expect(order > 2.7, f"for a sine the error falls with order {order:.1f}. Is the line closed at its ends?")
+    rough = np.random.default_rng(0).normal(size=40)
+    said = "on values that jump: which four nodes does each difference use? One more is next to those already used."
+    expect_close(eno3(rough, 0.5), _eno3(rough, 0.5), said)
     x = 0.1 * (np.arange(60) - 30)
     minus, plus = eno3(np.abs(x), 0.1)
     left, right = slice(6, 30), slice(31, 54)

@@ -6,7 +6,7 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 
-@exercise("3.1")
+@exercise("3.1", "p . v is greatest where v points along p (Cauchy and Schwarz).")
 def check_ball(hamiltonian):
     """p . u + v_max |p|."""
     p, u = np.random.default_rng(0).normal(size=(200, 2)), np.array([1.0, -0.4])
@@ -22,7 +22,7 @@ def check_ball(hamiltonian):
     expect_close(hamiltonian(np.zeros((1, 2)), u, 0.7), [0.0], "p = 0 must give 0 and not NaN.")
 
 
-@exercise("3.2")
+@exercise("3.2", "Who commits expects the dearest column in each row; who answers has the cheapest row in each column.")
 def check_order(orders):
     """(min max, max min)."""
     rng = np.random.default_rng(1)
@@ -39,7 +39,7 @@ def check_order(orders):
     return "In a sampled-data game the robot commits, so it pays the first."
 
 
-@exercise("3.3")
+@exercise("3.3", "Put H(p) = |p| into (3.7), and write down which inequality belongs to which side.")
 def check_touch(passes):
     """above: rate <= |p|; below: rate >= |p|."""
     for rate, p in product((-0.5, 0.0, 0.3, 1.0), (-1.0, -0.3, 0.0, 0.6, 1.0)):
@@ -49,7 +49,11 @@ def check_touch(passes):
     return "tau - |x| fails it at 0: rate 1 from above with any slope |p| < 1."
 
 
-@exercise("3.4")
+@exercise(
+    "3.4",
+    "By the time T the state can have touched all of [x + min(0, T a), x + max(0, T b)]. The point nearest to c "
+    "counts.",
+)
 def check_avoid_tube(avoid_value):
     """radius - distance from the centre to [x + min(0, T low), x + max(0, T high)]."""
     x = np.linspace(-2, 2, 81)
@@ -79,7 +83,10 @@ def _sampled(x, intervals):
     return np.interp(x, nodes, values)
 
 
-@exercise("3.5")
+@exercise(
+    "3.5",
+    "On a fine line: the maximum over all that the push reaches, then the minimum over the three shifts; this N times.",
+)
 def check_sampled(sampled_value):
     """N times the best input against the worst push."""
     x = np.linspace(-1.2, 1.2, 49)

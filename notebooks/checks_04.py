@@ -9,7 +9,7 @@ import sdhj
 HOLD, WIND = 0.6, 0.14  # s, m/s
 
 
-@exercise("4.1")
+@exercise("4.1", "How far is a corner of the square from its middle?")
 def check_longest(longest):
     """0.3 / (sqrt(2) 0.25)."""
     expect(abs(longest - 1.2) > 1e-3, "the corners of the square are farther from its middle than its sides.")
@@ -17,7 +17,11 @@ def check_longest(longest):
     expect_close(longest, 0.3 / (0.25 * np.sqrt(2)), "the square's half-diagonal must not exceed 0.3 m.", within=1e-3)
 
 
-@exercise("4.2")
+@exercise(
+    "4.2",
+    "Which states left of the obstacle can still reach its left end, with the fastest velocity there is? None, "
+    "if that is negative.",
+)
 def check_interval(in_danger):
     """[l - max(0, (u + v) delta), r - min(0, (u - v) delta)]."""
     rng = np.random.default_rng(0)
@@ -58,7 +62,7 @@ def _clearance(q):
     return np.hypot(q[..., 0] - 0.05, q[..., 1] + 0.12) - 0.13
 
 
-@exercise("4.3")
+@exercise("4.3", "Draw the path without wind. One pair at full strength, towards the obstacle, is enough.")
 def check_defeat(winds):
     """A wind within the bounds under which the boat hits or misses."""
     winds = np.atleast_2d(np.asarray(winds, dtype=np.float64))
@@ -72,7 +76,7 @@ def check_defeat(winds):
     return f"The run costs {cost:.3f} m."
 
 
-@exercise("4.4")
+@exercise("4.4", "The boat moves about 0.9 m in an interval: start where the obstacle lies halfway.")
 def check_passing(start):
     """Outside at both ends, whatever the wind; hit between."""
     start = np.asarray(start, dtype=np.float64)
@@ -92,7 +96,11 @@ def check_passing(start):
     )
 
 
-@exercise("4.5")
+@exercise(
+    "4.5",
+    "For each heading the least and greatest velocity are drift - wind and drift + wind. Take the maximum with "
+    "-obstacle after every time step, and the minimum over headings and the tube before.",
+)
 def check_boat(boat_tube):
     """Against the library's recursion."""
     problem = boat.boat_problem(nodes=61, hold=0.2)

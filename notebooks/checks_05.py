@@ -8,7 +8,7 @@ from sdhj.problem.dynamics import Velocities
 from sdhj.solver.schemes import evolve
 
 
-@exercise("5.1")
+@exercise("5.1", "Claimed is a maximum of two minima, won a minimum of maxima. One does not follow from the other.")
 def check_claims(claimed_in_error):
     """max(min reach, min avoid) <= 0 < min max."""
     reach, avoid = np.random.default_rng(0).normal(size=(2, 3, 500))
@@ -22,7 +22,7 @@ def check_claims(claimed_in_error):
     return f"{got.sum()} of 500 here: with two inputs it can happen, with one it cannot."
 
 
-@exercise("5.2")
+@exercise("5.2", "The table has N (N + 1) / 2 entries with n >= 1, and a reach set is solved for each of them.")
 def check_count(equations):
     """L (N (N + 1) / 2 + moving N + static)."""
     expect(
@@ -35,7 +35,7 @@ def check_count(equations):
     return "900 on four axes to reach, 200 on two for the disks, 25 on four for the pursuer."
 
 
-@exercise("5.3")
+@exercise("5.3", "Add what the known axes read, again and again, until nothing is new.")
 def check_axes(needed):
     """The closure of a set of axes."""
     nothing = np.zeros((4, 4), bool)
@@ -55,14 +55,14 @@ def check_axes(needed):
     expect(tuple(needed((3,), loop)) == (0, 3), "sorted, each axis once, also where two axes read each other.")
 
 
-@exercise("5.4")
+@exercise("5.4", "Count the coordinates in each distance: arm to disk, and end-effector to evader.")
 def check_evader(avoid, reach):
     """2 and 4."""
     expect(avoid == 2, "the known disks meet the arm only, and the arm does not feel the evader.")
     expect(reach == 4, "whether the end-effector is at the evader depends on both joints and both coordinates.")
 
 
-@exercise("5.5")
+@exercise("5.5", "One tube on (q_r, q_p) serves both pursuers: tube[:, :, None] and tube[:, None, :].")
 def check_two(avoid_two):
     """Two planar games, lifted, against one in three dimensions."""
     n, numbers = 41, (0.5, 0.1, 0.3, 0.25)

@@ -4,7 +4,7 @@ import numpy as np
 from exercises import exercise, expect, expect_close
 
 
-@exercise("6.1")
+@exercise("6.1", "By (6.4) the tip moves at most (l1 + l2) v + l2 v in a second.")
 def check_disturbance(largest):
     """0.06 / ((0.3 + 0.15) 0.1)."""
     expect(abs(largest - 2.0) > 1e-6, "the second joint turns too, and its lever is l2.")
@@ -18,7 +18,10 @@ def _tip(q, lengths=(0.15, 0.15)):
     return np.array([np.dot(lengths, np.cos(angles)), np.dot(lengths, np.sin(angles))])
 
 
-@exercise("6.2")
+@exercise(
+    "6.2",
+    "Base, elbow and tip make an isosceles triangle: cos(q2 / 2) = r / (2 l), and q1 + q2 / 2 points at the tip.",
+)
 def check_inverse(inverse):
     """Two postures with the tip at a place."""
     rng = np.random.default_rng(0)
@@ -36,7 +39,7 @@ def check_inverse(inverse):
         expect(apart > 1e-3, "twice the same posture: the elbow can be on either side, q2 and -q2.")
 
 
-@exercise("6.3")
+@exercise("6.3", "Half the way between two samples, r - depth and r are the sides of a right triangle.")
 def check_samples(samples_needed):
     """1 + ceil(c delta / (2 sqrt(2 r depth - depth^2)))."""
 
@@ -44,7 +47,13 @@ def check_samples(samples_needed):
         half = speed * delta / (n - 1) / 2
         return radius - np.sqrt(radius**2 - half**2) if half < radius else radius
 
-    for numbers, wanted in (((0.04, 0.156, 0.1), 1e-5), ((0.04, 0.5, 0.4), 1e-3), ((0.1, 2.0, 0.5), 0.02)):
+    for numbers, wanted in (
+        ((0.04, 0.156, 0.1), 1e-5),
+        ((0.04, 0.5, 0.4), 1e-3),
+        ((0.1, 2.0, 0.5), 0.02),
+        ((0.1, 1.0, 0.2), 0.02),
+        ((0.04, 0.05, 0.1), 1e-3),
+    ):
         n = samples_needed(*numbers, wanted)
         expect(n >= 2 and n == int(n), "a whole number, at least the two ends of the interval.")
         expect(
@@ -54,7 +63,7 @@ def check_samples(samples_needed):
         expect(n == 2 or depth(n - 1, *numbers) > wanted, f"one sample fewer than {n} would do as well.")
 
 
-@exercise("6.4")
+@exercise("6.4", "Wrap the angle first, for example with np.angle(np.exp(1j * q2)).")
 def check_limits(overlap):
     """2.8 - |q2|, wrapped."""
     q = np.stack([np.zeros(2001), np.linspace(-9.0, 9.0, 2001)], axis=1)
@@ -76,7 +85,10 @@ def check_limits(overlap):
     expect(np.abs(np.asarray(overlap(q + np.array([1.0, 0.0]))) - got) < 1e-9, "it must not depend on q1.")
 
 
-@exercise("6.5")
+@exercise(
+    "6.5",
+    "np.cumsum of the angles gives the directions of the links, and the distance to a segment is that of exercise 1.4.",
+)
 def check_three_links(clearance):
     """Against points along the arm."""
     rng = np.random.default_rng(1)

@@ -11,7 +11,7 @@ from sdhj.problem.grid import Grid
 from sdhj.simulation.runs import Z95
 
 
-@exercise("8.1")
+@exercise("8.1", "A linear function on a box is greatest at a corner: an absolute value for each axis.")
 def check_hamiltonian(hamiltonian):
     """u . p_r + v_d |p_r|_1 + v_p |p_p|_1."""
     p = np.random.default_rng(0).normal(size=(50, 4))
@@ -25,7 +25,7 @@ def check_hamiltonian(hamiltonian):
     expect_close(got, 0.2 * np.abs(p[:, 2:]).sum(axis=1), "the pursuer moves the last two axes, each on its own.")
 
 
-@exercise("8.2")
+@exercise("8.2", "The ball of 0.8 r has 0.8^d of the volume.")
 def check_shell(dimensions):
     """1 - 0.8^d > 0.9."""
     expect(1 - 0.8**dimensions > 0.9, "(8.7) with h / r = 0.2 is not above 0.9 there.")
@@ -58,7 +58,11 @@ def _free_share():
     return free.sum(), table.contains(states[free], start=0, within=8).mean(), free.mean()
 
 
-@exercise("8.4")
+@exercise(
+    "8.4",
+    "Draw states from the grid's box, keep those with `unsafe_value` above zero, and take the mean of `contains` "
+    "over them.",
+)
 def check_free(share):
     """Of the states that are free at t = 0, the share in the tube; four standard errors of both estimates."""
     count, wanted, free = _free_share()
@@ -69,7 +73,11 @@ def check_free(share):
     return f"A share of {free:.2f} of C is free at t = 0."
 
 
-@exercise("8.5")
+@exercise(
+    "8.5",
+    "A peak may lie inside the disk, so the circle is not enough. How far from the next point may a place be, if "
+    "values change by at most 1 m in a metre?",
+)
 def check_round(round_maximum):
     """Against a polar lattice of 200 x 16 points; sharp functions of either sign."""
     grid = Grid((-1.0, -1.0), (1.0, 1.0), (21, 21), ends="wall")

@@ -10,7 +10,7 @@ from exercises import exercise, expect, expect_close
 import sdhj
 
 
-@exercise("9.1")
+@exercise("9.1", "For all omega: the worst of them has to be in the set. For some omega: the best of them is.")
 def check_direction(project):
     """Maximum for a set to be reached, minimum for one to be avoided."""
     values = np.random.default_rng(0).normal(size=(5, 6, 7, 8))
@@ -30,7 +30,10 @@ def _share(subspaces, nodes):
     return table.fraction(start=0, within=8)
 
 
-@exercise("9.2")
+@exercise(
+    "9.2",
+    "`sdhj.Projected(subspaces=[(0, 1, 2)])` is a method for `sdhj.solve`, and `table.fraction` gives shares.",
+)
 def check_subspace(share):
     """The tube from (q1, q2, px) alone."""
     both, one = _share(((0, 1, 2), (0, 1, 3)), 25), _share(((0, 1, 2),), 25)
@@ -40,14 +43,17 @@ def check_subspace(share):
     return f"Both together give {both:.3f}."
 
 
-@exercise("9.3")
+@exercise(
+    "9.3",
+    "Which x are within the target for every omega, and how far from there does the disturbance drive in one interval?",
+)
 def check_wave(amplitude):
     """0.3 - a >= 0.3 * 0.2."""
     expect(abs(amplitude - 0.3) > 1e-9, "there the core is a line; can it be hit with the disturbance?")
     expect_close(amplitude, 0.24, "the core is |x - 0.2| <= 0.3 - a; the disturbance takes delta v_1 from either side.")
 
 
-@exercise("9.4")
+@exercise("9.4", "Take a target in which omega matters as much as x does, a diagonal strip for example.")
 def check_target(hopeless_projection):
     """Full: more than the target within one step or more; projected: nothing."""
     problem = hopeless_projection()
@@ -63,7 +69,7 @@ def check_target(hopeless_projection):
     expect(gained <= 1e-12, "the projection onto x wins something: some x is in the target for every omega.")
 
 
-@exercise("9.5")
+@exercise("9.5", "itertools.combinations(range(4), size) lists the axes, and what each adds takes a solve on 15 nodes.")
 def check_three(share):
     """The paper's two and up to one more, on 15 nodes."""
     paper = ((0, 1, 2), (0, 1, 3))

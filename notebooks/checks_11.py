@@ -24,7 +24,7 @@ def _states():
     return states[table.contains(states, start=0, within=8)][:300]
 
 
-@exercise("11.1")
+@exercise("11.1", "argmax finds the first True of an array of booleans. What does it find where there is none?")
 def check_fewest(fewest):
     """Leftmost column with a value <= 0."""
     values = np.array([[0.2, -0.1, 0.3, 0.0], [0.1, -0.2, 0.2, -0.1], [-0.1, -0.3, 0.1, -0.2], [0.1, -0.3, 0.4, -1.0]])
@@ -36,7 +36,7 @@ def check_fewest(fewest):
     expect(got[0] == 2, "the leftmost, even where a later set does not hold the state any more.")
 
 
-@exercise("11.2")
+@exercise("11.2", "Add the second wish to the first with a factor so small that it only decides between equals.")
 def check_rule(calm_shoulder):
     """Least |u_1|, then least margin."""
     table = _table()
@@ -53,7 +53,7 @@ def check_rule(calm_shoulder):
     expect_close(margins, deepest, "among equals the deeper one: the least margin.", within=1e-6)
 
 
-@exercise("11.3")
+@exercise("11.3", "With no failure among M runs the interval of failures ends at z^2 / (M + z^2).")
 def check_wilson(wilson, runs_needed):
     """Eq. (11.4), and z^2 / (M + z^2) < 1 / 1000."""
     for successes, runs in ((50, 100), (997, 1000), (0, 30), (30, 30)):
@@ -68,7 +68,7 @@ def check_wilson(wilson, runs_needed):
     expect(runs_needed <= least + 2, "fewer runs would do.")
 
 
-@exercise("11.4")
+@exercise("11.4", "`controller.safe_inputs` gives the indices that are safe; choose the nearest of them.")
 def check_filter(nearest_safe):
     """Among the safe inputs, the nearest in the plane of joint velocities."""
     controller, inputs = sdhj.Controller(_table()), _table().problem.inputs
@@ -89,7 +89,10 @@ def check_filter(nearest_safe):
     return None
 
 
-@exercise("11.5")
+@exercise(
+    "11.5",
+    "The moment knows which tube the robot means to be in. Try every corner of the box to the interval's end.",
+)
 def check_adversary(villain):
     """More failures than "aggressive" among 6,000 runs on 15 nodes."""
     controller = sdhj.Controller(_table())

@@ -10,7 +10,7 @@ from sdhj.simulation.adversaries import Moment
 from sdhj.simulation.runs import rollouts
 
 
-@exercise("12.1")
+@exercise("12.1", "theta (1 - theta) is at most 1/4, and J is by how much the slope jumps.")
 def check_chord(smooth_error, kink_error):
     """h^2 max|s''| / 8 and |J| h / 4."""
     expect(abs(smooth_error - 9 * 0.01 / 2) > 1e-12, "theta (1 - theta) is at most 1/4.")
@@ -19,7 +19,10 @@ def check_chord(smooth_error, kink_error):
     expect_close(kink_error, 2 * 0.1 / 4, "(12.4) with h = 0.1.")
 
 
-@exercise("12.2")
+@exercise(
+    "12.2",
+    "What lies on a chord lies between its two ends. So what can happen between two nodes that no node sees?",
+)
 def check_kink(hidden, which):
     """An interpolant of positive numbers is positive, so only the lost island exists."""
     nodes, x = np.linspace(-1, 1, 11), np.linspace(-1, 1, 20_001)
@@ -33,7 +36,7 @@ def check_kink(hidden, which):
     return "Multilinear interpolation keeps the sign of its corners; what it loses, it loses between them."
 
 
-@exercise("12.3")
+@exercise("12.3", "The probability of seeing none is (1 - 1/500)^M.")
 def check_upper(runs_to_see):
     """(1 - 1/500)^M <= 0.01."""
     expect(runs_to_see != 500, "500 runs show it with a probability of 63% only.")
@@ -41,7 +44,7 @@ def check_upper(runs_to_see):
     expect((1 - 1 / 500) ** (runs_to_see - 2) > 0.01, "fewer would do.")
 
 
-@exercise("12.4")
+@exercise("12.4", "A mean over the chosen runs; of none it is not a number.")
 def check_depth(failures_below):
     """A mean over what is left."""
     rng = np.random.default_rng(0)
@@ -67,7 +70,11 @@ def _board():
     return controller, states[outcomes == 0][:40]
 
 
-@exercise("12.5")
+@exercise(
+    "12.5",
+    "Play some hundred random sequences from the same state at once: repeat the state, and pick the row by "
+    "`moment.runs`.",
+)
 def check_search(search):
     """Corners, one for each interval, that beat a run; replayed here."""
     controller, starts = _board()

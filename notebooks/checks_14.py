@@ -9,7 +9,7 @@ from exercises import exercise, expect, expect_close
 import sdhj
 
 
-@exercise("14.1")
+@exercise("14.1", "Stretched, the tip is l1 + l2 from the first joint and l2 from the second; both turn the same way.")
 def check_tip(top_speed):
     """(l1 + 2 l2) u, stretched, both joints the same way."""
     given = sdhj.arm_case_study(nodes=5).recipe["arguments"]
@@ -19,7 +19,10 @@ def check_tip(top_speed):
     expect_close(top_speed, (l1 + 2 * l2) * u, "stretched, the first joint moves l1 + l2, the second l2.", within=1e-6)
 
 
-@exercise("14.2")
+@exercise(
+    "14.2",
+    "|a + b|^2 = |a|^2 + |b|^2 + 2 a . b with the columns a and b of J; the better sign makes the last term |a . b|.",
+)
 def check_push(push_formula, gentlest_angle):
     """sqrt(c1^2 + c2^2 + 2 |c1 . c2|) with the columns of J."""
     for l1, l2 in ((0.15, 0.15), (0.3, 0.1), (0.1, 0.3)):
@@ -34,7 +37,7 @@ def check_push(push_formula, gentlest_angle):
     expect_close(push_formula(gentlest_angle, 1.0, 1.0), min(nu), "there nu is not least on [0, pi].", within=1e-6)
 
 
-@exercise("14.3")
+@exercise("14.3", "The levels are -3 + 6 i / (m - 1). When is every one of them among those of m'?")
 def check_nested(pairs):
     """m - 1 divides m' - 1."""
     levels = {m: {Fraction(-3) + Fraction(6 * i, m - 1) for i in range(m)} for m in range(2, 10)}
@@ -44,7 +47,10 @@ def check_nested(pairs):
     expect(got <= wanted, f"{max(got - wanted, default='')}: a level of the first is missing in the second.")
 
 
-@exercise("14.4")
+@exercise(
+    "14.4",
+    "A norm is convex, so only corners matter, four of s and four of s'. It grows with the evader's speed: bisect.",
+)
 def check_evader_limit(evader_limit):
     """Vertices decide: a convex function is largest at one."""
     rng = np.random.default_rng(0)
@@ -83,7 +89,11 @@ def _captured(r, v, delta, n):
     return intervals
 
 
-@exercise("14.5")
+@exercise(
+    "14.5",
+    "In one step each interval shrinks by delta v at both ends and moves by delta u. Keep what is not empty, "
+    "sort, and unite what meets.",
+)
 def check_capture(capture_set):
     """Against the recursion, connected and in pieces."""
     F = Fraction

@@ -27,7 +27,7 @@ def reference_car(nodes=(25, 25, 24), inputs=((1.0, -2.0), (1.0, 0.0), (1.0, 2.0
     return sdhj.ReachAvoidProblem(**parts | changes)
 
 
-@exercise("15.1")
+@exercise("15.1", "The place moves along the heading at `speed`; only the rate of turn is new.")
 def check_drift(tricycle):
     """(s cos, s sin, s tan(phi) / 0.3)."""
     q = np.random.default_rng(0).uniform(-3, 3, (40, 3))
@@ -45,7 +45,7 @@ def _forward():
     return sdhj.solve(reference_car(), progress=False)
 
 
-@exercise("15.2")
+@exercise("15.2", "Let an input be a pair of speed and rate of turn, and let the drift read both.")
 def check_reverse(reversing_car):
     """All three forward inputs kept, two or three backward ones at half the speed."""
     problem, known = reversing_car(), _forward().problem
@@ -78,7 +78,7 @@ def check_reverse(reversing_car):
     )
 
 
-@exercise("15.3")
+@exercise("15.3", "With the distance d the colleague's value is (d + r)^2 - r^2. Solve for d.")
 def check_gradient(repaired):
     """sqrt(value + r^2) - r."""
     x = np.random.default_rng(0).uniform(-1, 1, (5000, 2))
@@ -90,7 +90,7 @@ def check_gradient(repaired):
     expect_close(got, distance, "the distance to the post: solve value = d^2 + 2 r d for d.", within=1e-9)
 
 
-@exercise("15.4")
+@exercise("15.4", "Differentiate s cos(theta), s sin(theta) and the input by x, y and theta.")
 def check_bound(bounds):
     """|d f / d theta| <= 1 for x and y; nothing else depends on the state."""
     got = np.asarray(bounds, dtype=np.float64)
@@ -122,7 +122,7 @@ def _boat():
     )
 
 
-@exercise("15.5")
+@exercise("15.5", "As the car, part by part: nine inputs, and a drift of the input and (-y / 2, x / 2).")
 def check_boat(boat):
     """Its parts one after the other, then the share."""
     problem, share = boat()

@@ -8,7 +8,10 @@ from exercises import exercise, expect
 import sdhj
 
 
-@exercise("16.1")
+@exercise(
+    "16.1",
+    "Eq. (16.4): the place is off by e_1, by what the speed is off in the delay, and by what the wind adds in it.",
+)
 def check_box(half_widths):
     """(1/50 + 1/125 + 1/100, 1/25 + 1/10)."""
     expect(len(half_widths) == 2, "a pair: of the place and of the speed.")
@@ -19,7 +22,7 @@ def check_box(half_widths):
     expect(place == Fraction(19, 500), "the place: e_1 + e_2 d + b d^2 / 2, Eq. (16.4).")
 
 
-@exercise("16.2")
+@exercise("16.2", "All of the box has to lie in one of the intervals of K(u).")
 def check_inputs(right_inputs):
     """All of [y - E, y + E] in one interval."""
     kept_by = {-1: [(-3, -1), (0, 2)], 0: [(1, 4)], 1: [(-1, 1), (3, 5)]}
@@ -42,7 +45,7 @@ def check_inputs(right_inputs):
         expect(sorted(got) == sorted(wanted), f"for y = {y}, E = {half} and {kept_by} it should be {wanted}.")
 
 
-@exercise("16.3")
+@exercise("16.3", "Set the bracket of (16.10) to zero and solve for delta; then mind d + 2 j.")
 def check_shortest(shortest):
     """max(2 (e + d b) / (1 - b) + 2 j, d + 2 j)."""
     zero, fifth = Fraction(0), Fraction(1, 5)
@@ -74,7 +77,7 @@ def _robot(rng):
     return np.sort(edges), choose, after
 
 
-@exercise("16.4")
+@exercise("16.4", "Cut what is within reach at the edges, and try the middle of every piece.")
 def check_attack(attack):
     """As bad as the worst piece within reach."""
     rng = np.random.default_rng(0)
@@ -116,7 +119,7 @@ def _promised(error, state):
     return bool(table.contains(np.array([state]), start=0, within=3)[0])
 
 
-@exercise("16.5")
+@exercise("16.5", "Bisect. A ValueError means that it is not promised, and `table.contains` answers for states.")
 def check_largest(largest_error):
     """Promised a little below, not a little above; and the state is not a prediction."""
     for state in ((0.0, 0.0), (-0.45, 0.2)):
@@ -127,3 +130,7 @@ def check_largest(largest_error):
         hint = "`table.contains` answers for states, `table.values` for predictions"
         expect(_promised(below, state), f"{said} {below:.4f} it is not promised any more. ({hint}.)")
         expect(not _promised(above, state), f"{said} {above:.4f} it is promised still. (Halve an interval.)")
+    got = float(largest_error(lambda error: _slider(error / 20), np.zeros(2)))
+    expect(
+        0.2 - 1e-3 <= got <= 0.2, f"{got:g} for a robot that keeps its promise with any error up to 0.2, and beyond."
+    )

@@ -15,6 +15,7 @@ def orders(table):
 
 
 def passes(rate, p, side):
+    """From above the candidate may not rise faster than the equation allows, from below not more slowly (3.7)."""
     return rate <= abs(p) if side == "above" else rate >= abs(p)
 
 

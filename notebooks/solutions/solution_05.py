@@ -27,6 +27,7 @@ def needed(axes, reads):
     return tuple(sorted(known))
 
 
+# The disks know nothing of the evader: the two joints. End-effector to evader: two joints and two coordinates.
 axes_to_avoid, axes_to_reach = 2, 4
 
 

@@ -5,6 +5,7 @@ from checks_07 import check_in_order, check_inputs, check_pausing, check_rows, c
 
 
 def entry(N, k, n):
+    """Whoever may take more steps than are left takes those that are left."""
     return min(n, N - k)
 
 

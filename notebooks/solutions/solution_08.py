@@ -24,6 +24,7 @@ def window_maximum(row, width):
 
 
 def share_of_free(states=60_000):
+    """A mean over states that are free at t = 0: the colliding ones are lost, so it exceeds the share of C."""
     problem = sdhj.arm_case_study(nodes=25)
     table = sdhj.solve(problem, progress=False)
     q = np.random.default_rng(0).uniform(problem.grid.lower, problem.grid.upper, (states, 4))

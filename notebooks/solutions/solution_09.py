@@ -15,6 +15,7 @@ def project(values, dropped, reached):
 
 
 def one_eye():
+    """One subspace alone: what is won whatever py is, for the pursuer may be anywhere on the axis that is dropped."""
     table = sdhj.solve(sdhj.arm_case_study(nodes=25), sdhj.Projected(subspaces=[(0, 1, 2)]), progress=False)
     return table.fraction(start=0, within=8)
 

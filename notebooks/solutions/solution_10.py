@@ -3,11 +3,13 @@
 import numpy as np
 from checks_10 import check_amdahl, check_games, check_kernel, check_memory, check_steps
 
-games_needed = 49 * 16 * 17 // 2  # N = 16, L = 7 * 7
+# L N (N + 1) / 2 with N = 16 intervals of half the length and L = 7 * 7 inputs
+games_needed = 49 * 16 * 17 // 2
 
 # 45 tubes, 4 bytes for the value and 25 bits in 4 bytes; 25 avoid tubes of the pursuer, 25 of the obstacles a step
 most_nodes = max(m for m in range(100) if 45 * 8 * m**4 + 100 * m**4 + 800 * m**2 <= 1e9)
 
+# The second that was no game, one game of 25, and a shift for each input: the rest soon outweighs the games (Amdahl).
 seconds_moving = 1.0 + 7.0 / 25 + 25 * 0.02
 
 

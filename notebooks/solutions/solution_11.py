@@ -20,16 +20,19 @@ def calm_shoulder(among):
 
 
 def wilson(successes, runs):
+    """Of all rates, those that are not more than z standard errors *of their own* from what was counted."""
     z, p = 1.96, successes / runs
     half = z * np.sqrt(p * (1 - p) / runs + z**2 / (4 * runs**2))
     low, high = ((p + z**2 / (2 * runs) + sign * half) / (1 + z**2 / runs) for sign in (-1, 1))
     return max(low, 0.0), min(high, 1.0)
 
 
+# M successes of M: the failures' interval ends at z^2 / (M + z^2), below 1/1000 where M > 999 z^2
 runs_needed = int(np.ceil(1.96**2 * 999))
 
 
 def nearest_safe(controller, q, step, wanted):
+    """Only among safe inputs; where there is none nobody is entitled to drive on, so the exception goes through."""
     safe = controller.safe_inputs(q, step)  # raises NotAdmissible
     return safe[np.argmin(np.linalg.norm(controller.problem.inputs[safe] - wanted, axis=1))]
 

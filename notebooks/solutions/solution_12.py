@@ -5,6 +5,7 @@ from checks_12 import check_chord, check_depth, check_kink, check_search, check_
 
 from sdhj.simulation.runs import rollouts
 
+# (12.2) with |s''| <= 9, and (12.4) with a slope that jumps by 2; h = 0.1
 smooth_error = 0.1**2 * 9 / 8
 kink_error = 2 * 0.1 / 4
 
@@ -14,10 +15,12 @@ def hidden(x):
     return np.abs(x - 0.1) - 0.05
 
 
+# (1 - 1/500)^M <= 1/100; the logarithm of what is less than 1 is negative and turns the inequality
 runs_to_see = int(np.ceil(np.log(0.01) / np.log(1 - 1 / 500)))
 
 
 def failures_below(depth, failed, epsilon):
+    """A share of those that are kept, not of all; of none there is no share."""
     left = depth <= -epsilon
     return failed[left].mean() if left.any() else np.nan
 

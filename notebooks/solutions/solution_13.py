@@ -6,6 +6,7 @@ from math import gcd, lcm
 import numpy as np
 from checks_13 import check_aligned, check_claims, check_clear, check_image, check_outward
 
+# The slowest push for the left end and the fastest for the right: the image is all between them.
 after = (
     Fraction(3, 5) + Fraction(1, 4) * (-1 - Fraction(1, 5)),
     Fraction(13, 20) + Fraction(1, 4) * (-1 + Fraction(1, 5)),
@@ -86,6 +87,15 @@ def _forgets_safety(certificate, edges, target, steps, moved, safe):
     return claims_that_fail(certificate, edges, target, steps, moved, lambda *_: True)
 
 
+def _forgets_the_instant(certificate, edges, target, steps, moved, safe):
+    """A claim with n = 0 is looked at for the target alone."""
+
+    def on_the_way(a, b, u, k):
+        return u is None or safe(a, b, u, k)
+
+    return claims_that_fail(certificate, edges, target, steps, moved, on_the_way)
+
+
 def _any_claim(certificate, edges, target, steps, moved, safe):
     """Does not look at how many steps the cells that are met have to go."""
     easy = {key: (0, None) for key in certificate}
@@ -115,10 +125,11 @@ WRONG = {
     ],
     check_clear: [_ends_only, _each_time],
     check_aligned: [
+        *(lambda delta, inputs, wind, n=n: aligned_width(delta, inputs, wind) / n for n in (3, 11, 13)),  # all fit
         lambda delta, inputs, wind: delta * wind,  # fits the wind alone
         lambda delta, inputs, wind: aligned_width(delta, inputs, wind) / 2,  # fits, and is not the largest
         lambda delta, inputs, wind: aligned_width(delta, inputs, Fraction(0)),
     ],
-    check_claims: [_believes, _forgets_safety, _any_claim],
+    check_claims: [_believes, _forgets_safety, _forgets_the_instant, _any_claim],
     check_outward: [_to_nearest, _one_unit, _far_too_much],
 }

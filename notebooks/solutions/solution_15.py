@@ -7,6 +7,7 @@ import sdhj
 
 
 def tricycle(q, u):
+    """The front wheel rolls where it points: that turns the car by speed tan(phi) in a way of one wheelbase."""
     speed, phi = u
     turn = np.full(len(q), speed * np.tan(phi) / 0.3)
     return np.stack([speed * np.cos(q[:, 2]), speed * np.sin(q[:, 2]), turn], axis=1)
@@ -23,10 +24,12 @@ def repaired(value):
     return np.sqrt(value + 0.18**2) - 0.18
 
 
+# d(s cos)/d theta = -s sin and d(s sin)/d theta = s cos, at most 1; nothing else depends on the state
 bounds = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 
 
 def boat(turning=0.5, wind=0.14):
+    """The motor adds to the water, the wind is the adversary's; the shore is an unsafe set, not the grid's end."""
     angles = np.arange(8) * np.pi / 4
     inputs = [[0.0, 0.0], *([np.cos(a), np.sin(a)] for a in angles)]
 

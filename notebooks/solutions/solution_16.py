@@ -7,14 +7,17 @@ from checks_16 import check_attack, check_box, check_inputs, check_largest, chec
 
 import sdhj
 
+# (16.4): e_1 + e_2 d + b d^2 / 2 and e_2 + b d
 half_widths = Fraction(1, 50) + Fraction(1, 125) + Fraction(1, 100), Fraction(1, 25) + Fraction(1, 10)
 
 
 def right_inputs(y, kept_by, half):
+    """The state may be anywhere in the box, so all of it has to lie in one interval of K(u)."""
     return [u for u, parts in kept_by.items() if any(low <= y - half and y + half <= high for low, high in parts)]
 
 
 def shortest(error, delay, jitter, push):
+    """The bracket of (16.10) is zero at the first; an answer has to come within the shortest interval."""
     return max(2 * (error + delay * push) / (1 - push) + 2 * jitter, delay + 2 * jitter)
 
 
@@ -26,6 +29,8 @@ def attack(q, error, edges, choose, after):
 
 
 def largest_error(make, state):
+    """The larger the error, the less is promised: halve an interval at whose left end the state still is."""
+
     def promised(error):
         try:
             table = sdhj.solve(make(error), progress=False)

@@ -1,5 +1,6 @@
 """The exercises: each check accepts its solution, refuses wrong answers with a word, and stands in its chapter once."""
 
+import ast
 import importlib
 import re
 import runpy
@@ -12,6 +13,7 @@ import nbformat
 import numpy as np
 import pytest
 from exercises import Check, exercise, expect, expect_close
+from solution_mutants import Solutions, names_in
 
 pytestmark = pytest.mark.slow  # what a reader is asked to compute takes a while
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
@@ -76,7 +78,13 @@ def test_every_exercise_stands_in_its_chapter_and_is_not_answered_there(path: Pa
 # ---- the mechanism itself
 
 
-@exercise("0.1")
+@exercise("0.2")
+def check_pair(number: Any, function: Any) -> None:
+    """Three, and a function that keeps it."""
+    expect(number == function(number) == 3, "three.")
+
+
+@exercise("0.1", "Add it <to itself>.")
 def check_double(double: Any) -> str:
     """Twice a number."""
     expect_close(double(np.array([1.0, 2.0])), [2.0, 4.0], "twice the number.")
@@ -99,11 +107,61 @@ def test_a_check_never_raises() -> None:
     assert check_double().state == "not yet"
 
 
-@pytest.mark.parametrize("stub", [..., lambda x: None, lambda x: ...], ids=["dots", "none", "returns-dots"])
-def test_a_stub_is_not_answered(stub: Any) -> None:
-    verdict = check_double(stub)
+def stub(x: Any) -> Any:
+    """What the exercise asks for."""
+    ...  # here
+
+
+@pytest.mark.parametrize("untouched", [..., (..., ...), lambda x: None, lambda x: ..., stub])
+def test_a_stub_is_not_answered(untouched: Any) -> None:
+    verdict = check_double(untouched)
     assert verdict.state == "not answered yet" and not verdict
     assert verdict.state in exercises.STATES
+
+
+def test_a_forgotten_return_is_told() -> None:
+    def double(x: Any) -> None:
+        x = 2 * x
+
+    assert "`double` came to its end and returned nothing: is a `return` missing?" in str(check_double(double))
+
+
+def test_half_an_answer_is_told() -> None:
+    assert check_pair(..., stub).state == "not answered yet"
+    assert "Half of it is answered: `stub` is still to be done." in str(check_pair(3, stub))
+    assert "Half of it is answered: part 2 is still to be done." in str(check_pair((3, ...), lambda x: x))
+    assert "half an answer" in str(check_pair(3, lambda x: (x, None)))
+    assert check_pair(3, lambda x: x)
+
+
+def test_an_error_comes_with_the_readers_line() -> None:
+    def deeper(x: Any) -> Any:
+        return x + missing  # noqa: F821
+
+    def double(x: Any) -> Any:
+        return np.asarray(deeper(x))
+
+    line = deeper.__code__.co_firstlineno + 1
+    said = str(check_double(double))
+    assert f"NameError: name 'missing' is not defined (line {line}: return x + missing" in said
+    inside = str(check_double(lambda x: np.linalg.inv(x)))  # raised by NumPy, called by the reader
+    assert "LinAlgError" in inside and "check_double(lambda x: np.linalg.inv(x))" in inside
+
+
+def shown(verdict: Any, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is displayed beside the words."""
+    found: list[Any] = []
+    monkeypatch.setattr(exercises, "display", lambda thing, **_: found.append(thing))
+    verdict._ipython_display_()
+    return found
+
+
+def test_the_hint_is_folded_until_the_answer_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    for answer in (..., lambda x: x):
+        (folded,) = shown(check_double(answer), monkeypatch)
+        assert folded["text/html"] == "<details><summary>Hint</summary>Add it &lt;to itself&gt;.</details>"
+        assert "itself" not in folded["text/plain"]
+    assert shown(check_double(lambda x: 2 * x), monkeypatch) == []
 
 
 def test_a_verdict_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,3 +173,29 @@ def test_a_verdict_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
 def test_solutions_do_not_import_tests() -> None:
     for path in sorted((NOTEBOOKS / "solutions").glob("*.py")):
         assert set(runpy.run_path(str(path))) >= {"RIGHT", "WRONG"}
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_every_exercise_has_one_hint_and_it_is_folded(path: Path) -> None:
+    """Below its check, or in its text where it needs a formula."""
+    prose = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
+    posed = dict(re.findall(r"^\*\*(\d+\.\d+) (.*?)(?=^\*\*\d+\.\d+ |\Z)", prose, re.MULTILINE | re.DOTALL))
+    for check in checks(path.name[:2]):
+        assert posed[check.number].count("<summary>Hint</summary>") + bool(check.help) == 1, check.number
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_every_solution_gives_a_reason(path: Path) -> None:
+    """A docstring of what is returned, or words above a number."""
+    chapter = path.name[:2]
+    source = (NOTEBOOKS / "solutions" / f"solution_{chapter}.py").read_text(encoding="utf-8")
+    given = Solutions(chapter)
+    for name, expression in given.answers.items():
+        for part in (given.parts[named] for named in names_in(expression) & given.parts.keys()):
+            above, line = source.splitlines()[part.lineno - 2 : part.lineno]
+            told = (
+                above.startswith("# ")
+                or "  # " in line
+                or (isinstance(part, ast.FunctionDef) and ast.get_docstring(part))
+            )
+            assert told, f"{name}: no reason for {ast.unparse(part)[:60]}"
