@@ -8,7 +8,7 @@ Usage: python .ci/notebooks.py execute [NOTEBOOK...]     (default: all of notebo
 records a hash of the code it ran. `check`, the pre-commit hook, runs nothing: it says which notebooks hold other code
 than they were executed with, an error, an exercise that is already answered, or more than a reader should have to load.
 `gallery` writes the picture of each notebook's cell tagged "gallery" to notebooks/gallery/, for the README; `execute`
-does so too.
+does so too, and writes some frames of each widget to notebooks/site/_static/frames/, for the site.
 
 That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 """
@@ -16,6 +16,7 @@ That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 import base64
 import hashlib
 import io
+import json
 import re
 import sys
 from pathlib import Path
@@ -28,6 +29,7 @@ from PIL import Image
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 LARGEST = 600_000  # bytes
 ANSWERED = re.compile(r"^Exercise [0-9.]+: (?!not answered yet)", re.MULTILINE)
+WIDGET = re.compile(r"^explore_\w+\(", re.MULTILINE)
 VIEW = "application/vnd.jupyter.widget-view+json"
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
@@ -77,11 +79,28 @@ def clean(notebook: nbformat.NotebookNode) -> None:
     notebook.metadata = nbformat.from_dict({**METADATA, "sdhj": {"code": code_hash(notebook)}})
 
 
+def frames_file(path: Path) -> Path:
+    """What the site's frames of a notebook's widgets say; their pictures lie beside it."""
+    return path.parent / "site" / "_static" / "frames" / f"{path.stem}.json"
+
+
+def has_widgets(notebook: nbformat.NotebookNode) -> bool:
+    """Whether a cell calls explore_something on a line of its own."""
+    return any(WIDGET.search(cell.source) for cell in notebook.cells if cell.cell_type == "code")
+
+
 def execute(path: Path) -> None:
-    """Run a notebook and write it back."""
+    """Run a notebook and write it back; where it has widgets, their frames too."""
     notebook = nbformat.read(path, as_version=4)
+    if has_widgets(notebook):
+        frames_file(path).parent.mkdir(parents=True, exist_ok=True)
+        given = f"Path({str(frames_file(path).parent)!r}), {path.stem!r}, {code_hash(notebook)!r}"
+        last = f"from pathlib import Path\n\nfrom widgets import write_frames\n\nwrite_frames({given})"
+        notebook.cells.append(nbformat.v4.new_code_cell(last))
     options = {"timeout": 900, "store_widget_state": False, "record_timing": False, "kernel_name": "python3"}
     NotebookClient(notebook, resources={"metadata": {"path": str(path.parent)}}, **options).execute()
+    if has_widgets(notebook):
+        notebook.cells.pop()
     clean(notebook)
     nbformat.write(notebook, path)
 
@@ -125,6 +144,9 @@ def faults(path: Path) -> list[str]:
     shown = gallery_file(path).read_bytes() if gallery_file(path).is_file() else None
     if shown != picture(notebook):
         found.append("has another picture than its gallery file; run python .ci/notebooks.py gallery")
+    told = json.loads(frames_file(path).read_text("utf-8")) if frames_file(path).is_file() else {}
+    if has_widgets(notebook) and told.get("code") != code_hash(notebook):
+        found.append(f"has frames of other code; run python .ci/notebooks.py execute {path.name}")
     if path.stat().st_size > LARGEST:
         found.append(f"is {path.stat().st_size // 1000} kB, more than {LARGEST // 1000}")
     return found

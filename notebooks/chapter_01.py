@@ -110,7 +110,9 @@ def explore_sets(nodes: int = 81) -> Explorer:
         "x": slider("disk's centre x (m)", -0.9, 0.9, 0.05, -0.25),
         "radius": slider("disk's radius (m)", 0.1, 0.8, 0.05, 0.45),
     }
-    return Explorer(draw, controls, size=(8.2, 3.0), alt="A disk, a rectangle, and what the operation makes of them")
+    return Explorer(
+        draw, controls, size=(8.2, 3.0), alt="A disk, a rectangle, and what the operation makes of them", motion="x"
+    )
 
 
 def explore_nodes() -> Explorer:
@@ -133,4 +135,6 @@ def explore_nodes() -> Explorer:
         "thickness": slider("thickness (m)", 0.04, 0.6, 0.02, 0.3),
         "shift": slider("shift (m)", -0.2, 0.2, 0.01, 0.05),
     }
-    return Explorer(draw, controls, size=(6.0, 3.6), alt="A bar, and what the nodes of a coarse grid hold of it")
+    return Explorer(
+        draw, controls, size=(6.0, 3.6), alt="A bar, and what the nodes of a coarse grid hold of it", motion="shift"
+    )

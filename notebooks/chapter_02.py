@@ -217,7 +217,7 @@ def explore_upwinding() -> Explorer:
         "velocity": slider("velocity (m/s)", -1.0, 1.0, 0.25, 1.0),
     }
     alt = "A hat-shaped profile, where it should be and where it is computed to be"
-    return Explorer(draw, controls, size=(7.0, 3.2), alt=alt)
+    return Explorer(draw, controls, size=(7.0, 3.2), alt=alt, motion="cfl")
 
 
 def explore_schemes() -> Explorer:
@@ -241,4 +241,4 @@ def explore_schemes() -> Explorer:
         "nodes": slider("nodes on each axis", 11, 81, 10, 31),
         "adversary": slider("adversary's speed (m/s)", 0.0, 1.0, 0.05, 0.3),
     }
-    return Explorer(draw, controls, size=(5.2, 3.9), alt="The computed reach set and the exact one")
+    return Explorer(draw, controls, size=(5.2, 3.9), alt="The computed reach set and the exact one", motion="nodes")

@@ -74,4 +74,4 @@ def explore_value(model: Callable[..., Mapping[str, Any]]) -> Explorer:
         "v_max": slider("adversary, at most (m/s)", 0.0, 0.8, 0.05, 0.25),
         "duration": slider("length of the interval (s)", 0.1, 1.0, 0.05, 0.6),
     }
-    return Explorer(draw, controls, alt="Runs against many signals, and the value function on a line")
+    return Explorer(draw, controls, alt="Runs against many signals, and the value function on a line", motion="v_max")

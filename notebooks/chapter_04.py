@@ -130,20 +130,27 @@ def draw_safe_twice(ax: Axes, problem: ReachAvoidProblem, at_instants: FloatArra
 def explore_interval(nodes: int = 49) -> Explorer:
     """A boat that holds a heading for one interval, in turning water and wind: solved and played at each change."""
 
-    @lru_cache(maxsize=32)
-    def solved(hold: float, wind: float, heading: float) -> boat.OneStepGame:
+    @lru_cache(maxsize=64)
+    def solved(nodes: int, hold: float, wind: float, heading: float) -> boat.OneStepGame:
         u = (1.5 * math.cos(heading), 1.5 * math.sin(heading))
         return boat.one_step_game(boat.boat_problem(nodes=nodes, hold=hold, wind=wind, heading=u))
 
     def draw(figure: Figure, show: str, hold: float, wind: float, heading: float, x: float, y: float) -> Numbers:
-        game = solved(hold, wind, heading)
+        game, coarse = (solved(count, hold, wind, heading) for count in (nodes, nodes // 2 + 1))
         played = boat.play(game.problem, (x, y))
         boat.draw_one_step(figure.subplots(), game, show=show, starts=[("$q$", played)])
-        cost = float(game.problem.grid.interpolate(game.cost, np.array([[x, y]]))[0])
-        won = played.costs <= 0
+        q, won = np.array([[x, y]]), played.costs <= 0
+        cost, rough = (float(one.problem.grid.interpolate(one.cost, q)[0]) for one in (game, coarse))
+        values, name = {
+            "reach": (game.reach, "reach set"),
+            "avoid": (game.avoid, "avoid tube"),
+            "reach-avoid": (game.cost, "reach-avoid set"),
+        }[show]
         return {
-            "share of the lake in the reach-avoid set": game.problem.grid.fraction(game.cost <= 0),
+            f"share of the lake in the {name}": game.problem.grid.fraction(values <= 0),
             "cost of q, Eq. (6)": cost,
+            "on half the nodes": rough,
+            "dearest run": float(played.costs.max()),
             "runs won": f"{int(won.sum())} of {won.size}",
         }
 
@@ -156,7 +163,7 @@ def explore_interval(nodes: int = 49) -> Explorer:
         "y": slider("start y (m)", -0.5, 0.8, 0.02, 0.2),
     }
     alt = "Reach-avoid set of one interval with runs against many winds"
-    return Explorer(draw, controls, size=(6.6, 4.2), slow=True, alt=alt)
+    return Explorer(draw, controls, size=(6.6, 4.2), slow=True, alt=alt, motion="wind")
 
 
 def explore_holding(nodes: int = 41) -> Explorer:
@@ -178,4 +185,4 @@ def explore_holding(nodes: int = 41) -> Explorer:
         "v_max": slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
         "input_levels": slider("input levels on each axis", 2, 5, 1, 3, live=False),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot")
+    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="intervals")

@@ -56,4 +56,4 @@ def explore_games(rail: Grid, games: Callable[..., tuple[Games, FloatArray]]) ->
         "delta": slider("length of the interval (s)", 0.05, 0.6, 0.05, 0.3, live=False),
     }
     alt = "Won sets of games 1, 2 and 3 on a rail, their intersection, and the joint game's edge"
-    return Explorer(draw, controls, size=(9.2, 2.8), slow=True, alt=alt)
+    return Explorer(draw, controls, size=(9.2, 2.8), slow=True, alt=alt, motion="delta")

@@ -86,7 +86,7 @@ def explore_spaces(problem: ReachAvoidProblem) -> Explorer:
         **agent_sliders(problem),
         "step": slider("time (steps of delta)", 0.0, float(problem.steps), 0.1, 0.0),
     }
-    return Explorer(draw, controls, alt="The arm in the workspace and as a point in configuration space")
+    return Explorer(draw, controls, alt="The arm in the workspace and as a point in configuration space", motion="q1")
 
 
 def explore_view_time(problem: ReachAvoidProblem) -> Explorer:
@@ -99,4 +99,5 @@ def explore_view_time(problem: ReachAvoidProblem) -> Explorer:
         "step": slider("step k", 0, problem.steps - 1, 1, 2),
         "samples": slider("samples of the interval", 1, 20, 1, 2),
     }
-    return Explorer(draw, controls, alt="Swept and sampled obstacles in the workspace and in configuration space")
+    alt = "Swept and sampled obstacles in the workspace and in configuration space"
+    return Explorer(draw, controls, alt=alt, motion="samples")

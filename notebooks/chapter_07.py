@@ -56,7 +56,9 @@ def explore_row(table: Table) -> Explorer:
         "x": slider("x (m)", -1.0, 1.0, 0.05, -0.3),
         "y": slider("y (m)", -1.0, 1.0, 0.05, 0.3),
     }
-    return Explorer(draw, controls, size=(8.6, 2.1), alt="A row of tubes, the leftmost that holds the point framed")
+    return Explorer(
+        draw, controls, size=(8.6, 2.1), alt="A row of tubes, the leftmost that holds the point framed", motion="x"
+    )
 
 
 def explore_plane_game(nodes: int = 41) -> Explorer:
@@ -82,4 +84,4 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
         "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": slider("start, step k", 0, 4, 1, 0),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot")
+    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max")

@@ -9,6 +9,7 @@ from live_slices import (
     draw_arm_live,
     draw_sets_quickly,
     draw_short_bar,
+    draw_slice_legend,
     draw_steps,
     fewest_steps,
     here,
@@ -25,6 +26,7 @@ from sdhj.arm.workspace import Disk, Still
 from sdhj.plotting import draw_arm, draw_workspace
 from sdhj.table.batches import Table
 
+TALL = (8.2, 3.8)  # inches, with a legend below
 PLANES = {"q1 and q2": (0, 1), "px and py": (2, 3), "q1 and px": (0, 2), "q2 and py": (1, 3)}
 
 
@@ -50,6 +52,7 @@ def draw_tube_and_arm(
     right.plot(*here(table.grid, state, axes), **HERE)
     right.set_title(f"from step {start}, within {within} steps")
     draw_short_bar(bar, table.steps)
+    draw_slice_legend(figure, problem)
     return {
         "share of the slice inside": float((fewest[:-1, :-1] <= within).mean()),
         "share of C inside": table.fraction(start=start, within=within),
@@ -96,7 +99,7 @@ def explore_tube(table: Table) -> Explorer:
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
     }
-    return Explorer(draw, controls, alt="A slice of the tube beside the arm")
+    return Explorer(draw, controls, size=TALL, alt="A slice of the tube beside the arm", motion="px")
 
 
 def explore_pursuer(table: Table) -> Explorer:
@@ -110,7 +113,7 @@ def explore_pursuer(table: Table) -> Explorer:
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
         **step_sliders(table),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), alt="Where the pursuer may start")
+    return Explorer(draw, controls, size=(4.8, 3.9), alt="Where the pursuer may start", motion="q1")
 
 
 def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
@@ -135,4 +138,4 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
         "x": slider("static obstacle x (m)", -0.3, 0.3, 0.02, -0.22, live=False),
         "y": slider("static obstacle y (m)", -0.3, 0.3, 0.02, 0.1, live=False),
     }
-    return Explorer(draw, controls, slow=True, alt="A slice of the tube, solved anew")
+    return Explorer(draw, controls, size=TALL, slow=True, alt="A slice of the tube, solved anew", motion="v_d")

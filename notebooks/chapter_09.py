@@ -69,7 +69,8 @@ def explore_gap(full: Table, inner: Table) -> Explorer:
     def draw(figure: Figure, px: float, py: float, start: int, within: int) -> Numbers:
         return draw_gap(figure, full, inner, state=(*POSTURE, px, py), start=start, within=within)
 
-    return Explorer(draw, {**agent_sliders(full.problem), **step_sliders(full)}, alt="Two tubes over each other")
+    controls = {**agent_sliders(full.problem), **step_sliders(full)}
+    return Explorer(draw, controls, alt="Two tubes over each other", motion="px")
 
 
 def draw_toy(figure: Figure, grid: Grid, cases: Mapping[str, tuple[FloatArray, FloatArray]]) -> None:
@@ -182,4 +183,4 @@ def explore_surface(tables: Mapping[str, Table]) -> Explorer:
         "elevation": slider("from above (degrees)", -90, 90, 6, 24),
         "py": slider("pursuer y (m)", -0.36, 0.36, 0.01, 0.24),
     }
-    return Explorer(draw, controls, size=(6.4, 3.2), alt="Two tubes in three axes, turned")
+    return Explorer(draw, controls, size=(6.4, 3.2), alt="Two tubes in three axes, turned", motion="azimuth")

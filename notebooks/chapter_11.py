@@ -72,10 +72,14 @@ def explore_run(
         else choice("initial state", (0,), 0),
         "adversary": choice("adversary", adversaries, adversaries[-1]),
         "rule": choice("rule", tuple(given), next(iter(given))),
-        "seed": slider("seed", 0, 9, 1, 0),
+        "seed": slider("seed of the random adversary", 0, 9, 1, 0),
         "moment": played(slider("progress of the run (%)", 0, 100, 4, 60)),
     }
-    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run")
+
+    def idle(adversary: str, **_: Any) -> tuple[str, ...]:
+        return () if adversary == "random" else ("seed",)  # the others draw nothing
+
+    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run", motion="moment", idle=idle)
 
 
 def draw_live_moment(axes: Sequence[Axes], table: Table, run: Any, index: int, *, tube: bool = True) -> None:
@@ -180,7 +184,9 @@ def explore_lookup(table: Table) -> Explorer:
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
     }
-    return Explorer(draw, controls, size=(6.6, 6.9), alt="The look-up table, the leftmost set of each row framed")
+    return Explorer(
+        draw, controls, size=(6.6, 6.9), alt="The look-up table, the leftmost set of each row framed", motion="q1"
+    )
 
 
 def running_at(aim: Sequence[float], disturbance: str) -> Adversary:
@@ -237,4 +243,5 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
         "disturbance": choice("disturbance of the joints", ("none", "random", "steady"), "random"),
         "moment": played(slider("progress of the run (%)", 0, 100, 4, 48)),
     }
-    return Explorer(draw, controls, size=(6.4, 4.1), alt="A run with the pursuer where you send it, and its table row")
+    alt = "A run with the pursuer where you send it, and its table row"
+    return Explorer(draw, controls, size=(6.4, 4.1), alt=alt, motion="moment")

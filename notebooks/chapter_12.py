@@ -70,7 +70,7 @@ def explore_interpolation() -> Explorer:
         "cells": slider("cells", 4, 40, 1, 10),
         "shift": slider("shift", -0.3, 0.3, 0.01, 0.05),
     }
-    return Explorer(draw, controls, size=(6.6, 3.2), alt="A function on a line and its interpolant")
+    return Explorer(draw, controls, size=(6.6, 3.2), alt="A function on a line and its interpolant", motion="shift")
 
 
 def draw_failures(ax: Axes, groups: Sequence[tuple[float, float]]) -> None:

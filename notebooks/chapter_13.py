@@ -5,10 +5,21 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from live_slices import LIVE, POSTURE, around, draw_arm_live, draw_pixels, draw_sets_quickly
+from live_slices import (
+    HERE,
+    LIVE,
+    POSTURE,
+    around,
+    draw_arm_live,
+    draw_pixels,
+    draw_sets_quickly,
+    draw_slice_legend,
+    here,
+)
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from widgets import Explorer, Numbers, agent_sliders, slider, step_sliders
 
 from sdhj.plotting import plane, step_colours
@@ -37,7 +48,10 @@ def draw_certified(
     image[said], image[proved] = to_rgba(FULL_LOOKS["facecolor"]), to_rgba(INNER_LOOKS["facecolor"])
     draw_pixels(right, image, around(where.x, where.y), "certified")
     draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
-    right.set_title(f"dark: proved; light: interpolated only; within {within}")
+    right.plot(*here(table.grid, state), **HERE)
+    right.set_title(f"from step {start}, within {within} steps")
+    areas = (FULL_LOOKS, "inside by interpolation only"), (INNER_LOOKS, "proved")
+    draw_slice_legend(figure, problem, *(Patch(facecolor=looks["facecolor"], label=told) for looks, told in areas))
     return {
         "slice inside by interpolation": float(said.mean()),
         "slice proved": float(proved.mean()),
@@ -52,7 +66,11 @@ def explore_certified(table: Table, certified: Any) -> Explorer:
         return draw_certified(figure, table, certified, state=(*POSTURE, px, py), start=start, within=within)
 
     return Explorer(
-        draw, {**agent_sliders(table.problem), **step_sliders(table)}, alt="Certified and interpolated tube"
+        draw,
+        {**agent_sliders(table.problem), **step_sliders(table)},
+        size=(8.6, 3.8),
+        alt="Certified and interpolated tube",
+        motion="px",
     )
 
 
@@ -111,4 +129,4 @@ def explore_line(certify: Callable[..., Claims], post: Callable[[Any], Any]) -> 
         "cells": slider("cells", 20, 240, 1, 60),
         "wind": slider("wind, at most (1/100)", 0, 80, 5, 20),
     }
-    return Explorer(draw, controls, size=(6.4, 3.2), alt="Certified cells of a line at steps 0 to 4")
+    return Explorer(draw, controls, size=(6.4, 3.2), alt="Certified cells of a line at steps 0 to 4", motion="cells")

@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from chapter_08 import draw_tube_and_arm
+from chapter_08 import TALL, draw_tube_and_arm
 from live_slices import POSTURE
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,4 +46,5 @@ def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
         "radius": slider("evader's radius (m)", 0.05, 0.1, 0.01, 0.06, live=False),
         **agent_sliders(problem, 0.1, 0.18),
     }
-    return Explorer(draw, controls, slow=True, alt="A slice of the tube of the evader game")
+    alt = "A slice of the tube of the evader game"
+    return Explorer(draw, controls, size=TALL, slow=True, alt=alt, motion="v_e")

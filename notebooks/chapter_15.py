@@ -54,4 +54,4 @@ def explore_car(table: Table) -> Explorer:
         "heading": angle("heading (rad)", 0.0),
         "within": slider("within, steps to go n", 0, table.steps, 1, table.steps),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), alt="Tubes of the car for one heading")
+    return Explorer(draw, controls, size=(4.8, 3.9), alt="Tubes of the car for one heading", motion="heading")

@@ -76,6 +76,16 @@ def draw_sensed(ax: Axes, table: Table, paths: FloatArray, lost: FloatArray) -> 
     )
 
 
+def draw_two_by_two(ax: Axes, cells: Sequence[Sequence[str]]) -> None:
+    """A table of two by two: of each table of the robot, in each world."""
+    ax.axis("off")
+    columns = ("the robot as it is", "the same, measured and timed perfectly")
+    rows = ("the table reckons with it", "it does not")
+    made = ax.table(cells, rowLabels=rows, colLabels=columns, cellLoc="center", bbox=(0.28, 0.0, 0.7, 1.0))
+    made.auto_set_font_size(False)
+    made.set_fontsize(8)
+
+
 def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatArray]]) -> Explorer:
     """Two controllers of one robot: one whose table knows what is uncertain, one whose table does not."""
 
@@ -86,15 +96,21 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
 
     def draw(figure: Figure, error: float, delay: float, jitter: float) -> Numbers:
         told = {"error": error, "delay": delay, "jitter": jitter}
-        controllers = {"reckons with it": solved(**told), "does not": solved(error=0.0, delay=0.0, jitter=0.0)}
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 0.3))
         numbers: dict[str, float | str] = {}
-        for ax, (name, controller) in zip(figure.subplots(1, 2), controllers.items(), strict=True):
-            paths, lost = drive(controller, sdhj.Sensing(**told))
-            draw_sensed(ax, controller.table, paths, lost)
-            ax.set_title(f"a table that {name}: {lost.sum()} of {len(lost)} lost")
-            numbers[f"promised, {name}"] = controller.table.fraction(start=0, within=problem.steps)
-            numbers[f"lost, {name}"] = float(lost.mean()) if len(lost) else "nothing promised"
-        return numbers
+        rows = []
+        for place, (name, known) in enumerate((("reckons with it", told), ("does not", dict.fromkeys(told, 0.0)))):
+            controller = solved(**known)
+            worlds = {"as it is": sdhj.Sensing(**told), "perfect": sdhj.Sensing(delay=known["delay"])}
+            runs = {world: drive(controller, sensing) for world, sensing in worlds.items()}
+            draw_sensed(figure.add_subplot(grid[0, place]), controller.table, *runs["as it is"])
+            figure.axes[-1].set_title(f"a table that {name}, the robot as it is")
+            share = controller.table.fraction(start=0, within=problem.steps)
+            numbers[f"promised, {name}"] = share
+            for world, (_, lost) in runs.items():
+                numbers[f"lost, {name}, {world}"] = float(lost.mean()) if len(lost) else "nothing promised"
+            rows.append([f"{lost.sum()} of {len(lost)} lost" for _, lost in runs.values()])
+        draw_two_by_two(figure.add_subplot(grid[1, :]), rows)
         return numbers
 
     controls = {
@@ -102,4 +118,5 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         "delay": slider("delay d (s)", 0.0, 0.2, 0.02, 0.1, live=False),
         "jitter": slider("jitter j (s)", 0.0, 0.1, 0.01, 0.02, live=False),
     }
-    return Explorer(draw, controls, slow=True, alt="Runs of a cart with a table that knows of errors, and without")
+    alt = "Runs of a cart with a table that knows of errors, and without"
+    return Explorer(draw, controls, size=(8.2, 4.4), slow=True, alt=alt, motion="error")

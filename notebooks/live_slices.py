@@ -9,7 +9,9 @@ from contourpy import contour_generator
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.patches import Rectangle
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
 
 from sdhj.arm.case_studies import scene
 from sdhj.kernels import FloatArray
@@ -196,6 +198,18 @@ def draw_full(ax: Axes, name: str) -> None:
         spine.set_zorder(6.0)
     said = {"ha": "center", "va": "center", "zorder": 9.0, "bbox": {"facecolor": "white", "edgecolor": "none"}}
     ax.text(0.5, 0.5, f"all of this slice collides: {name}", transform=ax.transAxes, **said)
+
+
+def draw_slice_legend(figure: Figure, problem: ReachAvoidProblem, *areas: Patch) -> None:
+    """What lines and dots mean on a slice and in the workspace beside it, below both; `areas` come first."""
+    handles: list[Any] = [*areas, Patch(**look(problem.target.name), label=problem.target.name)]
+    for part in problem.unsafe:
+        looks = look(part.name)
+        edge = {key: looks.get(key, "-") for key in ("linewidth", "linestyle")}
+        handles.append(Line2D([], [], color=looks["edgecolor"], label=f"{part.name}: collision", **edge))
+    dot = {key: value for key, value in HERE.items() if key not in ("gid", "zorder")}
+    handles.append(Line2D([], [], linestyle="none", label="the state on the left", **dot))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
 
 
 def draw_short_bar(ax: Axes, steps: int) -> None:

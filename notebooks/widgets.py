@@ -2,24 +2,30 @@
 
 `picture` shows a drawing once. An `Explorer` has controls, a picture that answers to them, and the numbers it shows;
 each `explore_*` of the chapters' modules returns one. Put it on the last line of a cell. A reader without a kernel sees
-the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place.
+the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place. The site shows
+some frames of one control: `write_frames` writes them when the notebook is executed.
 """
 
 import gc
 import html
 import inspect
 import io
+import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import ipywidgets
 import matplotlib as mpl
 import numpy as np
+import PIL.Image
 from IPython.display import Image, display
 from live_figure import LiveFigure
 from matplotlib.figure import Figure
+from PIL import ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from sdhj.arm.case_studies import scene
 from sdhj.plotting.looks import UNDATED, new_figure, style
@@ -29,6 +35,7 @@ from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
+FRAMES = 7  # of a widget, on a page without a kernel
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
@@ -101,9 +108,9 @@ def garbage_waits() -> Iterator[None]:
 class Explorer:
     """Controls and a picture that answers to them.
 
-    What `draw` refuses, by an exception of any kind, is told in words below the controls, and the picture stays that of
-    the last setting that could be drawn. What a solve says that its grid does not see is told beside the numbers. A
-    value that comes back from the browser rounded is no new value.
+    What `draw` refuses, by an exception of any kind, is told in words below the controls. The picture stays that of the
+    last setting that could be drawn, turns grey, and names that setting. What a solve says that its grid does not see
+    is told beside the numbers. A value that comes back from the browser rounded is no new value.
 
     Parameters
     ----------
@@ -115,6 +122,10 @@ class Explorer:
         Of the picture, inches.
     slow : bool
         The picture can take longer than a moment: until it is there, the line below the controls says so.
+    motion : str, optional
+        The control that moves in the frames of the site; default the first that has two ends.
+    idle : callable (**values) -> names of controls, optional
+        Those that play no part as the others stand: they are greyed.
 
     Attributes
     ----------
@@ -135,18 +146,22 @@ class Explorer:
         size: tuple[float, float] = WIDE,
         slow: bool = False,
         alt: str = "",
+        motion: str = "",
+        idle: Callable[..., Collection[str]] = lambda **_: (),
     ) -> None:
-        self.draw, self.controls, self.slow, self.alt = draw, dict(controls), slow, alt
+        self.draw, self.controls, self.slow, self.alt, self.idle = draw, dict(controls), slow, alt, idle
+        self.motion = motion or next((name for name, control in self.controls.items() if hasattr(control, "max")), "")
         self.numbers: dict[str, float | str] = {}
         self.error = ""
         self._picture: Any = None
         with style():
             self.figure = LiveFigure(size, DPI)
         self._status = ipywidgets.HTML()
-        self._asked = self.values
+        self._asked = self._drawn = self.values
         self._unseen: dict[tuple[Any, ...], str] = {}  # what solves said, by the controls' values: each solves once
         self._render()  # raises what is refused
         self._tell()
+        self._rest()
         for control in self.controls.values():
             control.observe(self._changed, names="value")
 
@@ -165,6 +180,7 @@ class Explorer:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             self.png, self.numbers = render(self.draw, self.figure, **self._asked)
+        self._drawn = self._asked
         for warning in told:
             if issubclass(warning.category, ResolutionWarning):
                 self._unseen[tuple(self._asked.values())] = str(warning.message)
@@ -180,6 +196,7 @@ class Explorer:
         if self.values == self._asked:
             return
         self._asked = self.values
+        self._rest()
         if self.slow:
             self._status.value = WORKING
         with garbage_waits():
@@ -188,13 +205,32 @@ class Explorer:
                 self.error = ""
             except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
                 self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            if self._picture is not None and not self.error:
+            if self._picture is not None:
                 self._picture.update(self._image())
             self._tell()
 
+    def _rest(self) -> None:
+        """Grey the controls that play no part."""
+        idle = self.idle(**self._asked)
+        for name, control in self.controls.items():
+            for part in (control, getattr(control, "player", None), getattr(control, "slider", None)):
+                if part is not None:
+                    part.disabled = name in idle
+
+    @property
+    def shown_setting(self) -> str:
+        """In what the setting of the picture differs from the one that was asked for, in words."""
+        told = (
+            f"{self.controls[name].description or name}: {_number(value)}"
+            for name, value in self._drawn.items()
+            if value != self._asked[name]
+        )
+        return "; ".join(told)
+
     def _tell(self) -> None:
         if self.error:
-            reason = f"Not possible: {html.escape(self.error)}.<br>The picture is still that of the setting before."
+            still = f"The picture, in grey, is that of {html.escape(self.shown_setting)}."
+            reason = f"Not possible: {html.escape(self.error)}.<br>{still}"
             self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
         else:
             told = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
@@ -203,7 +239,30 @@ class Explorer:
 
     def _image(self) -> Image:
         alt = self.alt or _first_line(self.draw)
-        return Image(data=self.png, format="png", alt=f"{alt}. {_told(self.numbers)}" if self.numbers else alt)
+        alt = f"{alt}. {_told(self.numbers)}" if self.numbers else alt
+        if not self.error:
+            return Image(data=self.png, format="png", alt=alt)
+        said = f"still the picture of {self.shown_setting}"
+        return Image(data=greyed(self.png, said), format="png", alt=f"{said}. {alt}")
+
+    def frames(self, most: int = FRAMES) -> Iterator[tuple[str, bytes, str]]:
+        """The value of the control that moves, the picture and what it says, from one end to the other.
+
+        What is refused is left out. The controls and what is displayed are as before.
+        """
+        control, picture = self.controls[self.motion], self._picture
+        first, step = control.value, getattr(control, "step", 1)
+        places = np.unique(np.round(np.linspace(0, round((control.max - control.min) / step), most)))
+        self._picture = None
+        try:
+            for place in places:
+                value = min(control.min + type(first)(place * step), control.max)
+                self.set(**{self.motion: value})
+                if not self.error:
+                    yield _number(value), self.png, _told(self.numbers)
+        finally:
+            self.set(**{self.motion: first})
+            self._picture = picture
 
     def panel(self) -> Any:
         """The controls in columns, with the numbers below."""
@@ -223,6 +282,49 @@ class Explorer:
             {VIEW: {"version_major": 2, "version_minor": 0, "model_id": panel.model_id}, "text/plain": text}, raw=True
         )
         self._picture = display(self._image(), display_id=True)
+        SHOWN.append(self)
+
+
+SHOWN: list[Explorer] = []  # in the order in which they were displayed
+
+
+def greyed(png: bytes, said: str) -> bytes:
+    """A picture without its colours, half as dark, with words across its top; it still says what it shows."""
+    picture = PIL.Image.open(io.BytesIO(png))
+    grey = PIL.Image.blend(picture.convert("L"), PIL.Image.new("L", picture.size, 255), 0.45)
+    font = ImageFont.load_default(15)
+    brush = ImageDraw.Draw(grey)
+    left, top, right, bottom = brush.textbbox((8, 6), said, font)
+    brush.rectangle((left - 4, top - 4, right + 4, bottom + 4), fill=255, outline=90)
+    brush.text((8, 6), said, fill=30, font=font)
+    words, buffer = PngInfo(), io.BytesIO()
+    for name, text in picture.info.items():
+        if isinstance(text, str):
+            words.add_text(name, text)
+    grey.save(buffer, "png", pnginfo=words)
+    return buffer.getvalue()
+
+
+def write_frames(folder: Path, stem: str, code: str) -> None:
+    """Write the frames of all widgets that were displayed: a picture of one below the other, and what they say.
+
+    `code` says which code they are of.
+    """
+    told = []
+    for number, explorer in enumerate(SHOWN, 1):
+        values, pngs, said = zip(*explorer.frames(), strict=True)
+        pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
+        width, height = pictures[0].size
+        strip = PIL.Image.new("RGB", (width, height * len(pictures)))
+        for place, picture in enumerate(pictures):
+            strip.paste(picture, (0, place * height))
+        file = f"{stem}-{number}.webp"
+        strip.save(folder / file, lossless=True, quality=80)
+        control, at = explorer.controls[explorer.motion], _number(explorer.values[explorer.motion])
+        one = {"file": file, "size": [width, height], "control": control.description or explorer.motion, "at": at}
+        told.append(one | {"alt": explorer.alt or _first_line(explorer.draw), "values": values, "said": said})
+    text = json.dumps({"code": code, "widgets": told}, ensure_ascii=False, indent=1)
+    (folder / f"{stem}.json").write_text(text + "\n", encoding="utf-8")
 
 
 def _on_its_step(control: Any) -> Any:
