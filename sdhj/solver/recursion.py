@@ -74,8 +74,8 @@ def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
     """Fill all entries (Theorem 2): rows k from the last to the first, within a row one more step to go at a time.
 
     Where all rows are one, one is filled. Where the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n)
-    and (k, n - 1), and the entry is shared; the columns from left to right would allow it as well. A row that has paused
-    so may grow again, as where the target is there late only.
+    and (k, n - 1), and the entry is shared; filling columns from left to right would allow it as well. A row that has
+    paused so may grow again, as where the target is there late only.
     """
     for step in (0,) if sets.timeless else range(steps, -1, -1):
         sets.goal(step)

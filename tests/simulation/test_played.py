@@ -25,7 +25,7 @@ def test_runs_are_counted_as_monte_carlo_counts_them() -> None:
 
 
 def test_who_won_is_named() -> None:
-    """Stripes thinner than what a look sees, which the table does not know of; it says how runs ended, and what helps."""
+    """Stripes thinner than what a look sees, which the table does not know of: it says who won, and what helps."""
     table = sdhj.solve(torus_problem(), progress=False)
     stripes = UnsafeSet((0,), lambda p, t: np.abs((p[:, 0] + 0.05) % 0.1 - 0.05) - 0.004, name="stripes")
     blind = replace(table, problem=replace(table.problem, unsafe=(*table.problem.unsafe, stripes)))
