@@ -10,6 +10,8 @@ from toys import interval_problem
 import sdhj
 from sdhj import Controller, UnsafeSet
 from sdhj.simulation.runs import FOREVER_PLAYED
+from sdhj.solver.recursion import GridSets, UnsettledWarning
+from sdhj.table.table import cells_inside
 
 NODES = (101, 101)
 
@@ -115,3 +117,46 @@ def test_a_table_of_a_number_of_steps_is_played_as_before():
     one, other = (sdhj.monte_carlo(Controller(table), 500, **options) for options in ({}, {"steps": table.steps}))
     assert one.counts["reached"] == other.counts["reached"] == 500
     assert (one.steps <= other.steps.max()).all() and one.steps.max() <= table.steps
+
+
+def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
+    """With a target a table of fewer steps is a true one; without, it says that it holds for so many steps only."""
+    extend = GridSets.extend
+
+    def interrupted(self, step, within):
+        if within == 3:
+            raise KeyboardInterrupt
+        extend(self, step, within)
+
+    whole = sdhj.solve(replace(interval_problem(), steps=2), progress=False)
+    monkeypatch.setattr(GridSets, "extend", interrupted)
+    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the nodes .* it holds for so many"):
+        table = sdhj.solve(replace(interval_problem(), steps=None), progress=False)
+    assert table.steps == 2 and not table.details["settled"]
+    np.testing.assert_array_equal(table.values(), whole.values())
+    with pytest.warns(UnsettledWarning, match="not for ever"):
+        staying = sdhj.solve(double_integrator(None, 0.6, (41, 41)), progress=False)
+    assert not staying.details["settled"]
+    with pytest.raises(KeyboardInterrupt):  # before its last step a table of a number of steps is none
+        sdhj.solve(replace(interval_problem(), steps=4), progress=False)
+
+
+def test_what_never_settles_ends_at_the_cap(monkeypatch):
+    monkeypatch.setattr(sdhj.problem.problem, "FOREVER", 4)
+    for problem in (replace(interval_problem(), steps=None), double_integrator(None, 0.6, (41, 41))):
+        with pytest.warns(UnsettledWarning, match="after 4 steps"):
+            table = sdhj.solve(problem, progress=False)
+        assert table.steps == 4 and sdhj.monte_carlo(Controller(table), 20, steps=4, progress=False).runs == 20
+
+
+def test_the_reserve_is_a_distance_in_cells(rng):
+    """Against the distance to every node that leaves, and to every place past an unsafe end."""
+    grid = sdhj.Grid([0, 0], [1, 1], [9, 8], [False, True], ends=[("unsafe", "wall"), "wall"])
+    stays = rng.random(grid.shape) < 0.9
+    leaves = [(-1, j) for j in range(-8, 16)]  # past the unsafe end
+    leaves += [(i, j + turn) for i, j in np.argwhere(~stays) for turn in (-8, 0, 8)]
+    kept = [(i, j + turn) for i, j in np.argwhere(stays) for turn in (-8, 0, 8)]
+    found = cells_inside(grid, stays)
+    for node in np.ndindex(grid.shape):
+        to_leaves, to_kept = (min(np.hypot(node[0] - i, node[1] - j) for i, j in some) for some in (leaves, kept))
+        assert found[node] == pytest.approx(2 - to_leaves if stays[node] else 1 + to_kept)

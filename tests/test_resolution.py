@@ -10,7 +10,7 @@ import pytest
 import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.problem import least_in_cells
-from sdhj.solver.resolution import ResolutionWarning, check_resolution
+from sdhj.solver.resolution import ResolutionWarning, check_resolution, too_thin
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
@@ -223,3 +223,26 @@ def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
         )
         lost[name] = np.mean(outcomes == "collided")
     assert lost["thin"] > 0.05 and lost["deep"] < 0.02 and lost["cell"] < 0.02, lost
+
+
+@pytest.mark.parametrize(("ndim", "nodes"), [(3, 15), (4, 11)])
+def test_a_ball_is_not_thin_where_a_line_grazes_it(ndim, nodes, rng):
+    """A chord is as short as one likes; what is thick beside it is no wall, and no number of nodes would mend it."""
+    for radius in (0.3, 0.4, 0.5):
+        for centre in rng.uniform(0.6, 1.2, (6, ndim)):
+            problem = sdhj.ReachAvoidProblem(
+                sdhj.Grid([0.0] * ndim, [2.0] * ndim, [nodes] * ndim),
+                sdhj.Dynamics([[1.0]], lambda q, u: 0.1 * q, np.eye(ndim), [0.1] * ndim),
+                sdhj.TargetSet((0,), lambda p, t: 1.7 - p[:, 0]),
+                [UnsafeSet(range(ndim), lambda p, t, c=centre, r=radius: np.linalg.norm(p - c, axis=1) - r)],
+                0.1,
+                1,
+            )
+            assert too_thin(problem, problem.unsafe[0], 0.0) == ""
+
+
+def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
+    problem = hall(wall(3.0, 0.11))
+    assert ", or UnsafeSet(" in too_thin(problem, problem.unsafe[0], 0.0)
+    monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
+    assert "which keeps the crest at the price of a part of a cell; " in too_thin(problem, problem.unsafe[0], 0.0)

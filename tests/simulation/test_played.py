@@ -93,3 +93,20 @@ def test_the_filter_cannot_be_passed_by(rng: np.random.Generator) -> None:
             assert not (told.promised & (batch.steps_to_go < 0)).any()
             lost = problem.unsafe_value(states, 0.0) <= 0
             assert not told.promised[lost].any()
+
+
+def test_an_axis_that_only_the_adversary_moves_is_named() -> None:
+    """A pursuer that leaves past an unsafe end of its own axis wins by it: the ends are at fault."""
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -1.0], [2.0, 1.0], [41, 21], names=["robot", "pursuer"]),
+        sdhj.Dynamics([[-1.0], [1.0]], [[-1.0, 0.0], [1.0, 0.0]], [[0.0], [1.0]], [0.2]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4),
+        [],
+        0.3,
+        4,
+    )
+    table = sdhj.solve(problem, progress=False)
+    faster = replace(problem.dynamics, bounds=[0.8])  # than the table knows
+    found = replace(table, problem=replace(problem, dynamics=faster)).played(300)
+    assert "went off the grid past the end of pursuer" in found.ways
+    assert "other ends of pursuer, along which only the adversary moves" in found.advice
