@@ -1,6 +1,7 @@
 """One sampling interval: the boat's games, and a point robot that must hold its input. Chapters 7 and 15 use both."""
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
@@ -19,6 +20,7 @@ from sdhj.plotting.looks import FULL_LOOKS, TARGET_LOOKS
 from sdhj.problem.problem import Dynamics, ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames
+from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solver.schemes import Scheme
 from sdhj.table.batches import Table
 
@@ -75,7 +77,8 @@ def point_robot(
 
 def holding(total: float = 0.8, counts: Sequence[int] = (1, 2, 4, 8), **numbers: float) -> dict[int, Table]:
     """The point robot's tables for one horizon cut into N = 1, 2, 4, ... intervals: the price of holding an input."""
-    return {n: sdhj.solve(point_robot(steps=n, delta=total / n, **numbers), progress=False) for n in counts}
+    with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # how little is won is what is shown
+        return {n: sdhj.solve(point_robot(steps=n, delta=total / n, **numbers), progress=False) for n in counts}
 
 
 def one_interval(problem: ReachAvoidProblem, j: int, start: int = 0, within: int = 1) -> tuple[FloatArray, FloatArray]:
