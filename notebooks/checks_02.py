@@ -115,7 +115,11 @@ def check_third(eno3):
     return f"Fitted order on a sine: {order:.1f}."
 
 
-@exercise("2.6")
+@exercise(
+    "2.6",
+    "Where would the function have to be concave, and how near to zero would it have to be there? 16 steps of a mean "
+    "of two neighbours spread a crest over a few nodes.",
+)
 def check_filled(lowered, filled):
     """Second differences below zero; two lost nodes claimed by the right scheme."""
     values = np.random.default_rng(0).normal(size=60)

@@ -152,7 +152,11 @@ def _entries(step, goals, unsafe):
     return entries
 
 
-@exercise("7.6")
+@exercise(
+    "7.6",
+    "For n = 1 there is no second entry to look at in the row below. And what row k has done so far says nothing about "
+    "what it will do.",
+)
 def check_pausing(settled, pausing):
     """Entry (k, n) equals (k, n - 1) where (k + 1, n - 1) equals (k + 1, n - 2); a row that pauses and grows again."""
     for seed in range(60):

@@ -21,7 +21,10 @@ def check_games(games):
     return "Half the interval takes half the time steps; more levels change nothing about a game."
 
 
-@exercise("10.2", "45 tubes, each with 4 bytes of value and 4 bytes of marks at each of m^4 nodes.")
+@exercise(
+    "10.2",
+    "45 tubes with 4 bytes of value and 4 of marks at each of m^4 nodes; 25 avoid tubes on all axes, 200 on two.",
+)
 def check_memory(most):
     """The largest m with 45 m^4 8 + 100 m^4 + 800 m^2 <= 1e9."""
 

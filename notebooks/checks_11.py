@@ -103,7 +103,7 @@ def check_adversary(villain):
     return told + "."
 
 
-@exercise("11.6")
+@exercise("11.6", "Each of the two conditions allows an error of its own; the smaller of the two is allowed by both.")
 def check_error(largest_error):
     """min(-m / slope, -a / slope_avoid), at least 0; then with margins and avoid tubes of the arm."""
     margins = np.array([-0.04, -0.04, -0.01, 0.02, -0.03, 0.0, -0.06])
