@@ -47,7 +47,11 @@ import sdhj
 
 ROOT = Path(__file__).parents[1]
 RECORD = ROOT / "tests" / "data" / "functions.npz"
-FOLDERS = [ROOT / "figures", ROOT / "notebooks", ROOT / "notebooks" / "solutions"]
+FOLDERS = [
+    ROOT / "figures",
+    *(ROOT / "notebooks" / "course" / part for part in ("", "checks", "draw", "explore")),
+    ROOT / "notebooks" / "solutions",
+]
 PACKAGE = str(Path(sdhj.__file__).parent) + os.sep
 STATES = 2000
 GROUP = 8  # states in a sum
@@ -245,10 +249,11 @@ def build() -> None:
     maze.maze(31, 12)
     for axes in (1, 2):
         shaky.point(axes)
-    chapter_4, check_4, check_15, check_16 = map(
-        importlib.import_module, ("chapter_04", "checks_04", "checks_15", "checks_16")
+    robots, check_4, check_15, check_16 = map(
+        importlib.import_module,
+        ("course.robots", *(f"course.checks.chapter_{chapter}" for chapter in ("04", "15", "16"))),
     )
-    chapter_4.point_robot()
+    robots.point_robot()
     check_4.check_boat(None)
     check_15.reference_car()
     check_15._boat()

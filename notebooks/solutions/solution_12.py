@@ -1,13 +1,13 @@
 """Solutions of chapter 12, and answers that its checks refuse."""
 
 import numpy as np
-from checks_12 import check_chord, check_depth, check_kink, check_search, check_upper
+from course.checks.chapter_12 import check_chord, check_depth, check_kink, check_search, check_upper
 
 from sdhj.simulation.runs import rollouts
 
-# (12.2) with |s''| <= 9, and (12.4) with a slope that jumps by 2; h = 0.1
+# (12.2) with |s''| <= 9 and h = 0.1
 smooth_error = 0.1**2 * 9 / 8
-kink_error = 2 * 0.1 / 4
+kink_error = 2 * 0.1 / 4  # (12.4) with a slope that jumps by 2
 
 
 def hidden(x):

@@ -44,6 +44,7 @@ HAS_KERNEL = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.k
 ALL_RAN = f"{CELLS}.every(cell => cell.model.executionCount > 0) && {HAS_KERNEL}"
 OUTPUTS = f"{CELLS}.map(cell => cell.model.sharedModel.getOutputs())"
 # from the key to the new picture, ms, in the browser's own time
+GREYED = "(control) => control.closest('[disabled]') !== null"
 STOPWATCH = """(cell) => {
     const watch = {pressed: null, seen: null, source: cell.querySelector('.jp-RenderedImage img')?.src};
     cell.addEventListener('keydown', () => { watch.pressed ??= performance.now(); }, {capture: true});
@@ -265,8 +266,8 @@ class Seen:
         pytest.fail(f"the picture says {self.said!r} and the numbers {self.status!r}")
 
     def controls(self, kind: str) -> list[Any]:
-        """The visible controls of a kind: ".noUi-handle", "select", "input[type=number]"."""
-        return [one for one in self.cell.locator(kind).all() if one.is_visible()]
+        """The controls of a kind that can be moved: ".noUi-handle", "select", "input[type=number]"."""
+        return [one for one in self.cell.locator(kind).all() if one.is_visible() and not one.evaluate(GREYED)]
 
     def labelled(self, label: str) -> Any:
         """The control with a label: the handle of a slider, a drop-down list or a number box."""
@@ -342,7 +343,7 @@ def number_in(status: str, name: str) -> float:
 # ----------------------------------------------------------------------------------------------------------------------
 
 TOY = """
-import widgets
+from course import widgets
 
 drawn = []
 
@@ -463,7 +464,7 @@ REFUSES: dict[str, str] = {}  # widgets whose ends are refused, and how; all oth
 
 def test_an_obstacle_on_the_arm_is_refused_in_words(opened: Any) -> None:
     """Every posture collides with a disk on the arm's base: there is no game, and the widget says so."""
-    cells = ["from chapter_08 import explore_arm_game", "explore_arm_game(nodes=9)"]
+    cells = ["from course.explore.tubes import explore_arm_game", "explore_arm_game(nodes=9)"]
     seen = Seen(opened(cells, "obstacle"), 1)
     for label in ("static obstacle x (m)", "static obstacle y (m)"):
         readout = seen.cell.locator(".widget-slider", has=seen.page.get_by_text(label, exact=True)).locator(
@@ -478,7 +479,10 @@ def test_an_obstacle_on_the_arm_is_refused_in_words(opened: Any) -> None:
 
 def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
     """Every posture collides: the slice must not look free."""
-    cells = ["import sdhj\nfrom chapter_06 import explore_spaces", "explore_spaces(sdhj.arm_case_study(nodes=9))"]
+    cells = [
+        "import sdhj\nfrom course.explore.spaces import explore_spaces",
+        "explore_spaces(sdhj.arm_case_study(nodes=9))",
+    ]
     seen = Seen(opened(cells, "base"), 1)
     _, free = shares(seen.picture)
     for label in ("pursuer x (m)", "pursuer y (m)"):
@@ -495,7 +499,7 @@ def test_a_pursuer_on_the_base_is_drawn_as_a_collision(opened: Any) -> None:
 def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
     """The run is not put back to its start when it is shown, and each choice gives another picture."""
     cells = [
-        "import sdhj\nfrom chapter_11 import explore_run\nfrom paper import starts_of_runs\n"
+        "import sdhj\nfrom course.explore.runs import explore_run\nfrom course.paper import starts_of_runs\n"
         "table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=4), progress=False)\n"
         "starts = [list(map(float, q)) for q in starts_of_runs(table, 1, within=3)]",
         "explore_run(table, starts, rules=('deepest', 'effort'))",

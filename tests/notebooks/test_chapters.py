@@ -8,11 +8,11 @@ from typing import Any
 import nbformat
 import numpy as np
 import pytest
-from chapter_03 import explore_value
-from chapter_04 import draw_safe_twice
-from chapter_05 import HELD, explore_games
+from course.draw.plane import draw_safe_twice
+from course.explore.games import HELD, explore_games
+from course.explore.values import explore_value
+from course.paper import boat
 from matplotlib.figure import Figure
-from paper import boat
 
 pytestmark = pytest.mark.slow
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"

@@ -8,23 +8,24 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import exercises
 import nbformat
 import numpy as np
 import pytest
-from exercises import Check, exercise, expect, expect_close
+from course import exercises
+from course.exercises import Check, exercise, expect, expect_close
 from solution_mutants import Solutions, names_in
 
 pytestmark = pytest.mark.slow  # what a reader is asked to compute takes a while
 NOTEBOOKS = Path(__file__).parent.parent.parent / "notebooks"
+CHECKS = NOTEBOOKS / "course" / "checks"
 CHAPTERS = [
-    path for path in sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb")) if (NOTEBOOKS / f"checks_{path.name[:2]}.py").exists()
+    path for path in sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb")) if (CHECKS / f"chapter_{path.name[:2]}.py").exists()
 ]
 FEWEST = 4  # exercises in a chapter
 
 
 def checks(chapter: str) -> list[Check]:
-    module = importlib.import_module(f"checks_{chapter}")
+    module = importlib.import_module(f"course.checks.chapter_{chapter}")
     return [value for value in vars(module).values() if isinstance(value, Check)]
 
 
@@ -165,8 +166,8 @@ def test_the_hint_is_folded_until_the_answer_is_right(monkeypatch: pytest.Monkey
 
 
 def test_a_verdict_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
-    check_double(...)._ipython_display_()
-    assert capsys.readouterr().out == "Exercise 0.1: not answered yet.\n"
+    check_pair(..., ...)._ipython_display_()  # an exercise without a hint
+    assert capsys.readouterr().out == "Exercise 0.2: not answered yet.\n"
     assert repr(check_double) == "<check of exercise 0.1>" and check_double.__doc__ == "Twice a number."
 
 

@@ -2,35 +2,47 @@
 
 import gc
 import io
+import json
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-import widgets
-from chapter_01 import area, canvas, combine, explore_nodes, explore_sets, rectangle
-from chapter_02 import carry, explore_schemes, explore_upwinding, shrink
-from chapter_04 import draw_plane_game, explore_holding, explore_interval, one_interval, point_robot
-from chapter_06 import draw_both_spaces, explore_spaces, explore_view_time, union_of_samples
-from chapter_07 import explore_plane_game, explore_row
-from chapter_08 import explore_arm_game, explore_pursuer, explore_tube
-from chapter_09 import explore_gap, explore_surface, paint, turned
-from chapter_11 import explore_lookup, explore_pursuit, explore_run
-from chapter_12 import explore_interpolation
-from chapter_13 import explore_certified, explore_line
-from chapter_14 import explore_evader
-from chapter_15 import explore_car
-from chapter_16 import draw_line_sets, explore_sensing
-from checks_15 import reference_car
-from live_slices import slice_values, steps_image
+from course import widgets
+from course.checks.chapter_15 import reference_car
+from course.draw.bodies import paint, turned
+from course.draw.lines import draw_line_sets
+from course.draw.plane import draw_plane_game
+from course.draw.schemes import carry, shrink
+from course.draw.sets import area, canvas, combine, rectangle
+from course.draw.slices import slice_values, steps_image
+from course.draw.spaces import draw_both_spaces, union_of_samples
+from course.explore.lines import explore_interpolation, explore_line
+from course.explore.plane import explore_car, explore_holding, explore_interval, explore_plane_game, explore_row
+from course.explore.runs import explore_lookup, explore_pursuit, explore_run
+from course.explore.schemes import explore_schemes, explore_upwinding
+from course.explore.sensing import explore_sensing
+from course.explore.sets import explore_nodes, explore_sets
+from course.explore.spaces import explore_spaces, explore_view_time
+from course.explore.tubes import (
+    explore_arm_game,
+    explore_certified,
+    explore_evader,
+    explore_gap,
+    explore_pursuer,
+    explore_surface,
+    explore_tube,
+)
+from course.paper import paper_figure, starts_of_runs
+from course.robots import one_interval, point_robot
 from matplotlib.axis import Tick
 from matplotlib.figure import Figure
-from paper import paper_figure, starts_of_runs
 from PIL import Image
 
 import sdhj
@@ -160,7 +172,17 @@ def test_interval_at_the_corners() -> None:
     share = "share of the lake in the reach-avoid set"
     assert calm[share] > windy[share]
     assert float(calm["cost of q, Eq. (6)"]) < float(windy["cost of q, Eq. (6)"])
-    assert calm["runs won"] == "64 of 64"
+    assert calm["runs won"] == "64 of 64" and calm["dearest run"] <= 0
+    assert calm["cost of q, Eq. (6)"] == pytest.approx(calm["on half the nodes"], abs=0.03)  # of a spacing of 0.1
+
+
+def test_each_set_of_one_interval_has_its_own_share() -> None:
+    explorer = explore_interval(nodes=25)
+    shown = {name: dict(explorer.set(show=name)) for name in ("reach", "avoid", "reach-avoid")}
+    names = {"reach": "reach set", "avoid": "avoid tube", "reach-avoid": "reach-avoid set"}
+    shares = {name: numbers[f"share of the lake in the {names[name]}"] for name, numbers in shown.items()}
+    assert shares["avoid"] > shares["reach"] > shares["reach-avoid"] > 0  # most of the lake is clear of the obstacle
+    assert all(sum("share of the lake" in told for told in numbers) == 1 for numbers in shown.values())
 
 
 def test_holding_at_the_corners() -> None:
@@ -398,8 +420,15 @@ def test_sensing_at_the_corners() -> None:
     explorer = explore_sensing(problem, drive)
     for shown in visit_corners(explorer):
         assert 0.0 < shown["promised, reckons with it"] <= shown["promised, does not"]
-    assert explorer.set(error=0.08)["lost, does not"] == pytest.approx(8 / 60)
-    assert explorer.numbers["lost, reckons with it"] == 0.0
+    assert explorer.set(error=0.08)["lost, does not, as it is"] == pytest.approx(8 / 60)
+    assert explorer.numbers["lost, reckons with it, as it is"] == 0.0
+    assert explorer.numbers["lost, does not, perfect"] == explorer.numbers["lost, reckons with it, perfect"] == 0.0
+    (table,) = explorer.figure.axes[-1].tables
+    cells = {place: cell.get_text().get_text() for place, cell in table.get_celld().items()}
+    assert [cells[row, column] for row in (1, 2) for column in (0, 1)] == ["0 of 60 lost"] * 2 + [
+        "8 of 60 lost",
+        "0 of 60 lost",
+    ]
     assert (
         explorer.set(error=0.0, delay=0.0, jitter=0.0)["promised, reckons with it"]
         == (explorer.numbers["promised, does not"])
@@ -449,6 +478,72 @@ def test_a_refused_setting_keeps_the_picture() -> None:
     assert "at most 0.8" in explorer.error and "at most 0.8" in explorer._status.value
     assert explorer.png == before
     assert explorer.set(share=0.2) == {"share": 0.2} and explorer.error == "" and explorer.png != before
+
+
+def test_a_refused_setting_greys_the_picture_and_names_what_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Shown:
+        images: ClassVar[list[Any]] = []
+
+        def update(self, image: Any) -> None:
+            self.images.append(image)
+
+    monkeypatch.setattr(widgets, "display", lambda *_, **__: Shown())
+    controls = {"share": slider(0.5), "pace": widgets.slider("pace", 0, 9, 1, 3)}
+    explorer = widgets.Explorer(lambda figure, share, pace: draw_share(figure, share), controls)
+    explorer._ipython_display_()
+    widgets.SHOWN.remove(explorer)
+    explorer.set(share=0.9)
+    grey = Image.open(io.BytesIO(Shown.images[-1].data))
+    assert np.ptp(np.asarray(grey.convert("RGB")).astype(int), axis=2).max() == 0
+    assert grey.info["Description"] == "share: 0.5"
+    assert Shown.images[-1].alt.startswith("still the picture of share: 0.5. ")  # and not of pace, which is the same
+    assert "in grey, is that of share: 0.5." in explorer._status.value
+    explorer.set(share=0.2)
+    assert Shown.images[-1].data == explorer.png and len(Shown.images) == 2
+
+
+def test_a_control_without_a_part_is_greyed(arm: LookupTable) -> None:
+    starts = [list(map(float, q)) for q in starts_of_runs(arm, 1, within=2)]
+    explorer = explore_run(arm, starts, adversaries=("random", "worst"))
+    assert explorer.controls["seed"].disabled
+    pictures = []
+    for seed in (0, 5):
+        pictures.append([])
+        for adversary in ("worst", "random"):
+            explorer.set(adversary=adversary, seed=seed)
+            assert explorer.controls["seed"].disabled == (adversary == "worst")
+            pictures[-1].append(explorer.png)
+    assert pictures[0][0] == pictures[1][0] and pictures[0][1] != pictures[1][1]
+
+
+def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
+    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
+    before, values = explorer.png, explorer.values
+    frames = list(explorer.frames())
+    assert [value for value, _, _ in frames] == ["0", "0.2", "0.3", "0.5", "0.7", "0.8"]  # 1.0 is refused
+    assert len({png for _, png, _ in frames}) == len(frames)
+    assert all(said == f"share: {value}" for value, _, said in frames)
+    assert (explorer.png, explorer.values, explorer.error) == (before, values, "")
+
+
+def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)}, size=(3.0, 2.0), alt="a line")
+    monkeypatch.setattr(widgets, "SHOWN", [explorer])
+    widgets.write_frames(tmp_path, "01_new", "a hash")
+    told = json.loads((tmp_path / "01_new.json").read_text("utf-8"))
+    (widget,) = told["widgets"]
+    width, height = widget["size"]
+    assert told["code"] == "a hash" and (widget["control"], widget["at"], widget["alt"]) == ("share", "0.5", "a line")
+    assert Image.open(tmp_path / widget["file"]).size == (width, height * len(widget["values"]))
+
+
+def test_a_slice_says_what_its_lines_mean(arm: LookupTable) -> None:
+    for explorer in (explore_tube(arm), explore_certified(arm, arm)):
+        (legend,) = explorer.figure.legends
+        said = {text.get_text() for text in legend.get_texts()}
+        assert {"target", "obstacles: collision", "pursuer: collision", "the state on the left"} <= said
+        shown = legend.get_window_extent()
+        assert shown.x0 >= 0 and shown.x1 <= explorer.figure.bbox.width
 
 
 def test_a_first_setting_that_is_refused_raises() -> None:

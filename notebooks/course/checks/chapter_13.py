@@ -1,0 +1,174 @@
+"""Checks of the exercises of chapter 13."""
+
+from fractions import Fraction
+from math import gcd, lcm
+
+import numpy as np
+
+from course.exercises import exercise, expect
+
+
+@exercise("13.1", "The left end moves with the least velocity, the right end with the greatest.")
+def check_image(after):
+    """[3/5 - 3/10, 13/20 - 1/5]."""
+    wanted = Fraction(3, 5) - Fraction(3, 10), Fraction(13, 20) - Fraction(1, 5)
+    expect(len(after) == 2, "a pair: the left and the right end.")
+    expect(all(isinstance(end, Fraction) for end in after), "as Fractions, so that nothing is rounded.")
+    expect(after[0] != Fraction(7, 20) or after[1] != Fraction(2, 5), "that is without the adversary.")
+    expect(tuple(after) == wanted, "left end: a + delta (u - 1/5); right end: b + delta (u + 1/5).")
+
+
+def _truth(a, b, u, wind, post, delta):
+    """One side throughout: two linear functions of tau, each positive at both ends of the interval."""
+    left, left_rate, right, right_rate = post
+    below = (left - b, left + left_rate * delta - b - delta * (u + wind))
+    above = (a - right, a + delta * (u - wind) - right - right_rate * delta)
+    return min(below) > 0 or min(above) > 0
+
+
+@exercise(
+    "13.2",
+    "A linear function is positive on an interval if it is so at both ends. Do this for each side of its own.",
+)
+def check_clear(stays_clear):
+    """Random fractions, those that touch, and those that change sides."""
+    delta, wind = Fraction(1, 4), Fraction(1, 5)
+    jumped = Fraction(0), Fraction(1, 10), 30, wind, (Fraction(1), Fraction(0), Fraction(2), Fraction(0)), delta
+    expect(not stays_clear(*jumped), "a cell that is left of the post at first and right of it in the end has met it.")
+    touched = Fraction(0), Fraction(1), 0, Fraction(0), (Fraction(1), Fraction(0), Fraction(2), Fraction(0)), delta
+    expect(not stays_clear(*touched), "closed intervals that share a point are not clear of each other.")
+    late = Fraction(0), Fraction(1), 0, Fraction(0), (Fraction(2), Fraction(-5), Fraction(9), Fraction(0)), delta
+    expect(not stays_clear(*late), "the post may arrive during the interval: look at its end too.")
+    rng = np.random.default_rng(0)
+    for _ in range(3000):
+        a, width, left, thick = (Fraction(int(n), 20) for n in (*rng.integers(-20, 20, 1), *rng.integers(1, 20, 3)))
+        rates = [Fraction(int(n), 10) for n in rng.integers(-20, 21, 2)]
+        u = int(rng.integers(-1, 2))
+        given = a, a + width, u, wind, (left, rates[0], left + thick, rates[1]), delta
+        if left + thick + rates[1] * delta < left + rates[0] * delta:
+            continue  # the post has turned inside out
+        got = stays_clear(*given)
+        expect(bool(got) == _truth(*given), f"for a, b, u, wind, post, delta = {given} the answer should be {not got}.")
+
+
+@exercise("13.3", "Over a common denominator the ways are whole numbers, and these have a greatest common divisor.")
+def check_aligned(aligned_width):
+    """The greatest common divisor of the fractions delta (u +- wind)."""
+    rng = np.random.default_rng(0)
+    for delta, inputs, wind in (
+        (Fraction(1, 4), (-1, 0, 1), Fraction(1, 5)),
+        (Fraction(1, 4), (1,), Fraction(1, 5)),
+        (Fraction(1, 10), (Fraction(-3), Fraction(-3, 2), 0, Fraction(3, 2), Fraction(3)), Fraction(3, 10)),
+        (Fraction(1, 3), (0, 2), Fraction(1, 7)),
+        (Fraction(1, 4), (-1, 1), Fraction(3, 10)),
+        *(
+            (Fraction(int(a), 12), (int(b), int(b + c)), Fraction(int(d), 35))
+            for a, b, c, d in rng.integers(1, 9, (20, 4))
+        ),
+    ):
+        width = Fraction(aligned_width(delta, inputs, wind))
+        expect(width > 0, "a width is positive.")
+        ways = [delta * (Fraction(u) + sign * wind) for u in inputs for sign in (-1, 1)]
+        common = lcm(*(way.denominator for way in ways))
+        wanted = Fraction(gcd(*(int(way * common) for way in ways)), common)
+        hint = f"delta {delta}, inputs {[str(u) for u in inputs]}, wind {wind}"
+        fits = all((way / width).denominator == 1 for way in ways)
+        expect(fits, f"{hint}: some way is no whole number of widths.")
+        expect(width == wanted, f"{hint}: {width} fits, and {wanted / width} times as wide fits as well.")
+
+
+def _game():
+    """What is needed to judge claims: cells of two widths, a gate shut for an interval, a post at an instant."""
+    edges = sorted(
+        {Fraction(-1) + Fraction(i, 10) for i in range(15)} | {Fraction(1, 2) + Fraction(i, 20) for i in range(11)}
+    )
+    delta, wind, steps, target = Fraction(1, 4), Fraction(1, 10), 4, (Fraction(1, 5), Fraction(1))
+
+    def moved(a, b, u):
+        return a + delta * (u - wind), b + delta * (u + wind)
+
+    def safe(a, b, u, k):
+        if u is None:
+            return not (k == 3 and Fraction(3, 5) <= a and b <= Fraction(4, 5))
+        return not (k == 1 and a < Fraction(-1, 5))
+
+    return edges, target, steps, moved, safe
+
+
+def _why_false(key, claim, certificate, edges, target, steps, moved, safe):
+    """What is wrong with a claim, in words; empty where it is true."""
+    (k, c), (n, u) = key, claim
+    a, b = edges[c], edges[c + 1]
+    if n == 0:
+        if not (target[0] <= a and b <= target[1]):
+            return "n = 0 outside the target is false."
+        return "" if safe(a, b, None, k) else "n = 0 in the target, and in G at that instant: safe(a, b, None, k)."
+    if k + n > steps:
+        return "after the last step there is no step: k + n <= steps."
+    if not safe(a, b, u, k):
+        return "a claim that is not safe on the way is false."
+    low, high = moved(a, b, u)
+    if low < edges[0] or high > edges[-1]:
+        return "an image that leaves the line, on the left or on the right, is covered by no cell."
+    met = [(k + 1, m) for m in range(len(edges) - 1) if edges[m + 1] > low and edges[m] < high]
+    if not all(cell in certificate for cell in met):
+        return "a missing cell: whoever leans on it is false."
+    fewer = all(certificate[cell][0] < n for cell in met)
+    return "" if fewer else "every cell that the image meets must have fewer steps to go than the claim itself."
+
+
+def _true_claims(edges, target, steps, moved, safe):
+    """A certificate whose claims are all true."""
+    found, rest = {}, (edges, target, steps, moved, safe)
+    for k in range(steps, -1, -1):
+        for n in range(steps - k + 1):
+            for c in range(len(edges) - 1):
+                for claim in [(n, u) for u in ((-1, 0, 1) if n else (None,))]:
+                    if (k, c) not in found and not _why_false((k, c), claim, found, *rest):
+                        found[k, c] = claim
+    return found
+
+
+@exercise(
+    "13.4",
+    "For n = 0: in the target, and safe at the instant. For n >= 1: steps enough, safe on the way, the image on "
+    "the line, and every cell that it meets needs fewer steps.",
+)
+def check_claims(claims_that_fail):
+    """A true certificate, and 60 in which a dozen claims are forged or left out."""
+    rest = _game()
+    true, rng, cells, steps = _true_claims(*rest), np.random.default_rng(0), len(rest[0]) - 1, rest[2]
+    said = "in a true certificate nothing is false; cells that the image does not meet are nobody's business."
+    expect(set(claims_that_fail(dict(true), *rest)) == set(), said)
+    for _ in range(60):
+        forged = dict(true)
+        for _ in range(12):
+            key, n = (int(rng.integers(steps + 1)), int(rng.integers(cells))), int(rng.integers(steps + 1))
+            forged[key] = n, (int(rng.integers(-1, 2)) if n else None)
+            forged.pop((int(rng.integers(steps + 1)), int(rng.integers(cells))), None)
+        why = {key: _why_false(key, claim, forged, *rest) for key, claim in forged.items()}
+        false, got = {key for key, said in why.items() if said}, set(claims_that_fail(dict(forged), *rest))
+        missed = min(false - got, default=None)
+        expect(missed is None, f"claim {missed} was believed: {why.get(missed)}")
+        expect(got <= false, f"claim {min(got - false, default=None)} is true, and was called false.")
+
+
+@exercise("13.5", "One np.nextafter outwards after each of the three operations, not one at the end.")
+def check_outward(outward_image):
+    """Contained, and within a few units in the last place."""
+    rng = np.random.default_rng(0)
+    cases = [tuple(rng.uniform(-1, 1, 5)) for _ in range(2000)]
+    cases += [(1e16, 1e16, 1.0, 0.1, 0.1), (0.1, 0.2, -0.3, 1e-17, 0.7), (-1e-300, 1e-300, 1e-8, 1e-12, 0.25)]
+    cases += [(1.0, 1.0, 1e-17, 0.0, 1.0), (0.1, 0.3, 0.3, 0.1, 3.0), (0.0, 0.0, 0.0, 0.0, 0.5)]
+    for a, width, u, wind, tau in cases:
+        b, wind, tau = a + abs(width) if abs(a) < 1e10 else a, abs(wind), abs(tau)
+        low, high = outward_image(a, b, u, wind, tau)
+        exact_low = Fraction(a) + Fraction(tau) * (Fraction(u) - Fraction(wind))
+        exact_high = Fraction(b) + Fraction(tau) * (Fraction(u) + Fraction(wind))
+        given = f"a, b, u, wind, tau = {(a, b, u, wind, tau)}"
+        expect(Fraction(float(low)) <= exact_low, f"{given}: the left end is inside the exact image.")
+        expect(Fraction(float(high)) >= exact_high, f"{given}: the right end is inside the exact image.")
+        size = max(abs(a), abs(b), abs(tau * u), abs(tau * wind), 1e-290)
+        slack = 16 * Fraction(float(np.spacing(size)))
+        expect(exact_low - Fraction(float(low)) <= slack, f"{given}: the left end is farther out than it has to be.")
+        expect(Fraction(float(high)) - exact_high <= slack, f"{given}: the right end is farther out than it has to be.")

@@ -1,0 +1,111 @@
+"""Checks of the exercises of chapter 14."""
+
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+
+import sdhj
+from course.exercises import exercise, expect, expect_close
+
+
+@exercise("14.1", "Stretched, the tip is l1 + l2 from the first joint and l2 from the second; both turn the same way.")
+def check_tip(top_speed):
+    """(l1 + 2 l2) u, stretched, both joints the same way."""
+    given = sdhj.arm_case_study(nodes=5).recipe["arguments"]
+    (l1, l2), u = given["lengths"], given["u_max"]
+    expect(abs(top_speed - (l1 + l2) * u) > 1e-9, "that is the first joint alone.")
+    expect(abs(top_speed - (l1 + l2) * (u + given["v_d_max"])) > 1e-9, "without a disturbance.")
+    expect_close(top_speed, (l1 + 2 * l2) * u, "stretched, the first joint moves l1 + l2, the second l2.", within=1e-6)
+
+
+@exercise(
+    "14.2",
+    "|a + b|^2 = |a|^2 + |b|^2 + 2 a . b with the columns a and b of J; the better sign makes the last term |a . b|.",
+)
+def check_push(push_formula, gentlest_angle):
+    """sqrt(c1^2 + c2^2 + 2 |c1 . c2|) with the columns of J."""
+    for l1, l2 in ((0.15, 0.15), (0.3, 0.1), (0.1, 0.3)):
+        for q2 in np.linspace(-3, 3, 25):
+            first = np.array([l1 + l2 * np.cos(q2), l2 * np.sin(q2)])
+            second = l2 * np.array([np.cos(q2), np.sin(q2)])
+            wanted = max(np.linalg.norm(first + second), np.linalg.norm(first - second))
+            got = push_formula(q2, l1, l2)
+            hint = f"q2 = {q2:.2f}, lengths {l1}, {l2}: |a + b|^2 = |a|^2 + |b|^2 + 2 a.b; take the better sign."
+            expect_close(got, wanted, hint, within=1e-9)
+    nu = [push_formula(q2, 1.0, 1.0) for q2 in np.linspace(0, np.pi, 4001)]
+    expect_close(push_formula(gentlest_angle, 1.0, 1.0), min(nu), "there nu is not least on [0, pi].", within=1e-6)
+
+
+@exercise("14.3", "The levels are -3 + 6 i / (m - 1). When is every one of them among those of m'?")
+def check_nested(pairs):
+    """m - 1 divides m' - 1."""
+    levels = {m: {Fraction(-3) + Fraction(6 * i, m - 1) for i in range(m)} for m in range(2, 10)}
+    wanted = {(m, n) for m in levels for n in levels if m < n and levels[m] <= levels[n]}
+    got = {(int(m), int(n)) for m, n in pairs}
+    expect(got >= wanted, f"some are missing, for example {min(wanted - got, default='')}.")
+    expect(got <= wanted, f"{max(got - wanted, default='')}: a level of the first is missing in the second.")
+
+
+@exercise(
+    "14.4",
+    "A norm is convex, so only corners matter, four of s and four of s'. It grows with the evader's speed: bisect.",
+)
+def check_evader_limit(evader_limit):
+    """Vertices decide: a convex function is largest at one."""
+    rng = np.random.default_rng(0)
+    corners = np.array(list(product((-1, 1), repeat=2)))
+    for _ in range(40):
+        J, rho, delta, v_d = rng.normal(size=(2, 2)) * 0.2, 0.06, 0.1, rng.uniform(0, 0.6)
+        blur = delta * v_d * np.max(np.linalg.norm(corners @ J.T, axis=1))
+        if blur >= rho:
+            continue
+        got = float(evader_limit(J, rho, delta, v_d))
+        ends = delta * (v_d * (corners @ J.T)[:, None] + got * corners[None])
+        reach = np.max(np.linalg.norm(ends, axis=-1))
+        expect(got >= 0, "a speed is not negative.")
+        expect(reach <= rho + 1e-6, f"J = {J.round(3).tolist()}: at your limit the gap opens to {reach:.5f} > rho.")
+        expect(reach >= rho - 1e-6, f"J = {J.round(3).tolist()}: a faster evader is still caught, {reach:.5f} < rho.")
+    return "At the sharp limit the two pushes need not be parallel."
+
+
+def _captured(r, v, delta, n):
+    """By the definition: for each u the gaps whose image lies in one of the intervals."""
+    intervals = [(-r, r)]
+    for _ in range(n):
+        found = list(intervals)
+        for u in (-1, 0, 1):
+            for left, right in intervals:
+                a, b = left + delta * u + delta * v, right + delta * u - delta * v
+                if a <= b:
+                    found.append((a, b))
+        found.sort()
+        intervals = [found[0]]
+        for a, b in found[1:]:
+            if a <= intervals[-1][1]:
+                intervals[-1] = intervals[-1][0], max(b, intervals[-1][1])
+            else:
+                intervals.append((a, b))
+    return intervals
+
+
+@exercise(
+    "14.5",
+    "In one step each interval shrinks by delta v at both ends and moves by delta u. Keep what is not empty, "
+    "sort, and unite what meets.",
+)
+def check_capture(capture_set):
+    """Against the recursion, connected and in pieces."""
+    F = Fraction
+    for r, v, delta, n, what in (
+        (F(1), F(1, 2), F(1, 2), 0, "no step: the target itself"),
+        (F(1), F(1, 2), F(1, 2), 1, "one step: u = 1 and u = -1 add a piece on either side"),
+        (F(1), F(1, 2), F(1, 2), 4, "four steps"),
+        (F(1, 4), F(1, 4), F(1), 1, "r = delta v: from outside only single gaps are caught"),
+        (F(3, 10), F(1, 4), F(1), 3, "pieces that do not touch: the gaps between the inputs' images are lost"),
+        (F(1, 5), F(1, 4), F(1), 3, "r < delta v: the evader always gets away"),
+        (F(1), F(0), F(1, 4), 5, "an evader that does not move"),
+    ):
+        got = [tuple(Fraction(end) for end in one) for one in capture_set(r, v, delta, n)]
+        expect(got == sorted(got), f"{what}: sort the intervals.")
+        expect(got == _captured(r, v, delta, n), f"{what} (r = {r}, v = {v}, delta = {delta}, n = {n}).")

@@ -1,0 +1,1 @@
+"""Widgets: sliders bound to the pictures of `course.draw`."""

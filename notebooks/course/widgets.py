@@ -1,0 +1,408 @@
+"""Pictures in a notebook, and live ones: sliders bound to functions that draw.
+
+`picture` shows a drawing once. An `Explorer` has controls, a picture that answers to them, and the numbers it shows;
+each `explore_*` of `course.explore` returns one. Put it on the last line of a cell. A reader without a kernel sees
+the picture for the first setting; where a kernel runs, moving a slider redraws that picture in place. The site shows
+some frames of one control: `write_frames` writes them when the notebook is executed.
+"""
+
+import gc
+import html
+import inspect
+import io
+import json
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import ipywidgets
+import matplotlib as mpl
+import numpy as np
+import PIL.Image
+from IPython.display import Image, display
+from matplotlib.figure import Figure
+from PIL import ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
+
+from course.live_figure import LiveFigure
+from sdhj.arm.case_studies import scene
+from sdhj.plotting.looks import UNDATED, new_figure, style
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.resolution import ResolutionWarning
+from sdhj.table.batches import Table
+
+DPI = 115
+WIDE = (8.2, 3.5)
+FRAMES = 7  # of a widget, on a page without a kernel
+VIEW = "application/vnd.jupyter.widget-view+json"
+Numbers = Mapping[str, float | str]
+Draw = Callable[..., Numbers | None]
+
+
+def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes, dict[str, float | str]]:
+    """Draw on a figure, cleared before, and return its PNG file and the numbers that `draw` returned.
+
+    `draw` takes a figure, or the only axes of one where its first argument is named "ax". Where it follows a slider
+    write "n = 3", not "$n = 3$": to parse a formula takes longer than to draw it (`course.draw.slices.frame_live`).
+    """
+    with style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
+        figure.clear()
+        first = next(iter(inspect.signature(draw).parameters))
+        numbers = draw(figure.subplots() if first == "ax" else figure, *data, **values)
+        told = dict(numbers) if isinstance(numbers, Mapping) else {}
+        return _png(figure, _told(told)), told
+
+
+def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
+    """A PNG file that holds in words what its picture says."""
+    buffer = io.BytesIO()
+    words = {"Description": said} if said else {}
+    figure.savefig(buffer, format="png", dpi=DPI, metadata=UNDATED["png"] | words, **options)
+    return buffer.getvalue()
+
+
+def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str = "", **values: Any) -> None:
+    """Show draw(figure or axes, *data, **values) once; `size` in inches, `alt` a description for screen readers."""
+    with style():
+        figure = new_figure(*size)
+    png, numbers = render(draw, figure, *data, **values)
+    display(Image(data=png, format="png", alt=alt or _first_line(draw)))
+    if numbers:
+        print(_told(numbers))
+
+
+def show(figure: Figure, alt: str = "picture") -> None:
+    """Show a figure that is already drawn, with a description for screen readers."""
+    with style():
+        display(Image(data=_png(figure, bbox_inches="tight"), format="png", alt=alt))
+
+
+def _first_line(draw: Draw) -> str:
+    return (inspect.getdoc(draw) or "picture").splitlines()[0]
+
+
+def _told(numbers: Numbers) -> str:
+    return "; ".join(f"{name}: {_number(value)}" for name, value in numbers.items())
+
+
+def _number(value: float | str) -> str:
+    if isinstance(value, float) and np.isnan(value):
+        return "none"
+    return str(value) if isinstance(value, int | str) else f"{value:.3g}"
+
+
+@contextmanager
+def garbage_waits() -> Iterator[None]:
+    """Until the picture is there: a picture is 10^5 new objects, and looking for garbage among them takes a quarter."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+class Explorer:
+    """Controls and a picture that answers to them.
+
+    What `draw` refuses, by an exception of any kind, is told in words below the controls. The picture stays that of the
+    last setting that could be drawn, turns grey, and names that setting. What a solve says that its grid does not see
+    is told beside the numbers. A value that comes back from the browser rounded is no new value.
+
+    Parameters
+    ----------
+    draw : callable (figure, **values) -> mapping or None
+        Draws for one value of each control, and returns the numbers to show.
+    controls : mapping of str to widget
+        By argument of `draw`.
+    size : (float, float)
+        Of the picture, inches.
+    slow : bool
+        The picture can take longer than a moment: until it is there, the line below the controls says so.
+    motion : str, optional
+        The control that moves in the frames of the site; default the first that has two ends.
+    idle : callable (**values) -> names of controls, optional
+        Those that play no part as the others stand: they are greyed.
+
+    Attributes
+    ----------
+    controls : dict of str to widget
+    numbers : dict of str to float
+        What the picture shown now says.
+    error : str
+        Why the last change was refused; empty where it was not.
+    figure : LiveFigure
+        What all pictures are drawn on.
+    """
+
+    def __init__(
+        self,
+        draw: Draw,
+        controls: Mapping[str, Any],
+        *,
+        size: tuple[float, float] = WIDE,
+        slow: bool = False,
+        alt: str = "",
+        motion: str = "",
+        idle: Callable[..., Collection[str]] = lambda **_: (),
+    ) -> None:
+        self.draw, self.controls, self.slow, self.alt, self.idle = draw, dict(controls), slow, alt, idle
+        self.motion = motion or next((name for name, control in self.controls.items() if hasattr(control, "max")), "")
+        self.numbers: dict[str, float | str] = {}
+        self.error = ""
+        self._picture: Any = None
+        with style():
+            self.figure = LiveFigure(size, DPI)
+        self._status = ipywidgets.HTML()
+        self._asked = self._drawn = self.values
+        self._unseen: dict[tuple[Any, ...], str] = {}  # what solves said, by the controls' values: each solves once
+        self._render()  # raises what is refused
+        self._tell()
+        self._rest()
+        for control in self.controls.values():
+            control.observe(self._changed, names="value")
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The controls' values by argument, on the steps of their sliders."""
+        return {name: _on_its_step(control) for name, control in self.controls.items()}
+
+    def set(self, **values: Any) -> dict[str, float | str]:
+        """Move controls, as a user would, and return the numbers that the picture then shows."""
+        for name, value in values.items():
+            self.controls[name].value = value
+        return self.numbers
+
+    def _render(self) -> None:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            self.png, self.numbers = render(self.draw, self.figure, **self._asked)
+        self._drawn = self._asked
+        for warning in told:
+            if issubclass(warning.category, ResolutionWarning):
+                self._unseen[tuple(self._asked.values())] = str(warning.message)
+            else:
+                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+    @property
+    def note(self) -> str:
+        """What the solve of the picture shown now said that its grid does not see; empty where it sees all."""
+        return self._unseen.get(tuple(self._asked.values()), "")
+
+    def _changed(self, _change: Any) -> None:
+        if self.values == self._asked:
+            return
+        self._asked = self.values
+        self._rest()
+        if self.slow:
+            self._status.value = WORKING
+        with garbage_waits():
+            try:
+                self._render()
+                self.error = ""
+            except Exception as error:  # whatever it is: nobody sees what a callback in a notebook raises
+                self.error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            if self._picture is not None:
+                self._picture.update(self._image())
+            self._tell()
+
+    def _rest(self) -> None:
+        """Grey the controls that play no part."""
+        idle = self.idle(**self._asked)
+        for name, control in self.controls.items():
+            for part in (control, getattr(control, "player", None), getattr(control, "slider", None)):
+                if part is not None:
+                    part.disabled = name in idle
+
+    @property
+    def shown_setting(self) -> str:
+        """In what the setting of the picture differs from the one that was asked for, in words."""
+        told = (
+            f"{self.controls[name].description or name}: {_number(value)}"
+            for name, value in self._drawn.items()
+            if value != self._asked[name]
+        )
+        return "; ".join(told)
+
+    def _tell(self) -> None:
+        if self.error:
+            still = f"The picture, in grey, is that of {html.escape(self.shown_setting)}."
+            reason = f"Not possible: {html.escape(self.error)}.<br>{still}"
+            self._status.value = f"<div role='alert' style='line-height:1.4; color:#a8330f'>{reason}</div>"
+        else:
+            told = f"<div role='status' style='line-height:1.4'>{html.escape(_told(self.numbers))}</div>"
+            note = f"<div role='note' style='line-height:1.4; color:#555555'>{html.escape(self.note)}</div>"
+            self._status.value = told + (note if self.note else "")
+
+    def _image(self) -> Image:
+        alt = self.alt or _first_line(self.draw)
+        alt = f"{alt}. {_told(self.numbers)}" if self.numbers else alt
+        if not self.error:
+            return Image(data=self.png, format="png", alt=alt)
+        said = f"still the picture of {self.shown_setting}"
+        return Image(data=greyed(self.png, said), format="png", alt=f"{said}. {alt}")
+
+    def frames(self, most: int = FRAMES) -> Iterator[tuple[str, bytes, str]]:
+        """The value of the control that moves, the picture and what it says, from one end to the other.
+
+        What is refused is left out. The controls and what is displayed are as before.
+        """
+        control, picture = self.controls[self.motion], self._picture
+        first, step = control.value, getattr(control, "step", 1)
+        places = np.unique(np.round(np.linspace(0, round((control.max - control.min) / step), most)))
+        self._picture = None
+        try:
+            for place in places:
+                value = min(control.min + type(first)(place * step), control.max)
+                self.set(**{self.motion: value})
+                if not self.error:
+                    yield _number(value), self.png, _told(self.numbers)
+        finally:
+            self.set(**{self.motion: first})
+            self._picture = picture
+
+    def panel(self) -> Any:
+        """The controls in columns, with the numbers below."""
+        rows = ipywidgets.Box(
+            [_whole(control) for control in self.controls.values()],
+            layout=ipywidgets.Layout(display="flex", flex_flow="row wrap", align_items="center"),
+        )
+        return ipywidgets.VBox([rows, self._status])
+
+    def _ipython_display_(self) -> None:
+        names = ", ".join(
+            f"{control.description or name} ({_number(control.value)})" for name, control in self.controls.items()
+        )
+        text = f"Controls, live where the notebook runs: {names}\nShown: {_told(self.numbers)}"
+        panel = self.panel()
+        display(
+            {VIEW: {"version_major": 2, "version_minor": 0, "model_id": panel.model_id}, "text/plain": text}, raw=True
+        )
+        self._picture = display(self._image(), display_id=True)
+        SHOWN.append(self)
+
+
+SHOWN: list[Explorer] = []  # in the order in which they were displayed
+
+
+def greyed(png: bytes, said: str) -> bytes:
+    """A picture without its colours, half as dark, with words across its top; it still says what it shows."""
+    picture = PIL.Image.open(io.BytesIO(png))
+    grey = PIL.Image.blend(picture.convert("L"), PIL.Image.new("L", picture.size, 255), 0.45)
+    font = ImageFont.load_default(15)
+    brush = ImageDraw.Draw(grey)
+    left, top, right, bottom = brush.textbbox((8, 6), said, font)
+    brush.rectangle((left - 4, top - 4, right + 4, bottom + 4), fill=255, outline=90)
+    brush.text((8, 6), said, fill=30, font=font)
+    words, buffer = PngInfo(), io.BytesIO()
+    for name, text in picture.info.items():
+        if isinstance(text, str):
+            words.add_text(name, text)
+    grey.save(buffer, "png", pnginfo=words)
+    return buffer.getvalue()
+
+
+def write_frames(folder: Path, stem: str, code: str) -> None:
+    """Write the frames of all widgets that were displayed: a picture of one below the other, and what they say.
+
+    `code` says which code they are of.
+    """
+    told = []
+    for number, explorer in enumerate(SHOWN, 1):
+        values, pngs, said = zip(*explorer.frames(), strict=True)
+        pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
+        width, height = pictures[0].size
+        strip = PIL.Image.new("RGB", (width, height * len(pictures)))
+        for place, picture in enumerate(pictures):
+            strip.paste(picture, (0, place * height))
+        file = f"{stem}-{number}.webp"
+        few = strip.quantize(64, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
+        few.save(folder / file, lossless=True, quality=80)
+        control, at = explorer.controls[explorer.motion], _number(explorer.values[explorer.motion])
+        one = {"file": file, "size": [width, height], "control": control.description or explorer.motion, "at": at}
+        told.append(one | {"alt": explorer.alt or _first_line(explorer.draw), "values": values, "said": said})
+    text = json.dumps({"code": code, "widgets": told}, ensure_ascii=False, indent=1)
+    (folder / f"{stem}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _on_its_step(control: Any) -> Any:
+    """The value of a control without what rounding in the browser did to it."""
+    value = control.value
+    if not isinstance(value, float):
+        return value
+    if isinstance(control, ipywidgets.FloatSlider):
+        value = control.min + round((value - control.min) / control.step) * control.step
+    return min(max(round(value, 6), control.min), control.max)
+
+
+def _whole(control: Any) -> Any:
+    """A control with what it has beside it: a button to play it, a slider for its number box."""
+    before, behind = getattr(control, "player", None), getattr(control, "slider", None)
+    parts = [part for part in (before, control, behind) if part is not None]
+    return ipywidgets.HBox(parts) if len(parts) > 1 else control
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Controls
+# ----------------------------------------------------------------------------------------------------------------------
+
+WORKING = "<div role='status' style='line-height:1.4; color:#555555'>solving ... (the first time also compiling)</div>"
+LABEL = {"description_width": "13em"}
+LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
+
+
+def slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
+    """A slider; with live=False it acts only where it is let go."""
+    kind = ipywidgets.IntSlider if all(isinstance(v, int) for v in (low, high, step, value)) else ipywidgets.FloatSlider
+    shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f"}
+    return kind(value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **LOOK)
+
+
+def played(control: Any, interval: int = 250) -> Any:
+    """The same whole-numbered slider with a button beside it that plays it.
+
+    The two are linked in the browser, where the first to be displayed wins: both begin with the slider's value.
+    """
+    play = {"min": control.min, "max": control.max, "step": control.step, "interval": interval}
+    control.player = ipywidgets.Play(value=control.value, show_repeat=False, **play)
+    ipywidgets.jslink((control.player, "value"), (control, "value"))
+    return control
+
+
+def choice(label: str, options: Sequence[Any], value: Any) -> Any:
+    return ipywidgets.Dropdown(options=options, value=value, description=label, **LOOK)
+
+
+def angle(label: str, value: float, step: float = 0.02) -> Any:
+    """An angle in radians: a number box, because a slider has fewer pixels than an angle has values, and a slider."""
+    ends = {"min": -3.14, "max": 3.14, "step": step}
+    box = ipywidgets.BoundedFloatText(
+        value, description=label, style=LABEL, layout=ipywidgets.Layout(width="19em"), **ends
+    )
+    box.slider = ipywidgets.FloatSlider(
+        value, readout=False, tooltip=label, layout=ipywidgets.Layout(width="17em"), **ends
+    )
+
+    def moved(change: Any) -> None:  # what is typed stays as it is; the slider shows the nearest of its places
+        if abs(change.new - box.value) > step / 2:
+            box.value = round(change.new, 2)
+
+    box.slider.observe(moved, names="value")
+    box.observe(lambda change: setattr(box.slider, "value", change.new), names="value")
+    return box
+
+
+def step_sliders(table: Table) -> dict[str, Any]:
+    return {
+        "start": slider("start, step k", 0, table.steps, 1, 0),
+        "within": slider("within, steps to go n", 0, table.steps, 1, table.steps),
+    }
+
+
+def agent_sliders(problem: ReachAvoidProblem, x: float = 0.24, y: float = 0.24) -> dict[str, Any]:
+    box = float(problem.grid.upper[2])
+    name = scene(problem).agent
+    return {"px": slider(f"{name} x (m)", -box, box, 0.01, x), "py": slider(f"{name} y (m)", -box, box, 0.01, y)}
