@@ -167,7 +167,8 @@ def chromium() -> Iterator[Any]:
     with sync.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, headless=True, args=FLAGS)
         try:
-            yield browser.new_page(viewport={"width": 1280, "height": 1600})
+            # without what moves: the theme's sidebar takes a while to become narrower
+            yield browser.new_page(viewport={"width": 1280, "height": 1600}, reduced_motion="reduce")
         finally:
             browser.close()
 
