@@ -1,6 +1,7 @@
 """Checks of the exercises of chapter 13."""
 
 from fractions import Fraction
+from itertools import product
 from math import gcd, lcm
 
 import numpy as np
@@ -62,8 +63,8 @@ def check_aligned(aligned_width):
         (Fraction(1, 3), (0, 2), Fraction(1, 7)),
         (Fraction(1, 4), (-1, 1), Fraction(3, 10)),
         *(
-            (Fraction(int(a), 12), (int(b), int(b + c)), Fraction(int(d), 35))
-            for a, b, c, d in rng.integers(1, 9, (20, 4))
+            (Fraction(int(a), int(b)), (int(c), int(c * d)), Fraction(int(e), int(f)))
+            for a, b, c, d, e, f in rng.integers(1, 40, (200, 6))
         ),
     ):
         width = Fraction(aligned_width(delta, inputs, wind))
@@ -82,7 +83,7 @@ def _game():
     edges = sorted(
         {Fraction(-1) + Fraction(i, 10) for i in range(15)} | {Fraction(1, 2) + Fraction(i, 20) for i in range(11)}
     )
-    delta, wind, steps, target = Fraction(1, 4), Fraction(1, 10), 4, (Fraction(1, 5), Fraction(1))
+    delta, wind, steps, target = Fraction(1, 4), Fraction(1, 10), 4, (Fraction(1, 5), Fraction(9, 10))
 
     def moved(a, b, u):
         return a + delta * (u - wind), b + delta * (u + wind)
@@ -95,26 +96,34 @@ def _game():
     return edges, target, steps, moved, safe
 
 
-def _why_false(key, claim, certificate, edges, target, steps, moved, safe):
-    """What is wrong with a claim, in words; empty where it is true."""
+def _met(key, claim, edges, target, steps, moved, safe):
+    """The step and the number of each cell that the image of a claim meets."""
+    low, high = moved(edges[key[1]], edges[key[1] + 1], claim[1])
+    return [(key[0] + 1, m) for m in range(len(edges) - 1) if edges[m + 1] > low and edges[m] < high]
+
+
+def _faults(key, claim, certificate, edges, target, steps, moved, safe):
+    """Everything that is wrong with a claim, in words."""
     (k, c), (n, u) = key, claim
     a, b = edges[c], edges[c + 1]
     if n == 0:
         if not (target[0] <= a and b <= target[1]):
-            return "n = 0 outside the target is false."
-        return "" if safe(a, b, None, k) else "n = 0 in the target, and in G at that instant: safe(a, b, None, k)."
+            yield f"n = 0 outside the target is false, {'on its left' if a < target[0] else 'on its right'} too."
+        if not safe(a, b, None, k):
+            yield "n = 0 in the target, and in G at that instant: safe(a, b, None, k)."
+        return
     if k + n > steps:
-        return "after the last step there is no step: k + n <= steps."
+        yield "after the last step there is no step: k + n <= steps."
     if not safe(a, b, u, k):
-        return "a claim that is not safe on the way is false."
+        yield "a claim that is not safe on the way is false."
     low, high = moved(a, b, u)
     if low < edges[0] or high > edges[-1]:
-        return "an image that leaves the line, on the left or on the right, is covered by no cell."
-    met = [(k + 1, m) for m in range(len(edges) - 1) if edges[m + 1] > low and edges[m] < high]
+        yield f"an image that leaves the line on the {'left' if low < edges[0] else 'right'} is covered by no cell."
+    met = _met(key, claim, edges, target, steps, moved, safe)
     if not all(cell in certificate for cell in met):
-        return "a missing cell: whoever leans on it is false."
-    fewer = all(certificate[cell][0] < n for cell in met)
-    return "" if fewer else "every cell that the image meets must have fewer steps to go than the claim itself."
+        yield "a missing cell: whoever leans on it is false."
+    if any(certificate.get(cell, (0,))[0] >= n for cell in met):
+        yield "every cell that the image meets must have fewer steps to go than the claim itself."
 
 
 def _true_claims(edges, target, steps, moved, safe):
@@ -124,9 +133,27 @@ def _true_claims(edges, target, steps, moved, safe):
         for n in range(steps - k + 1):
             for c in range(len(edges) - 1):
                 for claim in [(n, u) for u in ((-1, 0, 1) if n else (None,))]:
-                    if (k, c) not in found and not _why_false((k, c), claim, found, *rest):
+                    if (k, c) not in found and not [*_faults((k, c), claim, found, *rest)]:
                         found[k, c] = claim
     return found
+
+
+def _forgeries(rng, most=12):
+    """Certificates with a claim that has a single fault, up to `most` of each kind; and with a single cell missing."""
+    rest, kinds = _game(), {}
+    true, cells = _true_claims(*rest), len(rest[0]) - 1
+    for key in product(range(rest[2] + 1), range(cells)):
+        for claim in [(0, None), *product(range(1, rest[2] + 1), (-1, 0, 1))]:
+            faults = [*_faults(key, claim, true, *rest)]
+            if len(faults) < 2:
+                kinds.setdefault("".join(faults), []).append((key, claim))
+    for key, claim in kinds.pop(""):
+        for place in _met(key, claim, *rest) if claim[0] else ():
+            kinds.setdefault(place[1], []).append((key, claim, place))
+    for found in kinds.values():
+        for chosen in rng.permutation(len(found))[:most]:
+            key, claim, *missing = found[chosen]
+            yield {other: said for other, said in (true | {key: claim}).items() if other not in missing}
 
 
 @exercise(
@@ -135,21 +162,24 @@ def _true_claims(edges, target, steps, moved, safe):
     "the line, and every cell that it meets needs fewer steps.",
 )
 def check_claims(claims_that_fail):
-    """A true certificate, and 60 in which a dozen claims are forged or left out."""
+    """A true certificate; others with a single fault or a cell missing; and others with a dozen forged or left out."""
     rest = _game()
     true, rng, cells, steps = _true_claims(*rest), np.random.default_rng(0), len(rest[0]) - 1, rest[2]
     said = "in a true certificate nothing is false; cells that the image does not meet are nobody's business."
     expect(set(claims_that_fail(dict(true), *rest)) == set(), said)
-    for _ in range(60):
+    forgeries = [*_forgeries(rng)]
+    for _ in range(30):
         forged = dict(true)
         for _ in range(12):
             key, n = (int(rng.integers(steps + 1)), int(rng.integers(cells))), int(rng.integers(steps + 1))
             forged[key] = n, (int(rng.integers(-1, 2)) if n else None)
             forged.pop((int(rng.integers(steps + 1)), int(rng.integers(cells))), None)
-        why = {key: _why_false(key, claim, forged, *rest) for key, claim in forged.items()}
-        false, got = {key for key, said in why.items() if said}, set(claims_that_fail(dict(forged), *rest))
+        forgeries.append(forged)
+    for forged in forgeries:
+        faults = {key: next(_faults(key, claim, forged, *rest), "") for key, claim in forged.items()}
+        false, got = {key for key, fault in faults.items() if fault}, set(claims_that_fail(dict(forged), *rest))
         missed = min(false - got, default=None)
-        expect(missed is None, f"claim {missed} was believed: {why.get(missed)}")
+        expect(missed is None, f"claim {missed} was believed: {faults.get(missed)}")
         expect(got <= false, f"claim {min(got - false, default=None)} is true, and was called false.")
 
 
