@@ -30,8 +30,9 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
             controller = solved(**known)
             worlds = {"as it is": sdhj.Sensing(**told), "perfect": sdhj.Sensing(delay=known["delay"])}
             runs = {world: drive(controller, sensing) for world, sensing in worlds.items()}
-            draw_sensed(figure.add_subplot(grid[0, place]), controller.table, *runs["as it is"])
-            figure.axes[-1].set_title(f"a table that {name}, the robot as it is")
+            ax = figure.add_subplot(grid[0, place])
+            draw_sensed(ax, controller.table, *runs["as it is"])
+            ax.set_title(f"a table that {name}, the robot as it is")
             share = controller.table.fraction(start=0, within=problem.steps)
             numbers[f"promised, {name}"] = share
             for world, (_, lost) in runs.items():
