@@ -309,7 +309,8 @@ def lost(table: Table, problem: sdhj.ReachAvoidProblem, adversary: str, runs: in
 
     They begin in states that are drawn uniformly from the table's tube, less those that are unsafe from the beginning.
     """
-    controller, rng = sdhj.Controller(replace(table, problem=problem)), np.random.default_rng(0)
+    controller, rng = sdhj.Controller(table), np.random.default_rng(0)
+    controller.problem = problem  # the plant's: the table knows its own alone
     starts = admissible_states(controller, runs, rng)
     starts = starts[problem.unsafe_value(starts, problem.time(0)) > 0]
     outcomes, _ = rollouts(controller, starts, ADVERSARIES[adversary], rng)

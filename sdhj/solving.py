@@ -45,8 +45,8 @@ def solve(
         `sdhj.HJI`: finite differences on the whole grid; `sdhj.Projected`: on lower-dimensional subspaces (Sec. 5.1);
         `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal. Without a number of steps it tells what
-        share of the states the last step changed, and Ctrl-C ends the solve with the table so far.
+        Show a progress bar; by default where standard error is a terminal. Without a number of steps it tells how many
+        states still change, and Ctrl-C ends the solve with the table so far.
     store : path, optional
         A folder, as "table.zarr", in which the table is made slab by slab, for tables larger than memory (extra
         `outofcore`). Methods "hji" and "lax"; tubes are equal to the last bit to those made in memory.
@@ -57,8 +57,7 @@ def solve(
     memory : int, optional
         Bytes that a slab may take, by default half of what is available: the grid is cut into slabs that take less.
     play : bool
-        Whether 50 to 1,000 runs from the whole tube are played at the end, for `table.details["played"]`, with a
-        warning where more than 2 % are lost; not with a store.
+        Whether some runs are played at the end (not with a store), for a warning and `table.details["played"]`.
 
     Returns
     -------

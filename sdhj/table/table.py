@@ -154,19 +154,15 @@ class LookupTable(Table):
             self.index[self.index >= place] -= 1
 
     def unchanged(self, start: int, within: int) -> bool:
-        """Whether the last `QUIET` steps up to (start, within) changed no node of the tube and no input of one.
+        """Whether the last `QUIET` steps up to (start, within) changed no node of the tube, and moved no boundary.
 
-        And moved its boundary by no more than `MOVED` cells. Deep inside and far outside, where no sign hangs on them,
-        values may creep for long by the scheme's error.
+        That is by no more than `MOVED` cells. Deep inside and far outside, where no sign hangs on them, values may
+        creep for long by the scheme's error, and single marks come and go with them.
         """
         if within < QUIET:
             return False
         tube, before = self.value_array(start, within), self.value_array(start, within - QUIET)
-        inside, mask = tube <= 0, self.mask_array(start, within)
-        steps = range(max(within - QUIET, 1), within)  # with no steps to go no input is marked
-        if not np.array_equal(inside, before <= 0):
-            return False
-        if not all(np.array_equal(self.mask_array(start, n), mask) for n in steps):
+        if not np.array_equal(tube <= 0, before <= 0):
             return False
         for axis in range(self.grid.ndim):
             (one, other), (first, second) = (self.grid.edges(values, axis) for values in (tube, before))
@@ -177,17 +173,21 @@ class LookupTable(Table):
         return True
 
     def settled(self, last: int) -> "LookupTable":
-        """The table up to a step: without a target only what stays clear for ever, as `kept_clear` by a cell."""
+        """The table up to a step: without a target only what stays clear for ever (`cells_inside`).
+
+        Of its inputs those that are marked in all of the last steps.
+        """
         stays, steps = self.problem.stays, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
         index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if stays else slice(0, last + 1)
+        recent = self.masks[max(last - QUIET, 0) + 1 : last + 1]
         tubes = self.tubes[kept].copy()  # the room for all others is given back
         return replace(
             self,
             problem=replace(self.problem, steps=steps),
             index=np.zeros_like(index) if stays else index,
             tubes=cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype) if stays else tubes,
-            masks=self.masks[kept].copy(),
+            masks=np.bitwise_and.reduce(recent)[None] if stays else self.masks[kept].copy(),
             avoid=replace(self.avoid, moving=self.avoid.moving[:steps]),
         )
 

@@ -217,7 +217,7 @@ def test_the_exact_map_is_that_of_the_equation(rng):
     ("cells", "nodes"), [(200, (51, 101)), pytest.param(800, (51, 101, 201), marks=pytest.mark.slow)]
 )
 def test_the_invariant_set_lies_between_proofs(cells, nodes):
-    """The finer the grid, the nearer from outside. What we have beyond SCOTS's share is no error: it is proved."""
+    """A cell of reserve keeps it clear of what is lost, and the finer the grid, the less that takes away."""
     centres, stay, leave = proved(cells)
     print(f"proved to stay {stay.mean():.4f}, to leave {leave.mean():.4f}")
     shares = []
@@ -226,9 +226,11 @@ def test_the_invariant_set_lies_between_proofs(cells, nodes):
         inside = table.contains(centres.reshape(-1, 2), start=0, within=1).reshape(stay.shape)
         shares.append(table.fraction(start=0, within=1))
         print(n, table.steps, shares[-1], np.mean(stay & ~inside), np.mean(leave & inside))
-        assert np.mean(stay & ~inside) < 1e-3 and np.mean(leave & inside) < 2e-3
-    assert stay.mean() < shares[-1] < 1 - leave.mean() and shares == sorted(shares, reverse=True)
-    assert SCOTS < shares[-1] < SCOTS + 0.02 and (cells < 800 or SCOTS < stay.mean())
+        # a rim of a cell and a part of one more, on all sides of what is nearly the whole box
+        assert np.mean(stay & ~inside) < 8 / n and not (leave & inside).any()
+        assert abs(shares[-1] + table.details["given_up"] - SCOTS) < 0.02
+    assert shares[-1] < 1 - leave.mean() and shares == sorted(shares)
+    assert cells < 800 or SCOTS < stay.mean()  # what we have beyond SCOTS's share is no error: it is proved
 
 
 def kept(table, count, steps, rng):

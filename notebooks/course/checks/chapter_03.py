@@ -23,7 +23,9 @@ def check_ball(hamiltonian):
     expect_close(hamiltonian(np.zeros((1, 2)), u, 0.7), [0.0], "p = 0 must give 0 and not NaN.")
 
 
-@exercise("3.2", "Who commits expects the costliest column in each row; who answers has the cheapest row in each column.")
+@exercise(
+    "3.2", "Who commits expects the costliest column in each row; who answers has the cheapest row in each column."
+)
 def check_order(orders):
     """(min max, max min)."""
     rng = np.random.default_rng(1)
