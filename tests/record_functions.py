@@ -47,11 +47,8 @@ import sdhj
 
 ROOT = Path(__file__).parents[1]
 RECORD = ROOT / "tests" / "data" / "functions.npz"
-FOLDERS = [
-    ROOT / "figures",
-    *(ROOT / "notebooks" / "course" / part for part in ("", "checks", "draw", "explore")),
-    ROOT / "notebooks" / "solutions",
-]
+FOLDERS = [ROOT / "figures", ROOT / "notebooks", ROOT / "notebooks" / "solutions"]
+MODULES = [ROOT / "notebooks" / "course" / part for part in ("", "checks", "draw", "explore")]
 PACKAGE = str(Path(sdhj.__file__).parent) + os.sep
 STATES = 2000
 GROUP = 8  # states in a sum
@@ -283,7 +280,7 @@ def caught() -> tuple[dict[str, Function], list[str]]:
                 run(told)
                 blocks |= told
             build()
-    for path in (path for folder in FOLDERS for path in sorted(folder.glob("*.py"))):
+    for path in (path for folder in (*FOLDERS, *MODULES) for path in sorted(folder.glob("*.py"))):
         blocks[str(path)] = path.read_text(encoding="utf-8")
     missed = []
     for block, code in blocks.items():
