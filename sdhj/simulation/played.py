@@ -26,7 +26,7 @@ from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # of the runs: that more are lost, with 95 % confidence, is worth a warning
-FEWEST_PLAYED, MOST_PLAYED = 50, 1000  # runs at the end of a solve
+FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # of what the solve costs, by this model: so many seconds a node of a PDE, so many a run and step
 NODE_COST, RUN_COST = 3e-9, 1.3e-4
 EVER = 30  # steps of a run that has no end, at the end of a solve
@@ -161,7 +161,9 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps to what it decides for some substeps
-        return play(moment) if moment.substep % DECIDES == 0 else moment.previous
+        return (
+            play(moment) if moment.substep % DECIDES == 0 else np.clip(moment.previous, -moment.bounds, moment.bounds)
+        )
 
     found = played(table, runs, play if table.problem.sensing else worst, steps=EVER if stays else None)
     if found.interval[0] > ALARMING:
