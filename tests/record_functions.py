@@ -230,7 +230,9 @@ def run(blocks: Sequence[tuple[str, str]]) -> None:
 
 def build() -> None:
     """Call what makes problems in the modules of figures/ and notebooks/, on few nodes."""
-    boat, large, maze, shaky = map(importlib.import_module, ("boat", "large", "maze", "shaky"))
+    boat, fleet, large, maze, shaky = map(importlib.import_module, ("boat", "fleet", "large", "maze", "shaky"))
+    for build in fleet.FLEET.values():
+        build().problem()
     extra = ("air3d", "dcdc", "losing", "sensing", "worked")
     air3d, dcdc, losing, sensing, worked = (importlib.import_module(f"extra_{name}") for name in extra)
     boat.boat_problem(nodes=21)
