@@ -42,8 +42,7 @@ def solve(
     ----------
     problem : ReachAvoidProblem
     method : Method, or "hji", "projected", "lax" or "certified" for one with its usual options
-        `sdhj.HJI`: finite differences on the whole grid; `sdhj.Projected`: on lower-dimensional subspaces (Sec. 5.1);
-        `sdhj.HopfLax`: the Hopf-Lax formula; `sdhj.Certified`: cells with a proof.
+        See `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` and `sdhj.Certified`.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal. Without a number of steps it tells how many
         states still change, and Ctrl-C ends the solve with the table so far.

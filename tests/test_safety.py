@@ -110,9 +110,9 @@ def test_without_steps_the_target_is_reached_some_time():
     n = table.steps
     one, other = table.values(), more.values()
     np.testing.assert_array_equal(one <= 0, other <= 0)
-    np.testing.assert_allclose(
-        np.where(np.abs(one) < 0.2, one, 0), np.where(np.abs(one) < 0.2, other, 0), atol=2e-3
-    )  # a hundredth of a cell
+    beside = np.flatnonzero(np.diff(one <= 0))
+    beside = np.concatenate([beside, beside + 1])  # of slopes of about one, a hundredth of a cell of 0.1
+    np.testing.assert_allclose(one[beside], other[beside], rtol=0, atol=2e-3)
     assert 1 < n < 30 and table.fraction(start=0, within=n // 2) < table.fraction(start=0, within=n)
 
 
