@@ -215,7 +215,7 @@ def measured(case: Case) -> dict[str, Any]:
         warnings.simplefilter("always")
         problem = case.problem()
         stored = {} if case.memory is None else {"store": Path(folder) / "table.zarr", "memory": case.memory}
-        table = sdhj.solve(problem, case.method, progress=False, **stored)
+        table = sdhj.solve(problem, case.method, progress=False, play=False, **stored)
         states = of_states(table)
         read = of_single_states(table, states["margins"], states["controller"])
         found = of_values(table) | states | {"to go": read} | of_runs(table) | of_cells(table, case.losing)
