@@ -222,7 +222,7 @@ def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
             steps=20,
         )
         lost[name] = np.mean(outcomes == "collided")
-    assert lost["thin"] > 0.05 and lost["deep"] < 0.02 and lost["cell"] < 0.02, lost
+    assert lost["thin"] > 0.02 and lost["deep"] < 0.01 and lost["cell"] < 0.01, lost  # of 2,000: five errors apart
 
 
 @pytest.mark.parametrize(("ndim", "nodes"), [(3, 15), (4, 11)])
