@@ -172,7 +172,7 @@ def test_interval_at_the_corners() -> None:
     share = "share of the lake in the reach-avoid set"
     assert calm[share] > windy[share]
     assert float(calm["cost of q, Eq. (6)"]) < float(windy["cost of q, Eq. (6)"])
-    assert calm["runs won"] == "64 of 64" and calm["dearest run"] <= 0
+    assert calm["runs won"] == "64 of 64" and calm["costliest run"] <= 0
     assert calm["cost of q, Eq. (6)"] == pytest.approx(calm["on half the nodes"], abs=0.1)  # m, a spacing
 
 
