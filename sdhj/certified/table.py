@@ -81,7 +81,7 @@ class CertifiedTable(Table):
 
     def place(self, start: int, within: int | None) -> int:
         """Which row of the index (start, within) has."""
-        start, within = self.within(start, within)
+        start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
@@ -156,7 +156,7 @@ class CertifiedTable(Table):
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
-        start, within = self.within(start, within)
+        start, within = self.clipped(start, within)
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
@@ -164,7 +164,7 @@ class CertifiedTable(Table):
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
-        return self.certified_inputs(self.grid.points(), *self.within(start, within)).reshape(*self.grid.shape, -1)
+        return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])

@@ -136,7 +136,7 @@ class Table:
 
     # ---- sets
 
-    def within(self, start: int, within: int | None) -> tuple[int, int]:
+    def clipped(self, start: int, within: int | None) -> tuple[int, int]:
         """start and within, checked; None and what is more than N - start are N - start."""
         start = whole("start", start, least=0, most=self.steps)
         left = self.steps - start
@@ -144,14 +144,14 @@ class Table:
 
     def place(self, start: int, within: int | None) -> int:
         """Where what is kept of (start, within) is."""
-        return int(self.index[entry(self.steps, *self.within(start, within))])
+        return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,).
 
         A state in the true unsafe set is in none, whatever is interpolated, nor with no steps to go one off the target.
         """
-        points, (start, within) = np.atleast_2d(real_array("points", points)), self.within(start, within)
+        points, (start, within) = np.atleast_2d(real_array("points", points)), self.clipped(start, within)
         if points.ndim != 2 or points.shape[1] != self.grid.ndim:
             raise ValueError(f"points must have shape (M, {self.grid.ndim}), got {points.shape}")
         if np.isnan(points).any():
@@ -163,7 +163,7 @@ class Table:
 
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the volume of the state space in the tube: by the nodes; of a certified table by its cells."""
-        return self._share(*self.within(start, within))
+        return self._share(*self.clipped(start, within))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Of each method: whether points (M, ndim) are in the tube as it was computed, (M,) bool."""
