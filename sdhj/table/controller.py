@@ -416,11 +416,12 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     if tied.any():
         margins[tied] = _margins(table, states[tied], step)
     order = np.lexsort((margins, hazards))
-    some_way = np.ones(len(states), np.int64)  # to go: the target does not matter
-    passing = first_passing(
-        np.argsort(order, axis=1).astype(np.float64),
-        lambda rows, inputs: table.passes(states[rows], inputs, step, some_way[rows]),
-    )
+
+    def passes(rows: FloatArray, inputs: FloatArray) -> FloatArray:
+        some_way = np.ones(len(rows), np.int64)  # is to go afterwards: the target does not matter
+        return table.passes(states[rows], inputs, step, some_way)
+
+    passing = first_passing(np.argsort(order, axis=1).astype(np.float64), passes)
     chosen = np.where(passing == NOT_ADMISSIBLE, order[:, 0], passing)
     hazard = hazards[np.arange(len(states)), chosen]
     clear = (hazard <= 0.0) & ~table.grid.beyond(table.grid.wrapped(states), "unsafe", "wall")
