@@ -300,9 +300,9 @@ class CellSets:
         self.following[rows] = blocks
         before, stays = self.cells.copy(), self.proof.problem.stays
         self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
-        changed = self.cells != before
-        self._keep(step, within, changed.any(axis=1))
-        self.filled, self.changing = within, float(np.mean(changed))
+        self._keep(step, within, (self.cells != before).any(axis=1))
+        if self.proof.problem.steps is None:
+            self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
     def stopped(self, step: int, within: int) -> bool:
         """Whether entry (step, within) is the one of (step, within - 1)."""
