@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, update_wrapper
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -71,7 +72,7 @@ def dropped(node: ast.AST) -> Iterator[ast.AST]:
         for place in range(len(node.values)):
             rest = node.values[:place] + node.values[place + 1 :]
             yield rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
-    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd | ast.BitOr):
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd | ast.BitOr | ast.Add):
         yield from (node.left, node.right)
     elif isinstance(node, ast.IfExp):
         yield from (node.body, node.orelse)
@@ -287,6 +288,15 @@ SIGN = "only the sign is asked for"
 EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…" for anything -> why it is the same
     "1.1": {"result …": SIGN},
     "1.5": {"… for `2`": "half of a number is above zero where twice or a sixth of it is"},
+    "2.6": {
+        "result by …": "flatter, with the same sign: it is still 1-Lipschitz",
+        **{
+            f"`{number}` for `1.0`": "the same two parts elsewhere on the closed line"
+            for number in ("2.0", "3.0", "11.0", "13.0")
+        },
+        "… for `2.0`": "on the nodes of the check x + 1 is below 2, and below twice and thirteen times 2",
+        "`0.0… for `0.001`": "a gap a little narrower",
+    },
     "3.5": {
         "`6.0` for `3.0`…": "a longer line of nodes, coarser and still within the 0.01 that are asked for",
         "`9.0` for `3.0`…": "a longer line of nodes, coarser and still within the 0.01 that are asked for",
@@ -431,6 +441,16 @@ def as_hidden(ours: Any, theirs: Any) -> bool:
     return bool(theirs.min() <= 0 < theirs[:: len(theirs) // 10].min() and steep <= 1 + 1e-9)
 
 
+def as_filled(ours: Any, theirs: Any) -> bool:
+    """The same nodes are lowered; or two parts with a narrow gap, on 2001 places from -1 to 1, nowhere steeper than 1."""
+    if theirs.dtype == bool:
+        return np.array_equal(ours, theirs)
+    ends = np.flatnonzero(np.diff((theirs <= 0).astype(int)))  # before the first, within, and after the last part
+    gaps = [right - left for left, right in pairwise(ends) if theirs[left + 1] > 0]
+    steep = np.abs(np.diff(theirs)).max() / (2 / (len(theirs) - 1))
+    return bool(len(gaps) >= 1 and min(gaps) <= 80 and steep <= 1 + 1e-9)
+
+
 def same_order(ours: Any, theirs: Any) -> bool:
     return np.array_equal(np.argsort(ours, kind="stable"), np.argsort(theirs, kind="stable"))
 
@@ -481,6 +501,7 @@ def same_set(ours: Any, theirs: Any) -> bool:
 GIVEN: dict[str, tuple[Callable[[Any], Iterator[tuple[Any, ...]]], Callable[[Any, Any], bool]]] = {
     "1.1": (planes, same_set),
     "1.5": (nodes_of_a_line, np.array_equal),
+    "2.6": (lambda rng: ((np.linspace(-1, 1, 2001),),), as_filled),
     "3.5": (lambda rng: ((rng.uniform(-1.2, 1.2, 30), number) for number in (1, 3, 5, 6)), as_near(0.01)),
     "4.5": (lakes, same_set),
     "6.3": (samples, np.array_equal),

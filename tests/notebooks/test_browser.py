@@ -41,8 +41,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 CELLS = "window.jupyterapp.shell.currentWidget.content.widgets.filter(cell => cell.model.type === 'code')"
 HAS_KERNEL = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
-ALL_RAN = f"{CELLS}.every(cell => cell.model.executionCount > 0) && {HAS_KERNEL}"
 OUTPUTS = f"{CELLS}.map(cell => cell.model.sharedModel.getOutputs())"
+FAILED = f"{OUTPUTS}.flat().some(output => output.output_type === 'error')"  # the cells below do not run
+ENDED = f"({CELLS}.every(cell => cell.model.executionCount > 0) || {FAILED}) && {HAS_KERNEL}"
 # from the key to the new picture, ms, in the browser's own time
 GREYED = "(control) => control.closest('[disabled]') !== null"
 STOPWATCH = """(cell) => {
@@ -137,7 +138,7 @@ def run_chapter(page: Any, address: str, name: str) -> None:
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
     page.wait_for_function(f"{CELLS}.every(cell => !cell.model.executionCount) || !({HAS_KERNEL})")  # it has begun
-    page.wait_for_function(ALL_RAN, timeout=PATIENCE * 1000)
+    page.wait_for_function(ENDED, timeout=PATIENCE * 1000)
 
 
 def errors(page: Any) -> list[Any]:
@@ -173,6 +174,12 @@ def names_of(tree: ast.AST, kind: type[ast.expr_context]) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, kind)}
 
 
+def read_by(statement: ast.stmt) -> set[str]:
+    """The names whose values a statement needs; what it adds to (`x += 1`) is among them."""
+    added = [node.target for node in ast.walk(statement) if isinstance(node, ast.AugAssign)]
+    return names_of(statement, ast.Load).union(*(names_of(target, ast.Store) for target in added))
+
+
 def made_by(statement: ast.stmt) -> set[str]:
     """The names that a statement gives a value to."""
     if isinstance(statement, ast.Import | ast.ImportFrom):
@@ -197,7 +204,7 @@ def widget_cells(path: Path) -> list[str]:
     for place in (place for place, statement in enumerate(statements) if is_widget(statement)):
         needed, wanted = {place}, set[str]()
         while True:  # a function may need what is defined below it
-            loads = set().union(*(names_of(statements[i], ast.Load) for i in needed))
+            loads = set().union(*(read_by(statements[i]) for i in needed))
             if loads == wanted:
                 break
             wanted = loads
@@ -213,11 +220,11 @@ def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
         "def h(z):\n    return y\ny = 1\nprint(b)",
         "explore_it(h(x))",
     ]
-    cells += ["x = 2\nb.show(x)", "explore_it(x)"]
+    cells += ["x = 2\nfor z in [1]:\n    x += z\nb.show(x)", "explore_it(x)"]
     path = tmp_path / "01_new.ipynb"
     nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells]), path)
     first = "import a\nx = a.f()\nx = a.g(x)\ndef h(z):\n    return y\ny = 1\nexplore_it(h(x))"
-    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [first, "x = 2\nexplore_it(x)"]
+    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [first, "x = 2\nfor z in [1]:\n    x += z\nexplore_it(x)"]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
