@@ -290,11 +290,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…"
     "1.5": {"… for `2`": "half of a number is above zero where twice or a sixth of it is"},
     "2.6": {
         "result by …": "flatter, with the same sign: it is still 1-Lipschitz",
-        **{
-            f"`{number}` for `1.0`": "the same two parts elsewhere on the closed line"
-            for number in ("2.0", "3.0", "11.0", "13.0")
-        },
-        "… for `2.0`": "on the nodes of the check x + 1 is below 2, and below twice and thirteen times 2",
+        "… for `1.0`": "the same two parts elsewhere on the closed line",
+        "`x` for `x + 1.0`": "the same two parts elsewhere on the closed line",
+        "… for `2.0`": "x + 1 is below 2, and below what is more, at every place of the line",
         "`0.0… for `0.001`": "a gap a little narrower",
     },
     "3.5": {
@@ -317,6 +315,11 @@ EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…"
         "… for `1e-12`": "a guard against rounding: no interval of the check is a whole number of gaps",
     },
     "6.4": {"result by …": "flatter, with the same sign: it is still 1-Lipschitz"},
+    "7.6": {
+        f"`{number}` for `1`{place}": "longer strides to one side: another game whose row pauses and grows again"
+        for number in SCALES
+        for place in ("", " (2)")
+    },
     "7.5": {"`first & seen[n]` for `first & seen[n] | unseen`": "the sets are nested without it, by induction on n"},
     "8.3": {"`np.maximum(…` for `result if size == width else…": "a window united with itself"},
     "8.5": {"`62` for `31`": "more rings", "`4` for `2` (2)": "more points on each circle"},
@@ -327,7 +330,12 @@ EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…"
             *("`2.0` …", "`0.2` …", "`0.5` …", "`0.4` …", "`6` …"),
         )
     },
+    "10.2": {
+        what: "the same whole number of nodes: these terms are small beside the tubes"
+        for what in ("`200` for `100`", "`45 * 8 * m ** 4 + 100 * m ** 4` for …", "`1600` for `800`")
+    },
     "11.2": {
+        "`np.abs(…` for `np.abs(… + 0.001 * …": "of equals the table takes the least margin itself",
         "result …": "the least of the scores is the least of them scaled",
         "… for `0.001`": "still far too little to outweigh a level of the first joint",
     },
@@ -406,6 +414,12 @@ def small_grids(rng: Any) -> Iterator[tuple[Any, ...]]:
     yield grid, np.hypot(*grid.points().T).reshape(grid.shape) - 0.2, 0.1
 
 
+def rows_below(rng: Any) -> Iterator[tuple[Any, ...]]:
+    """Entries of the rows 1 to 4, one state each, and a place (k, n) whose row k + 1 is known."""
+    for k, n in ((k, n) for k in range(4) for n in range(1, 5 - k)):
+        yield {(row, m): rng.random(1) < 0.5 for row in range(5) for m in range(5)}, k, n
+
+
 def candidates(rng: Any) -> Iterator[tuple[Any, ...]]:
     inputs = np.array([(a, b) for a in np.linspace(-3, 3, 5) for b in np.linspace(-3, 3, 5)])
     for _ in range(50):
@@ -442,7 +456,7 @@ def as_hidden(ours: Any, theirs: Any) -> bool:
 
 
 def as_filled(ours: Any, theirs: Any) -> bool:
-    """The same nodes are lowered; or two parts with a narrow gap, on 2001 places from -1 to 1, nowhere steeper than 1."""
+    """The same nodes are lowered; or two parts with a narrow gap, on 2001 places of [-1, 1], slopes of at most 1."""
     if theirs.dtype == bool:
         return np.array_equal(ours, theirs)
     ends = np.flatnonzero(np.diff((theirs <= 0).astype(int)))  # before the first, within, and after the last part
@@ -452,7 +466,8 @@ def as_filled(ours: Any, theirs: Any) -> bool:
 
 
 def same_order(ours: Any, theirs: Any) -> bool:
-    return np.array_equal(np.argsort(ours, kind="stable"), np.argsort(theirs, kind="stable"))
+    """Of two rules: no pair of inputs stands the other way round, where equals may stand in any order."""
+    return not np.any(np.subtract.outer(ours, ours) * np.subtract.outer(theirs, theirs) < 0)
 
 
 def starts(rng: Any) -> Iterator[tuple[Any, ...]]:
@@ -489,6 +504,21 @@ def still_passes(_: Any, start: Any) -> bool:
     return min(min(way[0], way[-1]) for way in ways) > 0 > min(way.min() for way in ways)
 
 
+def still_pauses(_: Any, game: Any) -> bool:
+    """Row 0 of the game stands still at a column and grows at a later one; by sets, in plain loops."""
+    step, goals, unsafe = (np.asarray(part).tolist() for part in game)
+    row = [{s for s, there in enumerate(goal) if there and not unsafe[s]} for goal in goals]  # entries (k, 0)
+    sizes = [len(row[0])]
+    for _ in range(len(goals) - 1):  # entry (k, n) from (k, n - 1) and (k + 1, n - 1)
+        leads = [
+            {s for s, bad in enumerate(unsafe) if not bad and any(set(u[s]) <= to for u in step)} for to in row[1:]
+        ]
+        row = [entry | more for entry, more in zip(row, leads, strict=False)]
+        sizes.append(len(row[0]))
+    grew = [after > before for before, after in pairwise(sizes)]
+    return any(not still and any(grew[at:]) for at, still in enumerate(grew))
+
+
 def as_near(within: float) -> Callable[[Any, Any], bool]:
     return lambda ours, theirs: bool(np.all(np.abs(np.asarray(ours) - np.asarray(theirs)) <= within))
 
@@ -507,6 +537,7 @@ GIVEN: dict[str, tuple[Callable[[Any], Iterator[tuple[Any, ...]]], Callable[[Any
     "6.3": (samples, np.array_equal),
     "6.4": (lambda rng: ((rng.uniform(-9, 9, (200, 2)),) for _ in range(20)), same_set),
     "7.5": (games, np.array_equal),
+    "7.6": (rows_below, np.array_equal),
     "8.3": (rows, np.array_equal),
     "8.5": (small_grids, as_near(0.01)),
     "9.4": (no_input, as_wide_a_gain),
@@ -521,7 +552,11 @@ GIVEN: dict[str, tuple[Callable[[Any], Iterator[tuple[Any, ...]]], Callable[[Any
 }
 
 
-ANSWERS = {"4.3": still_defeats, "4.4": still_passes}  # answers that are no functions, and of which there are many
+ANSWERS = {
+    "4.3": still_defeats,
+    "4.4": still_passes,
+    "7.6": still_pauses,
+}  # answers that are no functions, and of which there are many
 
 
 def alike(mutant: Mutant) -> bool:

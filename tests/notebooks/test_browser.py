@@ -224,7 +224,10 @@ def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
     path = tmp_path / "01_new.ipynb"
     nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells]), path)
     first = "import a\nx = a.f()\nx = a.g(x)\ndef h(z):\n    return y\ny = 1\nexplore_it(h(x))"
-    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [first, "x = 2\nfor z in [1]:\n    x += z\nexplore_it(x)"]
+    assert [cell.replace("\n\n", "\n") for cell in widget_cells(path)] == [
+        first,
+        "x = 2\nfor z in [1]:\n    x += z\nexplore_it(x)",
+    ]
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def check_evader(avoid, reach):
 @exercise("5.5", "One tube on (q_r, q_p) serves both pursuers: tube[:, :, None] and tube[:, None, :].")
 def check_two(avoid_two):
     """Two planar games, lifted, against one in three dimensions."""
-    n, numbers = 41, (0.5, 0.1, 0.3, 0.25)
+    n, numbers = 41, (0.5, 0.2, 0.3, 0.25)
     grid = Grid((-1.0, -1.0), (1.0, 1.0), (n, n), ends="wall")
     got = np.asarray(avoid_two(grid, *numbers))
     expect(got.shape == (n, n, n), "a value for each (q_r, q_a, q_b): broadcast the two tubes and join them.")
