@@ -416,7 +416,7 @@ def small_grids(rng: Any) -> Iterator[tuple[Any, ...]]:
 
 def rows_below(rng: Any) -> Iterator[tuple[Any, ...]]:
     """Entries of the rows 1 to 4, one state each, and a place (k, n) whose row k + 1 is known."""
-    for k, n in ((k, n) for k in range(4) for n in range(1, 5 - k)):
+    for k, n in ((row, m) for row in range(4) for m in range(1, 5 - row)):
         yield {(row, m): rng.random(1) < 0.5 for row in range(5) for m in range(5)}, k, n
 
 
