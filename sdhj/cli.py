@@ -41,7 +41,7 @@ def stop(number: int, frame: FrameType | None) -> None:
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
             temporary.unlink()
-    what = "interrupted" if number == signal.SIGINT else "told to end"
+    what = "interrupted" if number == signal.SIGINT else "asked to end"
     with suppress(OSError):
         os.write(2, f"\nsdhj was {what}; what it was writing is not there, older files are as they were\n".encode())
     os._exit(128 + number)
@@ -115,10 +115,10 @@ def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> N
 
 def loaded(path: Path) -> Any:
     """The table in a file; of one's own problem, the lines of Python that take the place of the command."""
-    told = header(path)
-    if not told["recipe"]:
+    head = header(path)
+    if not head["recipe"]:
         raise Refusal(
-            f"{path} was solved for your own problem {told['problem']!r}, whose functions are not in the file; the "
+            f"{path} was solved for your own problem {head['problem']!r}, whose functions are not in the file; the "
             "command line knows the built-in case studies only. In Python, where `problem` is yours:\n"
             f"    table = sdhj.load({str(path)!r}, problem=problem)\n"
             "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))\n"
@@ -225,19 +225,19 @@ def simulate_command(
 @plainly
 def info(table: Path) -> None:
     """Say what a table holds and how it was computed."""
-    told = header(table)
-    grid, steps = told["grid"], told["steps"]
+    head = header(table)
+    grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
-    click.echo(f"{name}: {told['problem']}, method {told['method']}, written by sdhj {told['sdhj_version']}")
+    click.echo(f"{name}: {head['problem']}, method {head['method']}, written by sdhj {head['sdhj_version']}")
     for axis in range(grid.ndim):
         kind = "periodic" if grid.periodic[axis] else "bounded"
         click.echo(
             f"  {grid.names[axis]}: {grid.shape[axis]} nodes on [{grid.lower[axis]:g}, {grid.upper[axis]:g}], {kind}"
         )
-    click.echo(f"  {steps} steps of {told['delta']:g} s, {len(told['inputs'])} inputs, view-time {told['view_time']}")
-    click.echo(f"  details: {json.dumps(told['details'], sort_keys=True)}")
-    click.echo(f"  problem digest: {told['digest']}")
-    if not told["recipe"]:
+    click.echo(f"  {steps} steps of {head['delta']:g} s, {len(head['inputs'])} inputs, view-time {head['view_time']}")
+    click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
+    click.echo(f"  problem digest: {head['digest']}")
+    if not head["recipe"]:
         click.echo("  your own problem, whose functions are not in the file: load(path, problem=...) reads the rest")
         return
     read = load(table)
@@ -284,7 +284,7 @@ def verify_command(
     if certain:
         read = None  # the check reads the file itself, and both are large
         began = time.perf_counter()
-        report = check(table, own_problem(problem), samples=samples or None, seed=seed)
+        report = check(table, user_problem(problem), samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
     if samples:
@@ -300,7 +300,7 @@ def verify_command(
     _compare(read, proof, seed, output)
 
 
-def own_problem(name: str | None) -> Any:
+def user_problem(name: str | None) -> Any:
     """What module:function returns; the module may lie in the folder that one is in."""
     if name is None:
         return None

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from tqdm import tqdm
 
-from sdhj.arm.case_studies import problem_told
+from sdhj.arm.case_studies import problem_of_file
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
@@ -83,8 +83,8 @@ def solve(
     with announced(progress):
         sets = _filled(problem, method, progress)
         table = sets.finish({"seconds": time.perf_counter() - started})
-        told = judged_at_the_end(table, stacklevel=2) if play else {}
-        return replace(cast(Any, table), details=dict(table.details) | told) if told else table
+        played = judged_at_the_end(table, stacklevel=2) if play else {}
+        return replace(cast(Any, table), details=dict(table.details) | played) if played else table
 
 
 def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:
@@ -136,20 +136,20 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         from sdhj.outofcore import load_stored
 
         return load_stored(path, problem)
-    with opened(path) as (told, file):
+    with opened(path) as (head, file):
         replaced = "" if problem else "; if parts of it were replaced, give it as load(path, problem=...)"
-        problem = problem_told(path, told, problem)
-        if problem.steps is None and told["details"].get("endless"):
-            problem = replace(problem, steps=told["steps"])  # as many as it took
+        problem = problem_of_file(path, head, problem)
+        if problem.steps is None and head["details"].get("endless"):
+            problem = replace(problem, steps=head["steps"])  # as many as it took
         sums = problem.identity[1]
-        if problem.digest != told["digest"] and (
+        if problem.digest != head["digest"] and (
             other := what_differs(
-                told, problem, lambda: alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums)
+                head, problem, lambda: alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums)
             )
         ):
             raise TableFileError(
-                f"{path} was solved for another problem: its digest is {told['digest'][:12]}..., that of "
+                f"{path} was solved for another problem: its digest is {head['digest'][:12]}..., that of "
                 f"{problem.name!r} is {problem.digest[:12]}...; {other}{replaced}"
             )
-        kind = CertifiedTable if told["method"] == "certified" else LookupTable
-        return kind.read(told, file, problem)
+        kind = CertifiedTable if head["method"] == "certified" else LookupTable
+        return kind.read(head, file, problem)

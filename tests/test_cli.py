@@ -137,7 +137,7 @@ def own(tmp_path_factory):
     return path
 
 
-def test_info_of_your_own_problem_needs_no_functions(own):
+def test_info_of_your_user_problem_needs_no_functions(own):
     result = run("info", own)
     assert result.exit_code == 0, result.output
     table = sdhj.load(own, problem=torus_problem(nodes=12, steps=2))
@@ -152,7 +152,7 @@ def test_info_of_your_own_problem_needs_no_functions(own):
 
 
 @pytest.mark.parametrize("command", ["simulate", "verify"])
-def test_commands_on_your_own_problem_show_the_lines_of_python(own, command, tmp_path, monkeypatch, capsys):
+def test_commands_on_your_user_problem_show_the_lines_of_python(own, command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     result = run(command, own)
     assert result.exit_code == 2 and "built-in case studies only" in result.output

@@ -392,7 +392,7 @@ def test_constant_velocities_move_on_lines_and_stop_at_walls():
     after = problem.interval(0).advance(states, inputs, v, 0.0, 0.1)
     expected = [[0.1 + 0.33, 0.2 + 0.27, 0.02, 0.36], [3.1 - 0.3, -3.1 - 0.3, -0.36, 0.01]]
     np.testing.assert_allclose(after, expected, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(problem.grid.held(after), after)
+    np.testing.assert_array_equal(problem.grid.clipped(after), after)
 
 
 def growth_problem():

@@ -93,7 +93,7 @@ def test_round_trip_of_a_case_study(arm_table, tmp_path):
     assert os.listdir(tmp_path) == ["arm.h5"]  # no temporary left
 
 
-def test_round_trip_of_your_own_problem(table, tmp_path):
+def test_round_trip_of_your_user_problem(table, tmp_path):
     table.save(tmp_path / "own.h5")
     with pytest.raises(sdhj.TableFileError, match="problem="):
         sdhj.load(tmp_path / "own.h5")

@@ -40,7 +40,7 @@ def round_maximum(grid, values, r):
     best = values.ravel().copy()
     for share in np.linspace(0, 1, 31)[1:]:
         for step in share * r * circle:
-            best = np.maximum(best, grid.interpolate(values, grid.held(points + step)))
+            best = np.maximum(best, grid.interpolate(values, grid.clipped(points + step)))
     return best.reshape(grid.shape)
 
 
@@ -54,18 +54,20 @@ RIGHT = {
 
 
 def _few_points(grid, values, r):
-    ends = [grid.held(grid.points() + r * np.array(step)) for step in ((1, 0), (-1, 0), (0, 1), (0, -1), (0, 0))]
+    ends = [grid.clipped(grid.points() + r * np.array(step)) for step in ((1, 0), (-1, 0), (0, 1), (0, -1), (0, 0))]
     return np.max([grid.interpolate(values, end) for end in ends], axis=0).reshape(grid.shape)
 
 
 def _only_the_circle(grid, values, r):
-    ends = [grid.held(grid.points() + r * np.array([np.cos(a), np.sin(a)])) for a in np.linspace(0, 2 * np.pi, 600)]
+    ends = [grid.clipped(grid.points() + r * np.array([np.cos(a), np.sin(a)])) for a in np.linspace(0, 2 * np.pi, 600)]
     return np.max([grid.interpolate(values, end) for end in ends], axis=0).reshape(grid.shape)
 
 
 def _box(grid, values, r):
     ends = [
-        grid.held(grid.points() + r * np.array([a, b])) for a in np.linspace(-1, 1, 31) for b in (-1, -0.5, 0, 0.5, 1)
+        grid.clipped(grid.points() + r * np.array([a, b]))
+        for a in np.linspace(-1, 1, 31)
+        for b in np.linspace(-1, 1, 5)
     ]
     return np.max([grid.interpolate(values, end) for end in ends], axis=0).reshape(grid.shape)
 

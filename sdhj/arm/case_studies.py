@@ -235,22 +235,22 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
     ValueError
         Where the builder is unknown, or its arguments are not the ones this version of the library takes.
     """
-    given = _known_recipe(recipe)
+    given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
 
-def problem_told(
-    path: str | os.PathLike[str], told: Mapping[str, Any], problem: ReachAvoidProblem | None
+def problem_of_file(
+    path: str | os.PathLike[str], head: Mapping[str, Any], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
     """The problem given, or the case study that a table tells of."""
     if problem is not None:
         return problem
-    if str(told["recipe"].get("builder")) not in BUILDERS:
+    if str(head["recipe"].get("builder")) not in BUILDERS:
         raise TableFileError(
-            f"{path} was solved for your own problem {told['problem']!r}: give it as load(path, problem=...)"
+            f"{path} was solved for your own problem {head['problem']!r}: give it as load(path, problem=...)"
         )
-    built: ReachAvoidProblem = rebuild(told["recipe"])
-    return replace(built, sensing=told["sensing"]) if told["sensing"] else built
+    built: ReachAvoidProblem = rebuild(head["recipe"])
+    return replace(built, sensing=head["sensing"]) if head["sensing"] else built
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
@@ -263,10 +263,10 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
     """
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: no case study built it")
-    return _scene(_known_recipe(problem.recipe))
+    return _scene(_checked_recipe(problem.recipe))
 
 
-def _known_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
+def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
     """The recipe, if its builder and all its arguments are known."""
     if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
         raise ValueError(f"a recipe must be {{'builder': name, 'arguments': {{...}}}}, got {recipe!r}")
@@ -290,8 +290,8 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
             several = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
             counts = list(value) if several else [value] * len(AXES)
             if len(counts) != len(AXES):
-                told = f"{', '.join(AXES)}, got {reprlib.repr(value)}"
-                raise ValueError(f"nodes must be one number or one for each of the axes {told}")
+                shown = f"{', '.join(AXES)}, got {reprlib.repr(value)}"
+                raise ValueError(f"nodes must be one number or one for each of the axes {shown}")
             plain[name] = [whole("nodes", n, least=1, most=MOST) for n in counts]
         elif name == "steps":
             plain[name] = whole(name, value, least=1, most=MOST)

@@ -64,7 +64,7 @@ class ArmProof:
     ) -> "ArmProof":
         """Everything that does not depend on a set; `allowed` is computed where it is None."""
         stage, count = scene(problem), len(problem.inputs)
-        arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.held(problem.delta)[0]
+        arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
         if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
             raise ValueError(f"certified sets are for lengths up to {LONGEST:g} m and speeds up to that in a second")
         if problem.steps > MARKED_STEPS:
@@ -144,7 +144,7 @@ class ArmProof:
         out = np.empty((len(states), self.motion.parts.size), np.bool_)
         arm_inputs(states, step, table.cells, self.motion, full, full, shown, out)
         moved = states[:, None] + self.problem.interval(step).displacements(states)
-        ends = self.problem.grid.held(moved.reshape(-1, 4))
+        ends = self.problem.grid.clipped(moved.reshape(-1, 4))
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(out.shape)
         return np.where(out, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 

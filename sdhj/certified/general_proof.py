@@ -274,7 +274,7 @@ class GeneralProof:
         """
         safe = self._inputs(states, step, table.index[0], table.pool[:0])
         moved = states[:, None] + self.problem.interval(step).displacements(states)
-        ends = self.problem.grid.held(moved.reshape(-1, len(self.axes)))
+        ends = self.problem.grid.clipped(moved.reshape(-1, len(self.axes)))
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(safe.shape)
         return np.where(safe, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
@@ -377,7 +377,7 @@ class GeneralProof:
         )
         tubes, before = np.empty((len(places), self.parts, grid.ndim, 2)), np.zeros((2, len(places), grid.ndim))
         moved = self._held(low, high, before + SIDES * self.unsure)
-        length, early = self.problem.sensing.held(self.problem.delta)
+        length, early = self.problem.sensing.hold(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
             tube = [moved[0], moved[1]]
@@ -517,7 +517,7 @@ class GeneralProof:
                 out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1)])
                 continue
             out.append([])
-            (length, _), late = self.problem.sensing.held(self.problem.delta), self.problem.sensing.jitter
+            (length, _), late = self.problem.sensing.hold(self.problem.delta), self.problem.sensing.jitter
             for begin in map(self.problem.time, range(self.problem.steps)):
                 cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
                 times = [(t0 - late, t1 + late) for t0, t1 in cuts]

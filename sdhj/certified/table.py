@@ -124,7 +124,7 @@ class CertifiedTable(Table):
             columns.append(column)
         places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
-        return self.grid.held(found, "wall", "unsafe")
+        return self.grid.clipped(found, "wall", "unsafe")
 
     def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, of each box of states (M, ndim) is certified: bool (2, M).
@@ -193,7 +193,7 @@ class CertifiedTable(Table):
         pairs, inputs = np.nonzero(safe)
         if pairs.size:
             moves = self.problem.interval(step).displacements(states)
-            moved = self.grid.held(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
+            moved = self.grid.clipped(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
             margins[pairs, inputs] = self.steps_to_go(moved, step + 1) - (ahead[pairs] - 1)
         batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
         batch.best[rows] = np.where(safe.any(axis=1), margins.argmin(axis=1), NOT_ADMISSIBLE)

@@ -33,7 +33,7 @@ from sdhj.solver.games import KEPT
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import PROCESS, recursion
 from sdhj.solver.resolution import check_resolution
-from sdhj.table.files import VERSION, TableFileError, table_told
+from sdhj.table.files import VERSION, TableFileError, head_of_table
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
@@ -210,7 +210,7 @@ def check_some_resolution(problem: ReachAvoidProblem) -> None:
 def task_bytes(plan: Plan) -> int:
     """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
     problem, dynamics = plan.problem, plan.problem.dynamics
-    item, count = np.dtype(plan.method.told["dtype"]).itemsize, len(problem.inputs)
+    item, count = np.dtype(plan.method.options["dtype"]).itemsize, len(problem.inputs)
 
     def played(window: Grid) -> int:
         """The games of one input on a window: what is sampled, stages with their ghost nodes, shifted copies."""
@@ -248,9 +248,9 @@ def _tasks(plan: Plan) -> int:
 def _told_of(plan: Plan) -> dict[str, Any]:
     """What a store tells of its problem, its method and its arrays."""
     problem, method, (digest, samples) = plan.problem, plan.method, digests(plan.problem, (plan.axis, plan.width))
-    told = table_told(problem, method.name, {}, digest) | {
+    told = head_of_table(problem, method.name, {}, digest) | {
         "store": STORE_FORMAT,
-        "options": method.told,
+        "options": method.options,
         "cut": [plan.axis, plan.width],
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
@@ -262,7 +262,7 @@ def _told_of(plan: Plan) -> dict[str, Any]:
 
 def _arrays(plan: Plan) -> dict[str, Any]:
     """Shapes and kinds of the arrays of a store."""
-    shape, count, dtype = plan.problem.grid.shape, len(plan.problem.inputs), plan.method.told["dtype"]
+    shape, count, dtype = plan.problem.grid.shape, len(plan.problem.inputs), plan.method.options["dtype"]
     rooms = LookupTable.rooms(plan.problem)
     arrays: dict[str, Any] = {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]}
     for kind, lead in (("static", 1), ("moving", plan.problem.steps)):
@@ -277,7 +277,7 @@ def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, me
             f"{path} was begun by sdhj {told['sdhj_version']}, and this is {VERSION}, which may round "
             "otherwise; solve it anew"
         )
-    options = json.loads(json.dumps(method.told))
+    options = json.loads(json.dumps(method.options))
     if told["method"] != method.name or told["options"] != options:
         its = f"method {told['method']!r} with {told['options']}"
         raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
@@ -332,7 +332,7 @@ class StoredSets:
         self.tick(self.plan.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> StoredTable:
-        told = self.plan.method.told | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
+        told = self.plan.method.options | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
         self.store.finish(self.table.index, told)
         return StoredTable(self.problem, TableStore(self.store.path))
 

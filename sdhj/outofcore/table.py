@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.arm.case_studies import problem_told
+from sdhj.arm.case_studies import problem_of_file
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import Reach
 from sdhj.outofcore.slabs import KINDS, around, read_window
@@ -22,7 +22,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, alike, identity
 from sdhj.table.batches import Batch, Table, entry
-from sdhj.table.files import TableFileError, believed, what_differs
+from sdhj.table.files import TableFileError, checked_head, what_differs
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LOOKED_UP = 2**23  # values that are looked up in at a time
@@ -49,7 +49,7 @@ def same_problem(path: Any, told: Mapping[str, Any], problem: ReachAvoidProblem)
         digest, sums = digests(problem, (axis, width))
         return digest == told["digest"] or alike(np.array(told["samples"]), np.array(sums))
 
-    if other := what_differs(believed(told), problem, same_values):
+    if other := what_differs(checked_head(told), problem, same_values):
         raise TableFileError(f"{path} belongs to another problem than {problem.name!r}; {other}")
     return axis, width
 
@@ -57,7 +57,7 @@ def same_problem(path: Any, told: Mapping[str, Any], problem: ReachAvoidProblem)
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
     store = TableStore(path)
-    given = problem_told(path, believed(store.told), problem)
+    given = problem_of_file(path, checked_head(store.told), problem)
     same_problem(path, store.told, given)
     return StoredTable(given, store)
 

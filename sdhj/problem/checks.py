@@ -188,8 +188,8 @@ def sequence(name: str, value: Any) -> Any:
     """`value` if it is a list or the like with an entry for each axis; ValueError naming it otherwise."""
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
-        told = reprlib.repr(value)
-        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {told}")
+        shown = reprlib.repr(value)
+        raise ValueError(f"{name} must be a sequence with one entry for each axis, for example a list, got {shown}")
     return value
 
 

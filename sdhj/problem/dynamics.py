@@ -309,7 +309,7 @@ class Interval:
 
         def moved(span: float, slope: FloatArray) -> FloatArray:
             moved = states + span * slope
-            return self.grid.held(moved) if walls else moved
+            return self.grid.clipped(moved) if walls else moved
 
         k1 = velocity(states, t)
         if self.dynamics.constant:
@@ -330,7 +330,7 @@ class Interval:
             return self.delta * np.asarray(dynamics.drift)[None]
         moves = []
         for j in range(len(dynamics.inputs)):
-            halfway = self.grid.held(states + self.delta / 2 * self.drift(states, j, self.begin))
+            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, self.begin))
             moves.append(self.delta * self.drift(halfway, j, middle))
         return np.stack(moves, axis=1)
 
@@ -343,9 +343,9 @@ class Interval:
         moved = self.delta * slope
         bent = 0.0 * moved
         if callable(self.dynamics.drift):
-            halfway = self.grid.held(states + moved / 2)
+            halfway = self.grid.clipped(states + moved / 2)
             bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
-        return self.grid.held(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
+        return self.grid.clipped(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
 
     def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.

@@ -95,8 +95,8 @@ class Grid:
         pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
         known = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
         if len(pairs) != ndim or not known:
-            told = reprlib.repr(ends)
-            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {told}")
+            shown = reprlib.repr(ends)
+            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {shown}")
         object.__setattr__(self, "ends", pairs)
         rim = rim if len(rim) else [(0, 0)] * ndim
         object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
@@ -235,10 +235,12 @@ class Grid:
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
         if kinds not in self._faces:
-            told = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+            ends_so = (
+                np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+            )
             past = np.array(self.rim).T * self.spacing
-            low = np.where(told[:, 0], self.lower + past[0], -np.inf)
-            self._faces[kinds] = low, np.where(told[:, 1], self.upper - past[1], np.inf)
+            low = np.where(ends_so[:, 0], self.lower + past[0], -np.inf)
+            self._faces[kinds] = low, np.where(ends_so[:, 1], self.upper - past[1], np.inf)
         return self._faces[kinds]
 
     def has(self, kind: str) -> bool:
@@ -257,7 +259,7 @@ class Grid:
             out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
         return out
 
-    def held(self, states: FloatArray, *kinds: str) -> FloatArray:
+    def clipped(self, states: FloatArray, *kinds: str) -> FloatArray:
         """States (..., ndim) clipped to the ends of these kinds, by default to walls."""
         low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)

@@ -79,8 +79,8 @@ def map_level_set(
                 f"unknown, got {type(source).__name__} of {blocked.dtype} of shape {blocked.shape}"
             )
     if blocked.all():
-        told = os.fspath(source) if isinstance(source, str | os.PathLike) else name
-        raise ValueError(f"no pixel of the map {told!r} is free")
+        shown = os.fspath(source) if isinstance(source, str | os.PathLike) else name
+        raise ValueError(f"no pixel of the map {shown!r} is free")
     radius, side = number("radius", radius, least=0.0), number("resolution", resolution, above=0.0)
     if np.shape(origin) not in ((2,), (3,)):
         raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {origin!r}")
@@ -145,24 +145,24 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     except ImportError as error:
         raise ImportError(f"PyYAML reads the file of a map; {MISSING}") from error
     try:
-        told = yaml.safe_load(path.read_text(encoding="utf-8"))
+        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
-    if not isinstance(told, dict) or (lacking := [key for key in KEYS if key not in told]):
-        what = f"it lacks {', '.join(lacking)}" if isinstance(told, dict) else "it holds no keys"
+    if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
+        what = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it holds no keys"
         raise ValueError(f"{path} is not the YAML file of a map, which tells {', '.join(KEYS)}: {what}")
     try:
-        option("mode", told.get("mode", MODES[0]), MODES)
-        negate = bool(whole("negate", int(told["negate"]), least=0, most=1))
-        free = number("free_thresh", told["free_thresh"], least=0.0, most=1.0)
-        number("occupied_thresh", told["occupied_thresh"], least=free, most=1.0)
-        resolution = number("resolution", told["resolution"], above=0.0)
-        origin = finite_array("origin", told["origin"], (3,)).tolist()
-        if not isinstance(told["image"], str):
-            raise ValueError(f"image must be the name of a file, got {told['image']!r}")
+        option("mode", entries.get("mode", MODES[0]), MODES)
+        negate = bool(whole("negate", int(entries["negate"]), least=0, most=1))
+        free = number("free_thresh", entries["free_thresh"], least=0.0, most=1.0)
+        number("occupied_thresh", entries["occupied_thresh"], least=free, most=1.0)
+        resolution = number("resolution", entries["resolution"], above=0.0)
+        origin = finite_array("origin", entries["origin"], (3,)).tolist()
+        if not isinstance(entries["image"], str):
+            raise ValueError(f"image must be the name of a file, got {entries['image']!r}")
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
-    grey, opaque = read_image(path.parent / told["image"])
+    grey, opaque = read_image(path.parent / entries["image"])
     darkness = (grey if negate else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
     if (grey[~blocked] == UNKNOWN_GREY).any():

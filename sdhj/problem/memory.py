@@ -62,5 +62,5 @@ def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
     """Raise MemoryError where `what` needs more bytes than are available."""
     free = available() if needed > SPARE else None
     if free is not None and needed > free[0]:
-        told = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # `needed` may be more than a float holds
-        raise MemoryError(f"{what} needs about {told[0]} GB, and {told[1]} GB {free[1]}; {remedy}")
+        shown = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # may be more than a float holds
+        raise MemoryError(f"{what} needs about {shown[0]} GB, and {shown[1]} GB {free[1]}; {remedy}")

@@ -138,8 +138,8 @@ class ReachAvoidProblem:
             )
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
-            told = reprlib.repr(self.unsafe)
-            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {told}")
+            shown = reprlib.repr(self.unsafe)
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.stays and self.grid.has("safe"):
             raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
@@ -175,7 +175,7 @@ class ReachAvoidProblem:
         """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
-            held = self.sensing.held(self.delta)
+            held = self.sensing.hold(self.delta)
             self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *held, self.half_widths[1])
         return self._intervals[step]
 
@@ -462,7 +462,7 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
         columns.append(np.concatenate(between, axis=1) if width else x)
     places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
     found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
-    return np.concatenate([points[:, None], grid.held(found)], axis=1)
+    return np.concatenate([points[:, None], grid.clipped(found)], axis=1)
 
 
 RIM = 4  # nodes: the widest stencils reach three
@@ -485,11 +485,11 @@ def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
         own, level, swept = grid.subgrid(part.axes), part.level_set, part.swept
         return replace(
             part,
-            level_set=lambda points, t: level(own.held(points, "safe"), t),
-            swept=swept and (lambda points, t0, t1: swept(own.held(points, "safe"), t0, t1)),
+            level_set=lambda points, t: level(own.clipped(points, "safe"), t),
+            swept=swept and (lambda points, t0, t1: swept(own.clipped(points, "safe"), t0, t1)),
         )
 
-    dynamics = problem.dynamics.restricted(range(grid.ndim), lambda points: grid.held(points, "safe"))
+    dynamics = problem.dynamics.restricted(range(grid.ndim), lambda points: grid.clipped(points, "safe"))
     return replace(problem, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, problem.unsafe)))
 
 
@@ -671,7 +671,7 @@ def _try_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     steps = np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, most)).astype(np.int64))
     points = _some_nodes(problem, part.axes, min(CHECKED, QUESTIONS // (len(steps) * len(INSTANTS))))
     for step in steps.tolist():
-        (t0, t1), held = problem.span(step), problem.sensing.held(problem.delta)[0]
+        (t0, t1), held = problem.span(step), problem.sensing.hold(problem.delta)[0]
         swept = part.swept(points, t0, t1)
         repeated(f"swept of {part.name!r}", swept, part.swept(points, t0, t1))
         for t in (t0 + INSTANTS * held).tolist():

@@ -97,6 +97,6 @@ class Sensing:
         """Whether anything is not exact or not at once."""
         return bool(np.any(self.error) or self.delay or self.jitter)
 
-    def held(self, delta: float) -> tuple[float, float]:
+    def hold(self, delta: float) -> tuple[float, float]:
         """The longest time for which an input may be held, s, and how much sooner that may end."""
         return delta + 2 * self.jitter, 4 * self.jitter

@@ -1,4 +1,4 @@
-"""A Gymnasium environment over a table: an agent that learns may do what it likes, behind the filter or told by masks.
+"""A Gymnasium environment over a table: an agent that learns may do what it likes, behind the filter or with masks.
 
 Needs the extra `gym`: pip install 'sdhj[gym]'.
 """
@@ -74,7 +74,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             drawn = admissible_states(self.controller, DRAWN, self.np_random)
             self.state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
         self.now, self.outcome = 0, ""
-        return self._observed(), self._told()
+        return self._observed(), self._info()
 
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Hold an input over one interval, against the adversary.
@@ -102,14 +102,14 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         elif end == self.table.steps:
             self.outcome = "late"
         over, late = self.outcome != "", self.outcome == "late"
-        told = self._told() | {"applied": applied, "overruled": applied != int(action)}
-        return self._observed(), REWARDS[self.outcome], over and not late, late, told
+        info = self._info() | {"applied": applied, "overruled": applied != int(action)}
+        return self._observed(), REWARDS[self.outcome], over and not late, late, info
 
     def _observed(self) -> FloatArray:
         state = self.table.grid.wrapped(self.state[None])[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest place on it
 
-    def _told(self) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}

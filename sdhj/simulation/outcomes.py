@@ -31,7 +31,7 @@ def play_interval(
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
-        met = begun.problem.grid.held(states, "safe")  # what lies beyond a safe end no longer matters
+        met = begun.problem.grid.clipped(states, "safe")  # what lies beyond a safe end no longer matters
         clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF

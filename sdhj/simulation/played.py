@@ -61,9 +61,9 @@ class Played:
 
     def __str__(self) -> str:
         low, high = self.interval
-        told = f"{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
+        message = f"{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
-        return told + (f": {ways}. {self.advice}" if self.lost else "")
+        return message + (f": {ways}. {self.advice}" if self.lost else "")
 
 
 def played(
@@ -96,9 +96,9 @@ def played(
     starts = admissible_states(controller, runs, rng)
     outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
     lost = np.flatnonzero(outcomes != REACHED)
-    told = {COLLIDED: "collided with ", OFF: "went off the grid past the end of "}
+    message = {COLLIDED: "collided with ", OFF: "went off the grid past the end of "}
     ways = Counter(
-        told[outcome] + places.get(run, "something") if outcome in told else str(OUTCOMES[outcome])
+        message[outcome] + places.get(run, "something") if outcome in message else str(OUTCOMES[outcome])
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
     return Played(runs, len(lost), named(adversary), dict(ways.most_common()), _advice(table, ways) if ways else "")
@@ -108,7 +108,7 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
     """The unsafe set that a state has met, or the axis past whose end it is."""
     problem, grid = table.problem, table.grid
     if met:
-        held = grid.held(state[None], "safe")
+        held = grid.clipped(state[None], "safe")
         return min(problem.unsafe, key=lambda part: float(problem.value_of(part, held, t)[0])).name
     low, high = grid.faces("unsafe")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
@@ -174,18 +174,18 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
 def _emptied(table: Table, share: float) -> str:
     """Which unsafe set, input set or projection has emptied a tube."""
     problem, grid = table.problem, table.grid
-    told = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
-    told += "" if problem.stays else ", no more than the target itself" if share else ""
+    message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
+    message += "" if problem.stays else ", no more than the target itself" if share else ""
     states = grid.points()[:: max(grid.size // 20_000, 1)]
     clear = problem.unsafe_value(states, problem.time(0)) > 0
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
     if table.method == "projected" and ways > NEARLY_EMPTY:
-        return told + ': what the projections leave out may be the reason; try method="hji"'
+        return message + ': what the projections leave out may be the reason; try method="hji"'
     if ways <= NEARLY_EMPTY:
         names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
-        return told + f": no input keeps clear of {names} for one interval; use a shorter delta or other inputs"
-    return told + (
+        return message + f": no input keeps clear of {names} for one interval; use a shorter delta or other inputs"
+    return message + (
         f": from {ways:.0%} of the free states some input keeps clear for one interval, but none of the "
         f"{len(problem.inputs)} inputs leads on against the adversary; use stronger inputs, more nodes or another delta"
     )

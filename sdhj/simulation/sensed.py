@@ -144,7 +144,7 @@ class _Runs:
 
         def predict(off: FloatArray) -> FloatArray:
             seen = states + off
-            return problem.grid.held(seen) if begun else self.controller.predict(seen, held, step)
+            return problem.grid.clipped(seen) if begun else self.controller.predict(seen, held, step)
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
             batch = self.controller.batch(predict(off), step)
@@ -155,8 +155,8 @@ class _Runs:
 
         starting = states if begun else predicted(problem, states, held, step)
         seen, at = (sealed(states), sealed(errors)), min(step, table.steps - 1)  # adversaries only read
-        told = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
-        off = real_array("the errors that the adversary returns", told, states.shape)
+        errors = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
+        off = real_array("the errors that the adversary returns", errors, states.shape)
         if not (np.abs(off) <= errors * (1 + 1e-12)).all():
             raise ValueError(f"the adversary must keep the errors within +-{errors.tolist()}")
         return predict(off)

@@ -163,14 +163,14 @@ class HJIGames(_OnAxes):
             yield from formula.each_tube(wall, step)
             return
         grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
-        at = self.held(wall, step, steps)
-        told: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
+        at = self.wall_at(wall, step, steps)
+        keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
         for j in range(self.count):
             self.solved += 1
-            tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **told)
+            tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **keywords)
             yield j, tube[self.wanted_on(wall.axes)]
 
-    def held(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
+    def wall_at(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
         """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
         t0, t1 = self.problem.span(step)
 
@@ -229,7 +229,7 @@ class JointGames(HJIGames):
         problem, grid = self.problem, self.grid
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
-        held = [(self.held(wall, step, steps), wall.axes) for wall in walls]
+        held = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
 
         @cache
         def union(tau: float) -> FloatArray:
@@ -239,11 +239,11 @@ class JointGames(HJIGames):
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
         obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
-        told: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
+        keywords: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
         for j in range(self.count):
             self.solved += 1
             velocities = self.velocities(j, self.axes, step)
-            yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **told)
+            yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **keywords)
 
 
 class HopfLaxGames(_OnAxes):

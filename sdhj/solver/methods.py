@@ -48,7 +48,7 @@ class HJI:
             raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
 
     @property
-    def told(self) -> dict[str, Any]:
+    def options(self) -> dict[str, Any]:
         """The options, for a table's details."""
         return {"games": self.games} | vars(self.scheme)
 
@@ -57,7 +57,7 @@ class HJI:
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.told)
+        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class HopfLax:
         option("dtype", self.dtype, DTYPES)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def options(self) -> dict[str, Any]:
         """The options, for a table's details."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
@@ -89,7 +89,7 @@ class HopfLax:
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.dtype, self.told)
+        return GridSets(problem, self.name, self.on, self.dtype, self.options)
 
 
 METHODS: dict[str, Any] = {  # by their short forms; `sdhj.solving` adds those of rooms above

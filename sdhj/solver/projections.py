@@ -304,9 +304,9 @@ class Projected:
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
-        told = reprlib.repr(self.inner)
+        shown = reprlib.repr(self.inner)
         if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
-            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {told}")
+            raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {shown}")
         if self.subspaces is None:
             return
         given: Any = self.subspaces
@@ -325,7 +325,7 @@ class Projected:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         subspaces = checked_subspaces(problem, self.subspaces)
-        told = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.told
+        options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
         dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
 
         def games(played: ReachAvoidProblem) -> ProjectedGames | HJIGames | HopfLaxGames:
@@ -333,4 +333,4 @@ class Projected:
                 return self.inner.on(played)
             return ProjectedGames(played, lambda axes: self.inner.on(played, axes), subspaces)
 
-        return ProjectedSets(problem, self.name, games, dtype, told)
+        return ProjectedSets(problem, self.name, games, dtype, options)

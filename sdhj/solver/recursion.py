@@ -165,7 +165,7 @@ class GridSets:
     games : callable (problem) -> Games
         Called when it is known that there is memory enough.
     dtype : {"float32", "float64"}
-    told : mapping
+    options : mapping
         The method's options, for the table's details.
 
     Raises
@@ -180,12 +180,12 @@ class GridSets:
         method: str,
         games: Callable[[ReachAvoidProblem], Games],
         dtype: str = "float32",
-        told: Mapping[str, Any] | None = None,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
         require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
         check_resolution(problem, stacklevel=5)
         self.timeless = problem.timeless
-        self.problem, self.games, self.told = problem, games(problem.rimmed), dict(told or {})
+        self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         self.joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
@@ -236,11 +236,11 @@ class GridSets:
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
-        told: dict[str, Any] = {
+        found: dict[str, Any] = {
             "pdes_of_algorithm": asked,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
         }
         if endless:
-            told |= {"endless": True, "settled": settled, "given_up": share - table.fraction(start=0)}
-        return table.finish(self.told | told | dict(details))
+            found |= {"endless": True, "settled": settled, "given_up": share - table.fraction(start=0)}
+        return table.finish(self.options | found | dict(details))

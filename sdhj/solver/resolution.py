@@ -35,8 +35,8 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
             continue
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            if told := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
-                warnings.warn(told, ResolutionWarning, stacklevel=stacklevel + 1)
+            if message := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
+                warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
 
 
@@ -111,7 +111,7 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 
 DEEP = 0.75  # cells, of the deepest node across a wall
 ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wherever it lies
-LEAST_TOLD = 0.1  # cells: the least thickness that is told
+LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
 def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
@@ -140,7 +140,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     names = [problem.grid.names[axis] for axis in part.axes]
     where = ", ".join(f"{name} = {grid.nodes(axis)[place[axis]]:.4g}" for axis, name in enumerate(names))
     wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
-    told = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
+    thick = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
     steep = 'UnsafeSet(..., sampling="steep"), which keeps the crest at the price of a part of a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
@@ -148,7 +148,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     free = available()
     fits = free is None or 8 * nodes * problem.most_steps < free[0]
     return (
-        f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(told)} "
+        f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
         "thick there, and differences wear down what is not some cells thick, so the solver may leak through it. Use "
         + (f"{more}, or {steep}" if fits else f"{steep}; {more} would take more memory than there is")
     )
@@ -164,5 +164,5 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             inside = (left > 0) & (first <= 0) & (second <= 0) & (right > 0)
             thin = inside & (-np.minimum(first, second) < DEEP * np.maximum(left - first, right - second))
             across = first / (first - left) + second / (second - right) + (first is not second)
-            thickness = np.where(thin, np.maximum(across, LEAST_TOLD), thickness)
+            thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness

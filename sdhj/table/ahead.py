@@ -63,8 +63,8 @@ def _tabulated(interval: Interval, axes: FloatArray, room: float) -> LookAhead:
     boxes += (np.array([-1.0, 1.0])[:, None, None] * np.sum(bends, axis=0))[:, None]
     tell = partial(_interpolated, boxes, axes, tuple(lattice.arrays), _reach(grid, *boxes).size)
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED, grid.ndim))
-    told, (low, high) = tell(states, np.arange(TRIED)), interval.reachable(states)
-    if (told.low > low + 1e-12 * cells).any() or (told.high < high - 1e-12 * cells).any():
+    rates, (low, high) = tell(states, np.arange(TRIED)), interval.reachable(states)
+    if (rates.low > low + 1e-12 * cells).any() or (rates.high < high - 1e-12 * cells).any():
         raise ValueError("the nodes do not tell")
     return tell
 
@@ -122,11 +122,11 @@ def nothing_met(
     corners = states[:, None] + np.where(sides, high[:, None], low[:, None])
     path = problem.interval(step).path(states, inputs, LOOKED)
     met = np.concatenate([states[:, None], path, corners], axis=1)
-    clear = problem.unsafe_along(grid.held(met, "wall", "safe"), times) > 0
+    clear = problem.unsafe_along(grid.clipped(met, "wall", "safe"), times) > 0
     if grid.has("unsafe"):
         clear[:, 1 : LOOKED + 1] &= ~grid.beyond(path, "unsafe")
     if not problem.stays and (last := left == 0).any():
-        there = problem.target_value(grid.held(corners[last]).reshape(-1, grid.ndim), end) <= 0
+        there = problem.target_value(grid.clipped(corners[last]).reshape(-1, grid.ndim), end) <= 0
         clear[last, LOOKED + 1 :] &= there.reshape(-1, len(sides))
     if grid.has("safe"):
         gone = grid.beyond(met, "safe")

@@ -71,7 +71,7 @@ class Candidates:
     def successors(self) -> FloatArray:
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
-        return self.problem.grid.held(moved)
+        return self.problem.grid.clipped(moved)
 
 
 Rule = Callable[[Candidates], FloatArray]
@@ -190,8 +190,8 @@ class Controller:
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
-            told = reprlib.repr(rule)
-            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {told}")
+            shown = reprlib.repr(rule)
+            raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
 
     # ---- one state
@@ -264,7 +264,7 @@ class Controller:
         within = self.table.steps - step
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
-        elif np.array_equal(self.problem.grid.held(states), states):
+        elif np.array_equal(self.problem.grid.clipped(states), states):
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
         else:
@@ -291,8 +291,8 @@ class Controller:
         known = given.dtype.kind in "iu" and bool(((given >= 0) & (given <= most)).all())
         if not known or given.shape not in ((), (count,)):
             raise ValueError(f"previous must be an index from 0 to {most}, or one for each measurement, got {given}")
-        told = predicted(self.problem, np.atleast_2d(states), np.broadcast_to(given, count), self._at(step))
-        return told[0] if states.ndim == 1 else told
+        predictions = predicted(self.problem, np.atleast_2d(states), np.broadcast_to(given, count), self._at(step))
+        return predictions[0] if states.ndim == 1 else predictions
 
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
         """The answer to a measurement (ndim,) taken `time` s after the loop began: see `Action`.
@@ -370,7 +370,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     Held at all ends of the grid, where the state is, and without an adversary.
     """
     delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
-    states = grid.held(states_array("a measurement", measured, grid.ndim))
+    states = grid.clipped(states_array("a measurement", measured, grid.ndim))
     if not delay:
         return states
     interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES

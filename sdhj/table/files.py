@@ -77,7 +77,7 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
                 os.fsync(file.fileno())
             os.replace(temporary, path)
         except OSError as error:
-            if error.errno is None or error.filename is not None:  # told in words, or of another file
+            if error.errno is None or error.filename is not None:  # it has words already, or is about another file
                 raise
             raise OSError(f"cannot write {path}: {error.strerror}; make room, or choose another place") from error
         with suppress(OSError):  # not every system opens folders
@@ -165,7 +165,7 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 
 @contextmanager
-def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> Iterator[h5py.File]:
+def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> Iterator[h5py.File]:
     """An HDF5 file for the class of a table to write its arrays to; what else it tells goes by name.
 
     It is made in memory and put on disk at the end, in place of an older one: the HDF5 library does not survive a full
@@ -176,8 +176,8 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
     OSError
         Where the folder does not exist or cannot be written, or the disk is full.
     """
-    about = table_told(table.problem, table.method, table.details, table.problem.digest)
-    text = json.dumps(about | told, sort_keys=True).encode() + b"\n"
+    about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
+    text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
     if len(text) > MOST_TOLD:
         raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and {MOST_TOLD:,} are allowed")
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
@@ -200,8 +200,8 @@ def written_table(path: str | os.PathLike[str], table: "Table", **told: Any) -> 
         raise OSError(f"{error}; the table takes {size:.0f} MB, and is still in memory: save it elsewhere") from error
 
 
-def table_told(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """What is told of a table beside its arrays."""
+def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
+    """What a file says of a table beside its arrays."""
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -234,8 +234,8 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
     TableFileError
         As `load`.
     """
-    with opened(path) as (told, _):
-        return told
+    with opened(path) as (head, _):
+        return head
 
 
 def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...]) -> FloatArray:
@@ -278,9 +278,9 @@ def opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.
     with stream:
         text = _whole(path, stream)
         try:
-            told = believed(json.loads(text))
+            head = checked_head(json.loads(text))
             with h5py.File(stream, "r") as file:
-                yield told, file
+                yield head, file
         except TableFileError:
             raise
         except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
@@ -311,36 +311,36 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
     return stream.readline(MOST_TOLD)
 
 
-def believed(told: Any) -> dict[str, Any]:
+def checked_head(head: Any) -> dict[str, Any]:
     """What a file tells with its numbers checked; what an error is raised for makes no sense."""
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
-    if not all(isinstance(told[name], str) for name in words) or not isinstance(told["recipe"], dict):
+    if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
         raise ValueError(f"{', '.join(words)} must be text, the recipe a mapping")
-    inputs = finite_array("inputs", told["inputs"])
+    inputs = finite_array("inputs", head["inputs"])
     if inputs.ndim != 2:
         raise ValueError(f"inputs must have shape (L, m), got {inputs.shape}")
-    return told | {
-        "grid": Grid(*(told["grid"][name] for name in LAYOUT)),
+    return head | {
+        "grid": Grid(*(head["grid"][name] for name in LAYOUT)),
         "inputs": inputs,
-        "details": dict(told["details"]),
-        "delta": number("delta", told["delta"], above=0.0),
-        "steps": whole("steps", told["steps"], least=1),
-        "sensing": Sensing(**told.get("sensing", {})),
+        "details": dict(head["details"]),
+        "delta": number("delta", head["delta"], above=0.0),
+        "steps": whole("steps", head["steps"], least=1),
+        "sensing": Sensing(**head.get("sensing", {})),
     }
 
 
-def what_differs(told: Mapping[str, Any], problem: ReachAvoidProblem, same_values: Callable[[], bool]) -> str:
-    """What of a problem is not as told, beyond rounding; its functions are known by their values alone."""
-    pairs = {name: (told[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
+def what_differs(head: Mapping[str, Any], problem: ReachAvoidProblem, same_values: Callable[[], bool]) -> str:
+    """What of a problem differs from what a file says, beyond rounding; functions count by their values."""
+    pairs = {name: (head[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
     layout = (name for name in LAYOUT if name != "names")  # which are labels
-    pairs |= {name: (getattr(told["grid"], name), getattr(problem.grid, name)) for name in layout}
-    if told["recipe"] and problem.recipe:
-        pairs["recipe"] = told["recipe"], json.loads(json.dumps(dict(problem.recipe)))
+    pairs |= {name: (getattr(head["grid"], name), getattr(problem.grid, name)) for name in layout}
+    if head["recipe"] and problem.recipe:
+        pairs["recipe"] = head["recipe"], json.loads(json.dumps(dict(problem.recipe)))
     pairs = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
     if not pairs:
         if same_values():
             return ""
-        if not np.array_equal(told["inputs"], problem.inputs):
-            pairs["inputs"] = told["inputs"].tolist(), problem.inputs.tolist()
+        if not np.array_equal(head["inputs"], problem.inputs):
+            pairs["inputs"] = head["inputs"].tolist(), problem.inputs.tolist()
     found = [f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here" for name, (its, own) in pairs.items()]
     return "; ".join(found) or "what differs are the values of its functions, by more than rounding"

@@ -267,7 +267,7 @@ class LookupTable(Table):
                 file.create_dataset(f"avoid_{name}", data=getattr(self.avoid, name), chunks=True, **PACKING)
 
     @classmethod
-    def read(cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
+    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
         """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         index = stored(file, "index", "int64", (len(entries(steps)),))
@@ -278,9 +278,9 @@ class LookupTable(Table):
         masks = stored(file, "masks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):
-            axes = ascending(told["avoid_axes"][name], f"avoid_{name}")
+            axes = ascending(head["avoid_axes"][name], f"avoid_{name}")
             if list(axes) != sorted(set(axes) & set(range(grid.ndim))):
                 raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(file, f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, told["method"], index, tubes, masks, AvoidTubes(*avoid), told["details"])
+        return cls(problem, head["method"], index, tubes, masks, AvoidTubes(*avoid), head["details"])

@@ -146,7 +146,7 @@ def test_the_evader_is_not_caught(pursuer, rng):
 
     def choose(q, step):
         off = grid.beyond(q, "safe")
-        chosen = controller.choose(controller.batch(grid.held(q, "safe"), step))
+        chosen = controller.choose(controller.batch(grid.clipped(q, "safe"), step))
         return np.where(off & (chosen < 0), 1, chosen)  # out there: straight on
 
     outcomes = pursued(table, choose, signs, starts)

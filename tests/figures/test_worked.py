@@ -318,7 +318,7 @@ def test_every_constant_mass_and_friction_is_covered(unaware, rng):
     assert np.mean(~won) > 0.02 if unaware else np.mean(~won) < 0.005
 
 
-def test_the_arm_with_more_to_avoid_is_an_own_problem(tmp_path):
+def test_the_arm_with_more_to_avoid_is_an_user_problem(tmp_path):
     """A file cannot hold its functions, so it is loaded with the problem, and never as the case study."""
     problem = replace(folding_arm(7), steps=1)
     table = sdhj.solve(problem, progress=False)

@@ -90,7 +90,7 @@ def check_round(round_maximum):
         ("an obstacle's complement, with a peak inside the disk", 0.3 - np.hypot(*(points - (0.2, 0.1)).T)),
     ):
         values = values.reshape(grid.shape)
-        ends = grid.held((points[:, None] + lattice).reshape(-1, 2))
+        ends = grid.clipped((points[:, None] + lattice).reshape(-1, 2))
         wanted = grid.interpolate(values, ends).reshape(len(points), -1).max(axis=1).reshape(grid.shape)
         got = np.asarray(round_maximum(grid, values, r))
         expect(got.shape == grid.shape, "one value for each node, in the grid's shape.")
