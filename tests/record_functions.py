@@ -26,7 +26,6 @@ import contextlib
 import importlib
 import inspect
 import os
-import runpy
 import sys
 import tempfile
 import time
@@ -42,6 +41,7 @@ from unittest import mock
 import matplotlib
 import nbformat
 import numpy as np
+from documents import blocks
 
 import sdhj
 
@@ -191,11 +191,9 @@ def place_name(file: str, code: CodeType) -> str:
 
 
 def sources() -> Iterator[tuple[str, list[tuple[str, str]]]]:
-    """README's sections and those notebooks that make parts of problems: a name, and names and code of the blocks."""
-    blocks = runpy.run_path(str(ROOT / "tests" / "docs" / "test_readme.py"))["blocks"]
-    for heading in ("In Python", "Recipes"):
-        codes = enumerate(blocks(f"## {heading}"), 1)
-        yield heading, [(f"README.md, {heading} {number}", code) for number, code in codes]
+    """README, the recipes and those notebooks that make parts of problems: a name, and names and code of the blocks."""
+    for name in ("README.md", "notebooks/site/recipes.md"):
+        yield name, [(f"{name} {number}", code) for number, code in enumerate(blocks(ROOT / name), 1)]
     for path in sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")):
         cells = [(at, cell) for at, cell in enumerate(nbformat.read(path, as_version=4).cells)]
         told = [(f"notebooks/{path.name}, cell {at}", cell.source) for at, cell in cells if cell.cell_type == "code"]

@@ -11,7 +11,7 @@ from maze import SCOTS_SHARE, SIDE, TARGET, WALLS, maze, solved, to_box, to_wall
 import sdhj
 from sdhj.table.batches import Table
 
-README = Path(__file__).parents[2] / "README.md"
+NUMBERS = Path(__file__).parents[2] / "notebooks" / "site" / "numbers.md"
 
 
 def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:
@@ -83,5 +83,5 @@ def test_the_whole_maze_is_certified(rng: np.random.Generator) -> None:
     starts = won(table, rng, 200)
     share = table.fraction(start=0, within=table.steps)
     assert share > SCOTS_SHARE
-    assert f"{share:.1%} of all states won within {table.steps} steps" in README.read_text(encoding="utf-8")
+    assert f"{share:.1%} of all states won within {table.steps} steps" in NUMBERS.read_text(encoding="utf-8")
     assert len(starts) == 200 and (judged(table, starts) == "reached").all()

@@ -1,0 +1,162 @@
+"""The pages of the site that are no chapters: their Python runs, and what they name is there."""
+
+import contextlib
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from documents import ROOT, blocks, named_files
+
+import sdhj
+from sdhj.cli import main
+
+SITE = ROOT / "notebooks" / "site"
+
+
+@pytest.mark.parametrize("path", sorted(SITE.glob("*.md")), ids=lambda path: path.stem)
+def test_files_that_are_named_are_there(path: Path) -> None:
+    assert [named for named in named_files(path) if not named.exists()] == []
+
+
+def test_the_rooms_are_listed() -> None:
+    """All of them, and no other."""
+    text = (SITE / "code.md").read_text(encoding="utf-8")
+    rooms = {f"sdhj/{path.parent.name}/" for path in (ROOT / "sdhj").glob("*/__init__.py")}
+    files = {f"sdhj/{path.name}" for path in (ROOT / "sdhj").glob("*.py")} - {"sdhj/__init__.py", "sdhj/__main__.py"}
+    assert set(re.findall(r"`(sdhj/\w+(?:/|\.py))`", text[text.index("| room |") :])) == rooms | files
+
+
+def test_commands_that_are_named_are_there() -> None:
+    text = (SITE / "commands.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"(?:^|`)sdhj ([a-z]+)", text, re.MULTILINE))
+    listed = re.search(r"lists the commands: ([^.]+)\.", text)
+    assert listed is not None
+    assert set(re.findall(r"`(\w+)`", listed[1])) == set(main.commands) == named
+
+
+def test_the_command_line_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands as they stand there, on a small grid."""
+    monkeypatch.chdir(tmp_path)
+    text = (SITE / "commands.md").read_text(encoding="utf-8")
+    block = re.search(r"^```bash\n(sdhj solve.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert block is not None
+    for line in block[1].splitlines():
+        words = line.split("#")[0].split()[1:]
+        words += ["--nodes", "9"] if words[0] == "solve" else []
+        if "certified" not in words and words[0] in ("solve", "simulate", "info"):
+            main(words, standalone_mode=False)
+    assert (tmp_path / "arm.h5").is_file()
+
+
+@pytest.fixture(scope="module")
+def recipes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the recipes define, run one after the other beside a map; the one for Gymnasium is apart."""
+    folder, pixels = tmp_path_factory.mktemp("recipes"), np.full((60, 80), 254, np.uint8)  # 0.05 m each
+    pixels[:, [0, 79]] = pixels[[0, 59]] = pixels[:, 40] = 0
+    pixels[20:40, 40] = 254  # a door
+    pixels[50:55, 60:70] = 205  # not known
+    (folder / "office.pgm").write_bytes(b"P5\n80 60\n255\n" + pixels.tobytes())
+    (folder / "office.yaml").write_text(
+        "image: office.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    names: dict[str, Any] = {}
+    with contextlib.chdir(folder):
+        for code in blocks(SITE / "recipes.md"):
+            if "environment" not in code:
+                exec(code, names)
+    return names
+
+
+def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
+    controller = recipes["controller"]
+    assert sdhj.monte_carlo(controller, runs=600, adversary="worst", seed=0, progress=False).rate("collided") < 0.005
+    here, wall, desk = controller.table.contains([[0.7, 1.0], [2.03, 0.5], [0.9, 2.3]], start=0, within=48)
+    assert here and not wall and not desk
+
+
+def test_a_robot_that_measures_with_an_error_is_promised_less(recipes: dict[str, Any]) -> None:
+    action, real, exact = recipes["action"], recipes["real"], recipes["controller"].table
+    assert action.promised and not action.missed
+    assert 0.1 < real.fraction(start=0, within=48) < exact.fraction(start=0, within=48)
+
+
+def test_the_filter_lets_through_what_is_safe(recipes: dict[str, Any]) -> None:
+    controller, answer = recipes["controller"], recipes["answer"]
+    assert answer.commands.tolist() == [0.5, 0.0] and answer.promised and not answer.changed
+    before = controller.filter([[1.7, 0.7]] * 2, step=0, wanted=[[0.5, 0.0], [0.0, 0.5]])  # a wall to the right
+    assert before.overruled.tolist() == [True, False] and before.promised.all()
+
+
+def test_the_robot_has_an_answer_everywhere(recipes: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
+    controller, act = recipes["controller"], recipes["act"]
+    assert act([1.0, 1.5], 0) == controller.select([1.0, 1.5], 0)
+    assert act([0.3, 1.5], 47) == controller.fallback([0.3, 1.5], 47).input  # a step is not enough from there
+    assert capsys.readouterr().out == ""
+    assert act([0.01, 1.5], 0) == 1  # in the wall to the left
+    assert "nothing is promised at" in capsys.readouterr().out
+
+
+def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
+    """How far the disturbances of the recipe reach in every direction: at least r, at most r / cos(22.5 degrees)."""
+    dynamics, directions = recipes["ball"].problem.dynamics, np.linspace(0.0, 2 * np.pi, 721)
+    ways = np.stack([np.cos(directions), np.sin(directions)], axis=1)
+    reach = np.abs(ways @ dynamics.gain) @ dynamics.bounds
+    assert reach.min() == pytest.approx(0.1) and reach.max() == pytest.approx(0.1 / np.cos(np.pi / 8))
+    boxed = sdhj.solve(recipes["problem"]([recipes["office"]]), progress=False)
+    assert boxed.fraction(start=0, within=48) < recipes["ball"].fraction(start=0, within=48)
+
+
+def test_the_cart_stays_on_its_rail(recipes: dict[str, Any]) -> None:
+    """Full brakes from 1.9 m/s take 0.6 m of the 0.8: after an interval of what was wanted they would take too much."""
+    safe, braked = recipes["safe"], recipes["braked"]
+    assert 0.3 < safe.fraction(start=0, within=1) < 0.7 and 5 < safe.steps < 100
+    assert braked.promised and braked.overruled and braked.commands.tolist() == [-3.0]
+
+
+def test_the_long_horizon_is_long_enough(recipes: dict[str, Any]) -> None:
+    some_time, at_most = recipes["some_time"], recipes["some_time"].steps
+    longer = sdhj.solve(recipes["problem"]([recipes["office"]], steps=at_most + 10), progress=False)
+    assert longer.fraction(start=0, within=at_most + 10) == some_time.fraction(start=0, within=at_most)
+
+
+def test_nothing_passes_the_thin_fence(recipes: dict[str, Any]) -> None:
+    fenced = recipes["fenced"]
+    assert fenced.contains([[2.6, 1.5], [1.4, 1.5]], start=0, within=48).tolist() == [True, False]
+
+
+def test_the_wind_blows_one_way(recipes: dict[str, Any]) -> None:
+    low, high = recipes["windy"].problem.interval(0).extremes(0.0)[:, 0]  # of the input that rests
+    np.testing.assert_allclose([low, high], [[0.0, -0.1], [0.2, 0.1]], rtol=0, atol=1e-15)
+
+
+def test_gymnasiums_recipe_arrives(recipes: dict[str, Any]) -> None:
+    pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'sdhj[gym]'")
+    (code,) = (code for code in blocks(SITE / "recipes.md") if "environment" in code)
+    names = dict(recipes)
+    exec(code, names)
+    assert names["info"]["outcome"] == "reached" and names["terminated"]
+
+
+def test_large_problems_are_solved_as_the_page_says(
+    recipes: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same table from disk, and what it takes, in the words of the page."""
+    pytest.importorskip("zarr", reason="zarr is not installed: pip install 'sdhj[outofcore]'")
+    monkeypatch.chdir(tmp_path)
+    solving, asking, *_ = blocks(SITE / "large.md")
+    names = {"sdhj": sdhj, "problem": recipes["problem"]([recipes["desk"]], steps=4)}
+    exec(solving, names)
+    memory = sdhj.solve(names["problem"], progress=False)
+    np.testing.assert_array_equal(names["table"].values(start=0, within=4), memory.values(start=0, within=4))
+    exec(asking, names)
+    assert re.fullmatch(r"slabs: \d+, .* of memory, up to .* of disk, about .* s\n", capsys.readouterr().out)
+
+
+def test_a_worked_problem_is_played(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "figures"), *sys.path])
+    (code,) = blocks(SITE / "worked.md")
+    exec(code.replace("10_000", "200"), {})
+    assert "200 runs, hji table, adversary worst" in capsys.readouterr().out
