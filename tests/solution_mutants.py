@@ -569,8 +569,9 @@ def alike(mutant: Mutant) -> bool:
                 return False
             continue
         for given in inputs(np.random.default_rng(2020)):
-            if not same(mine(*given), other(*given)):
-                return False
+            with np.errstate(all="ignore"):  # as when it is played
+                if not same(mine(*given), other(*given)):
+                    return False
     return True
 
 

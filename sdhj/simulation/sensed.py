@@ -155,8 +155,8 @@ class _Runs:
 
         starting = states if begun else predicted(problem, states, held, step)
         seen, at = (sealed(states), sealed(errors)), min(step, table.steps - 1)  # adversaries only read
-        errors = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
-        off = real_array("the errors that the adversary returns", errors, states.shape)
+        errors_made = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
+        off = real_array("the errors that the adversary returns", errors_made, states.shape)
         if not (np.abs(off) <= errors * (1 + 1e-12)).all():
             raise ValueError(f"the adversary must keep the errors within +-{errors.tolist()}")
         return predict(off)
