@@ -32,6 +32,7 @@ PAIRS = 2000  # of states, by which the bounds along an axis are tried
 ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one
 SAMPLES = 16  # boxes by which it is told which coordinates the velocity reads
 BOXES = 1 << 16  # that a function is called with at a time
+LOOKS, LOOKS_EACH = 100, 20  # states at which a set, and the velocity under each input, is compared with its enclosure
 UNFOLLOWED = (TypeError, ValueError, AttributeError, LookupError, NotImplementedError, ImportError)
 
 Ends = tuple[FloatArray, FloatArray]
@@ -142,9 +143,17 @@ class Bounds:
         ways: list[Callable[[], Ends]] = []
         if (own := getattr(function, "enclosure", None)) is not None:
             ways.append(lambda: _answered(own(low, high, t0, t1), low[:, 0].shape))
-        ways.append(lambda: _followed(function, low, high, (t0, t1)))
+
+        def followed(begin: float, end: float) -> Ends:
+            self._compare(part.name, part.axes, LOOKS, lambda q, t: (function(q.copy(), t),) * 2, alone)
+            return _followed(function, low, high, (begin, end))
+
+        def alone(points: FloatArray, t: float) -> Ends:
+            return _followed(function, points, points, (t, t))
+
+        ways.append(lambda: followed(t0, t1))
         if t1 > t0 and rate is not None:
-            ways.append(lambda: _about(_followed(function, low, high, (middle, middle)), moved))
+            ways.append(lambda: _about(followed(middle, middle), moved))
         centre, reach = (low + high) / 2, (high - low) / 2 * (1 + ALLOWANCE)
         if (bounds is not None or getattr(part, "slope", None) is not None) and (t1 == t0 or rate is not None):
             far = reach @ bounds if bounds is not None else part.slope * np.sqrt((reach**2).sum(axis=1))
@@ -154,7 +163,21 @@ class Bounds:
 
     def _velocity(self, j: int, t0: float, t1: float, low: FloatArray, high: FloatArray) -> Ends:
         ways, dynamics, bounds, ndim = [], self.problem.dynamics, self.stated, self.problem.grid.ndim
-        ways.append(lambda: _followed_velocity(dynamics, j, low, high, (t0, t1), self.signs))
+
+        def alone(points: FloatArray, t: float) -> Ends:
+            return _followed_velocity(dynamics, j, points, points, (t, t), self.signs)
+
+        def true(q: FloatArray, t: float) -> Ends:
+            drift, gain, most = velocity_terms(self.problem, q, j, t)
+            signs = np.sign(gain) * np.array([-1.0, 1.0])[:, None, None, None] if self.signs is None else self.signs
+            least, greatest = np.broadcast_to(drift + (gain * (most * signs)).sum(axis=-1), (2, *drift.shape))
+            return least, greatest
+
+        def followed() -> Ends:
+            self._compare(f"velocity {j}", range(ndim), LOOKS_EACH, true, alone)
+            return _followed_velocity(dynamics, j, low, high, (t0, t1), self.signs)
+
+        ways.append(followed)
         if bounds.dynamics is not None or (dynamics.stateless and bounds.time is not None):
 
             def stated() -> Ends:
@@ -188,6 +211,38 @@ class Bounds:
             "(sdhj.certified.bounds)"
         ) from failed[0]
 
+    def _compare(
+        self, what: str, axes: Sequence[int], count: int, true: Callable[..., Ends], enclosed: Callable[..., Ends]
+    ) -> None:
+        """Once for each function: at some states, each asked alone, it is between the bounds that are found there.
+
+        So a value depends on its own state and not on others, and intervals do what NumPy does.
+        """
+        if what in self._agree:
+            return
+        grid, rng = self.problem.grid.subgrid(tuple(axes)), np.random.default_rng(0)
+        points = rng.uniform(grid.lower, grid.upper, (count, grid.ndim))
+        points[: count // 5] = np.stack([rng.choice(grid.nodes(axis), count // 5) for axis in range(grid.ndim)], axis=1)
+        for t, some in zip((0.0, 0.7 * self.problem.delta), (points[::2], points[1::2]), strict=True):
+            least, most = enclosed(some, t)
+            for at, q in enumerate(some):
+                for value in true(q[None], t):
+                    value = np.asarray(value, dtype=np.float64)[0]
+                    slack = 1e-14 * (1.0 + np.abs(value))  # of the function's own rounding
+                    if not np.isfinite(value).all():
+                        raise ValueError(f"it is not a finite number at {q.tolist()}")
+                    if not ((least[at] - slack <= value) & (value <= most[at] + slack)).all():
+                        raise TypeError(
+                            f"at {q.tolist()} it is {value.tolist()} of that state alone, and intervals say "
+                            f"{least[at].tolist()} to {most[at].tolist()}: it depends on other states, on the type of "
+                            "its argument, or on what intervals cannot see"
+                        )
+        self._agree.add(what)
+
+    @cached_property
+    def _agree(self) -> set[str]:
+        return set()
+
     @cached_property
     def _chosen(self) -> dict[tuple[str, int], int]:
         return {}
@@ -195,10 +250,10 @@ class Bounds:
 
 def _followed(function: Callable[..., Any], low: FloatArray, high: FloatArray, times: tuple[float, float]) -> Ends:
     """A level-set function called with intervals."""
-    from sdhj.certified.enclosures import Enclosure
+    from sdhj.certified.enclosures import Enclosure, followed
 
     t: Any = times[0] if times[0] == times[1] else Enclosure(*times)
-    return _answered(function(Enclosure(low.copy(), high.copy()), t), low[:, 0].shape)
+    return _answered(followed(function, Enclosure(low.copy(), high.copy()), t), low[:, 0].shape)
 
 
 def _answered(answer: Any, shape: tuple[int, ...]) -> Ends:
@@ -212,7 +267,7 @@ def _followed_velocity(
     dynamics: Dynamics, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float], signs: FloatArray | None
 ) -> Ends:
     """Drift and the adversary's push, that of one vertex or any, called with intervals."""
-    from sdhj.certified.enclosures import Enclosure, enclosure_of
+    from sdhj.certified.enclosures import Enclosure, enclosure_of, followed
 
     t: Any = times[0] if times[0] == times[1] else Enclosure(*times)
 
@@ -224,7 +279,9 @@ def _followed_velocity(
         if (own := getattr(function, "enclosure", None)) is not None:
             return enclosure_of(Enclosure(*own(low, high, dynamics.inputs[j], *times)), shape)
         values = {"points": Enclosure(low.copy(), high.copy()), "u": dynamics.inputs[j], "t": t}
-        return enclosure_of(function(*(values[one] for one in takes)), shape if "points" in takes else shape[1:])
+        return enclosure_of(
+            followed(function, *(values[one] for one in takes)), shape if "points" in takes else shape[1:]
+        )
 
     parts = dynamics.adversaries
     gain, most = term("gain", (*low.shape, parts)), term("bounds", (0, parts))

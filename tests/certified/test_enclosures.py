@@ -3,12 +3,15 @@
 Both libraries of intervals, the proof's and the checker's, are held against samples and against each other.
 """
 
+import awkward_functions as awkward
 import numpy as np
 import pytest
 
 import sdhj
-from sdhj.certified.check.spans import Span
-from sdhj.certified.enclosures import Enclosure, NotFollowed
+from sdhj.certified.bounds import Bounds, LipschitzBounds
+from sdhj.certified.check import verify
+from sdhj.certified.check.spans import Span, called
+from sdhj.certified.enclosures import Enclosure, NotFollowed, followed
 
 
 def assigned(p):
@@ -44,7 +47,8 @@ def test_every_sample_is_inside(name, kind, rng):
     for _ in range(20):
         value = function(centre + half * rng.choice([-1.0, 1.0, 0.3, 0.0], centre.shape))
         slack = 1e-15 * (1.0 + np.abs(value))  # the samples' own rounding
-        assert (bound.low <= value + slack).all() and (value - slack <= bound.high).all()
+        out = (value + slack < bound.low) | (bound.high < value - slack)  # never where it may be undefined
+        assert not out.any()
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -113,3 +117,76 @@ def test_a_spike_between_the_samples_is_seen():
     )
     table = sdhj.solve(problem, sdhj.Certified(cells=[150]), progress=False)
     assert table.contains([[1.3]], start=0, within=10) and not table.contains([[1.2]], start=0, within=10)
+
+
+def samples_of_boxes(rng):
+    """Boxes of all widths, some about zero, where much jumps; and states of each."""
+    for width in (0.0, 0.02, 0.3, 1.5):
+        centre = rng.uniform(-1, 1, (200, 2))
+        centre[:20], centre[20:40, 0] = 0.0, 0.0
+        low, high = centre - width / 2, centre + width / 2
+        yield low, high, [low + (high - low) * rng.choice([0.0, 0.5, 1.0, rng.uniform()], low.shape) for _ in range(5)]
+
+
+def alone(function, states):
+    """The values of a function, each state on its own."""
+    with np.errstate(all="ignore"):
+        return np.array([np.asarray(function(q[None].copy()), dtype=np.float64)[0] for q in states])
+
+
+def inside(low, high, values):
+    """Whether bounds hold; none are given where a value may be undefined."""
+    open_ = np.isnan(low) | (np.isinf(low) & np.isinf(high))
+    return bool((open_ | ((low - 1e-12 <= values) & (values <= high + 1e-12))).all())
+
+
+@pytest.mark.parametrize(("kind", "asked"), [(Enclosure, followed), (Span, called)])
+@pytest.mark.parametrize("name", sorted(awkward.FUNCTIONS.keys() - set(awkward.MIXED)))
+def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, kind, asked, rng):
+    function = awkward.FUNCTIONS[name]
+    for low, high, states in samples_of_boxes(rng):
+        try:
+            bound = asked(function, kind(low, high))
+        except (TypeError, AttributeError):
+            return  # refused
+        for q in states:
+            assert inside(np.broadcast_to(bound.low, 200), np.broadcast_to(bound.high, 200), alone(function, q))
+
+
+def problem_with(function):
+    """A slider that must stay clear of a set of its place and its speed."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
+        sdhj.Dynamics(
+            [[-1.0], [0.0], [1.0]],
+            lambda q, u: np.stack([0.3 * q[:, 1], u + 0.0 * q[:, 0]], axis=1),
+            [[0.0], [1.0]],
+            [0.1],
+        ),
+        None,
+        [sdhj.UnsafeSet((0, 1), lambda p, t: function(p), name="awkward")],
+        0.1,
+        2,
+    )
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", awkward.MIXED)
+def test_what_mixes_states_is_not_bounded(name):
+    with np.errstate(all="ignore"):
+        problem = problem_with(lambda p: awkward.FUNCTIONS[name](p) + 1.5)
+        bounds, box = Bounds(problem, LipschitzBounds()), np.zeros((1, 2))
+        with pytest.raises(ValueError, match=r"of that state alone|finite number"):
+            bounds.level(problem.unsafe[0], box, box + 0.1, 0.0, 0.0)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["roll", "isinst"])
+def test_the_checker_does_not_lean_on_the_comparison_of_the_solver(name, tmp_path, monkeypatch):
+    """A proof that was fooled is not believed."""
+    mixed = awkward.FUNCTIONS[name]
+    problem = problem_with(lambda p: mixed(p) + 1.5)
+    monkeypatch.setattr(Bounds, "_compare", lambda *_: None)
+    sdhj.solve(problem, sdhj.Certified(cells=[8, 8]), progress=False, play=False).save(tmp_path / "fooled.h5")
+    with pytest.raises(ValueError, match="outside of what spans say"):
+        verify(tmp_path / "fooled.h5", problem, progress=False)

@@ -24,7 +24,7 @@ import numpy as np
 
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, decimal, expect, fraction, is_whole
-from sdhj.certified.check.spans import Span, ends_of
+from sdhj.certified.check.spans import Span, called, ends_of
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
@@ -55,6 +55,7 @@ class Robot:
         self.counts, self.known, self.stated = np.array(cells["shape"]), np.array(flags, np.bool_), sets
         self.strides = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
         self.rests_on: set[str] = set()
+        self.compared: set[str] = set()
         self.periodic, self.safe = np.array(problem.grid.periodic), [("safe" in ends) for ends in problem.grid.ends]
         timed, pairs = "t" in sum(dynamics.takes.values(), ()), (self.steps + 1) * (self.steps + 2) // 2
         moving, count = timed or any(part.rate > 0 for part in problem.unsafe), len(dynamics.inputs)
@@ -122,27 +123,59 @@ class Robot:
             slope = (slope + drift) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
             return Span(value - slope, value + slope)
 
-        ways = [lambda a, b: function(Span(a, b), span_of(times)), promised]
+        def spanned(a: Array, b: Array, during: Any) -> Span:
+            return as_span(called(function, Span(a, b), during))
+
+        def alike(a: Array, b: Array, during: Any) -> Span:
+            self.compare(part.name, part.axes, lambda q, t: (function(q.copy(), t),) * 2, lambda q, t: spanned(q, q, t))
+            return spanned(a, b, during)
+
+        ways = [lambda a, b: alike(a, b, span_of(times)), promised]
         if rate is not None:
-            ways.insert(1, lambda a, b: function(Span(a, b), when) + Span(-drift, drift))
+            ways.insert(1, lambda a, b: alike(a, b, when) + Span(-drift, drift))
         return self.cut(part.axes, box, ways, ())
 
     def velocity(self, j: int, box: Array, times: tuple[float, float], pushed: bool = True) -> Span:
         """Bounds of the velocity under u_j and any adversary, or none, (M, ndim)."""
         dynamics = self.problem.dynamics
 
-        def called(a: Array, b: Array) -> Span:
-            given = {"points": Span(a, b), "u": dynamics.inputs[j], "t": span_of(times)}
+        def spanned(a: Array, b: Array, during: Any, pushed: bool) -> Span:
+            given = {"points": Span(a, b), "u": dynamics.inputs[j], "t": during}
 
             def term(name: str) -> Span:
                 if not callable(array := getattr(dynamics, name)):
                     return Span(*[array[j] if name == "drift" else array] * 2)
-                return as_span(array(*(given[one] for one in dynamics.takes[name])))
+                return as_span(called(array, *(given[one] for one in dynamics.takes[name])))
 
-            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high * pushed
+            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high if pushed else 0.0
             return term("drift") + Span(-push, push)
 
-        return self.cut(range(len(self.counts)), box, [called], (len(self.counts),))
+        def true(q: Array, t: float) -> tuple[Array, Array]:
+            push = (np.abs(dynamics.gain_at(q, j, t)) * np.abs(dynamics.bounds_at(j, t))).sum(axis=-1)
+            return dynamics.drift_at(q, j, t) - push, dynamics.drift_at(q, j, t) + push
+
+        def alike(a: Array, b: Array) -> Span:
+            axes = range(len(self.counts))
+            self.compare(f"velocity {j}", axes, true, lambda q, t: spanned(q, q, t, True), 20)
+            return spanned(a, b, span_of(times), pushed)
+
+        return self.cut(range(len(self.counts)), box, [alike], (len(self.counts),))
+
+    def compare(self, what: str, axes: Any, true: Any, spanned: Any, count: int = 100) -> None:
+        """Once: at some states, each asked alone, a function is between its spans; TypeError where it is not."""
+        if what in self.compared:
+            return
+        grid, rng = self.problem.grid, np.random.default_rng(1)
+        low, high = (np.array([end[axis] for axis in axes]) for end in (grid.lower, grid.upper))
+        states = low + (high - low) * np.round(rng.random((count, len(low))), 3)  # ends and round numbers among them
+        for t in (0.0, 0.3 * self.delta):
+            found = spanned(states, t)
+            for at, q in enumerate(states):
+                least, most = (np.asarray(value, dtype=np.float64)[0] for value in true(q[None], t))
+                slack = 1e-13 * (1.0 + np.abs(least) + np.abs(most))
+                if not np.all((found.low[at] <= least + slack) & (most - slack <= found.high[at])):
+                    raise TypeError(f"{what} at {q.tolist()} is {least.tolist()}, outside of what spans say of it")
+        self.compared.add(what)
 
     def cut(self, axes: Any, box: Array, ways: list[Any], tail: tuple[int, ...]) -> Span:
         """Bounds over boxes, asked for within the ends of the axes: in two halves where a periodic one closes."""
@@ -368,7 +401,7 @@ class Robot:
 
 
 def as_span(value: Any) -> Span:
-    return Span(ends_of(value, 0), ends_of(value, 1))
+    return value if isinstance(value, Span) else Span(ends_of(value, 0), ends_of(value, 1))
 
 
 def span_of(times: tuple[float, float]) -> Any:
@@ -381,7 +414,10 @@ def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -
     for way in ways:
         try:
             answer = as_span(way(low, high))
-            return Span(np.broadcast_to(answer.low, shape), np.broadcast_to(answer.high, shape))
+            ends = np.broadcast_to(answer.low, shape), np.broadcast_to(answer.high, shape)
+            return Span(
+                *(np.where(np.isnan(end), every, end) for end, every in zip(ends, (-np.inf, np.inf), strict=True))
+            )
         except BAD as error:
             failed.append(error)
     raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")
