@@ -170,22 +170,23 @@ def problem_with(function):
     )
 
 
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", awkward.MIXED)
-def test_what_mixes_states_is_not_bounded(name):
-    with np.errstate(all="ignore"):
-        problem = problem_with(lambda p: awkward.FUNCTIONS[name](p) + 1.5)
-        bounds, box = Bounds(problem, LipschitzBounds()), np.zeros((1, 2))
-        with pytest.raises(ValueError, match=r"of that state alone|finite number"):
-            bounds.level(problem.unsafe[0], box, box + 0.1, 0.0, 0.0)
+@pytest.mark.parametrize("name", sorted(set(awkward.MIXED) - {"isinst"}))
+def test_what_mixes_states_makes_no_problem(name):
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match="must depend on its coordinates alone"):
+        problem_with(lambda p: awkward.FUNCTIONS[name](p) + 1.5)
+
+
+def test_what_asks_for_the_type_of_its_argument_is_not_bounded():
+    problem = problem_with(lambda p: awkward.FUNCTIONS["isinst"](p) + 1.5)
+    bounds, box = Bounds(problem, LipschitzBounds()), np.zeros((1, 2))
+    with pytest.raises(ValueError, match="of that state alone"):
+        bounds.level(problem.unsafe[0], box, box + 0.1, 0.0, 0.0)
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", ["roll", "isinst"])
-def test_the_checker_does_not_lean_on_the_comparison_of_the_solver(name, tmp_path, monkeypatch):
+def test_the_checker_does_not_lean_on_the_comparison_of_the_solver(tmp_path, monkeypatch):
     """A proof that was fooled is not believed."""
-    mixed = awkward.FUNCTIONS[name]
-    problem = problem_with(lambda p: mixed(p) + 1.5)
+    problem = problem_with(lambda p: awkward.FUNCTIONS["isinst"](p) + 1.5)
     monkeypatch.setattr(Bounds, "_compare", lambda *_: None)
     sdhj.solve(problem, sdhj.Certified(cells=[8, 8]), progress=False, play=False).save(tmp_path / "fooled.h5")
     with pytest.raises(ValueError, match="outside of what spans say"):
