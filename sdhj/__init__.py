@@ -1,9 +1,10 @@
 """Sampled-data Hamilton-Jacobi reachability for robust motion planning (Kleff & Li, Robotica 2020).
 
-Conventions, everywhere: a set is where its level-set function is <= 0 (inside is negative), union is min, intersection
-is max, complement is the negative. The control minimises, the adversary maximises. Metres, radians, seconds.
+Conventions: a set is where its level-set function is <= 0, so values are negative inside; a union is the minimum of the
+functions, an intersection the maximum, a complement the negative. The robot's input minimises, the adversary maximises.
+Units are metres, radians and seconds.
 
-A robot on a line, pushed about at up to 0.2 m/s, is to come within 1 m of the origin and never beyond 3 m:
+A robot on a line, pushed by a disturbance of up to 0.2 m/s, must come within 1 m of the origin and never beyond 3 m:
 
 >>> import sdhj
 >>> speeds = [[-1.0], [0.0], [1.0]]
@@ -26,14 +27,14 @@ array([ True, False])
 import os
 import warnings
 
-# Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that others use too. But they wait for
+# Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that other processes use. They spin for
 # some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
-# Numba dies of a number of threads that is none.
+# Numba cannot be imported with an invalid number of threads.
 if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not 1 <= int(_threads) <= 4096:
     warnings.warn(
-        f"NUMBA_NUM_THREADS={_threads} is no number of threads from 1 to 4096; all cores are used", stacklevel=2
+        f"NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got {_threads}; all cores are used", stacklevel=2
     )
     del os.environ["NUMBA_NUM_THREADS"]
 

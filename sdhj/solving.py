@@ -1,4 +1,4 @@
-"""`solve` and `load`: above all rooms, as they know every method."""
+"""`solve` and `load`, in the top layer of the package because they depend on every method."""
 
 import os
 import reprlib
@@ -36,40 +36,42 @@ def solve(
     memory: int | None = None,
     play: bool = True,
 ) -> Table:
-    """Compute every S_k^i and the inputs that are guaranteed to make progress there (Algorithm 1).
+    """Solve a problem: compute all tubes S_k^i and the inputs that are safe and make progress in them (Algorithm 1).
 
     Parameters
     ----------
     problem : ReachAvoidProblem
-    method : Method, or "hji", "projected", "lax" or "certified" for one with its usual options
-        See `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` and `sdhj.Certified`.
+    method : {"hji", "projected", "lax", "certified"}, or Method
+        A name stands for the default options of `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` or
+        `sdhj.Certified`, in this order; pass an object of the class for other options.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal. Without a number of steps it tells how many
-        states still change, and Ctrl-C ends the solve with the table so far.
+        Whether to show a progress bar; by default if standard error is a terminal. For a problem without a number of
+        steps it shows the share of states that still change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
-        A folder, as "table.zarr", in which the table is made slab by slab, for tables larger than memory (extra
-        `outofcore`). Methods "hji" and "lax"; tubes are equal to the last bit to those made in memory.
+        A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
+        (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
     resume : bool
-        Go on with a store that an earlier solve of the same problem left unfinished, or begin where there is none.
+        Continue a store that an earlier solve of the same problem left unfinished; start one if there is none.
     client : distributed.Client, optional
-        Whose workers solve the slabs, for a store that all of them see under its path (extra `dask`).
+        A Dask client whose workers solve the slabs (extra `dask`). All of them must see the store under the same path.
     memory : int, optional
-        Bytes that a slab may take, by default half of what is available: the grid is cut into slabs that take less.
+        Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether some runs are played at the end (not with a store), for a warning and `table.details["played"]`.
+        Whether to simulate some runs at the end, unless there is a store. The result is `table.details["played"]`, and
+        a warning if many runs are lost.
 
     Returns
     -------
-    LookupTable, StoredTable where there is a store, or CertifiedTable for a certified method
+    LookupTable; StoredTable if there is a store; CertifiedTable for method "certified"
 
     Raises
     ------
     ValueError
-        For an unknown option, or a method that does not fit the problem or a store.
+        If an option is unknown, or the method does not fit the problem or the store.
     MemoryError
-        Where less memory is available than is needed; before anything is solved.
+        If more memory is needed than is available; raised before anything is solved.
     OSError, TableFileError
-        Where a store cannot be written, is there already, belongs to another problem or is damaged.
+        If the store cannot be written, exists already, belongs to another problem or is damaged.
     """
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
@@ -78,7 +80,7 @@ def solve(
 
         return solve_stored(problem, method, store, progress, resume, client, memory)
     if resume or client is not None or memory is not None:
-        raise ValueError("resume, client and memory are for a store; give one, as store='table.zarr'")
+        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
         sets = _filled(problem, method, progress)
@@ -88,7 +90,7 @@ def solve(
 
 
 def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:
-    """All sets of the recursion, or where the problem gives no number of steps those before Ctrl-C."""
+    """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     sets, steps, endless = cast(Any, method.sets(problem, progress)), problem.most_steps, problem.steps is None
     total = None if endless else steps if sets.timeless else steps * (steps + 1) // 2
     with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
@@ -107,28 +109,27 @@ def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> "Table":
-    """Read a table of any method that its `save` wrote.
+    """Read a table of any method: a file written by its `save`, or the folder of a store.
 
     Parameters
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        The problem the table was solved for. The case studies are rebuilt from the file; your own problem holds
-        functions that no file can hold, so give it here. Its numbers must be those that the table was solved with, to
-        the rounding of another machine (`identity` in `sdhj.problem.problem`), and so must its recipe, where both have
-        one. Where it gives no number of steps, it is taken with as many as the file says that it took.
+        The problem that the table was solved for. The case studies are rebuilt from the file; a problem of your own
+        must be passed, because files cannot contain its functions. Its numbers must equal those of the solve, up to
+        the rounding of another machine (`identity` in `sdhj.problem.problem`), and so must its recipe, if both have
+        one. If it has no number of steps, it gets the number in the file.
 
     Raises
     ------
     OSError
-        Where there is no such file, or it may not be read, or is a folder or a device.
+        If there is no such file, if it cannot be read, or if it is a folder or a device.
     MemoryError
-        Where the table does not fit into what is available.
+        If the table does not fit into the available memory.
     TableFileError
-        Where the file is damaged, cut short, of another kind or of another version, or the problem is not the one it
-        was solved for.
+        If the file is damaged, cut short, of another kind or of another version, or was solved for another problem.
     ValueError
-        Where `path` or `problem` is something else.
+        If `path` or `problem` has the wrong type.
     """
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
@@ -137,7 +138,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (head, file):
-        replaced = "" if problem else "; if parts of it were replaced, give it as load(path, problem=...)"
+        replaced = "" if problem else "; if you replaced parts of it, pass your problem: load(path, problem=...)"
         problem = problem_of_file(path, head, problem)
         if problem.steps is None and head["details"].get("endless"):
             problem = replace(problem, steps=head["steps"])  # as many as it took

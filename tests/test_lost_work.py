@@ -155,7 +155,7 @@ def test_problem_names_that_no_file_takes_are_found_before(name):
 
 def test_recipes_that_no_file_takes_are_found_before():
     for recipe in ({"a": np.zeros(3)}, {"a": {1, 2}}, {"a": float("nan")}, 7):
-        with pytest.raises(ValueError, match="recipe must be a mapping that JSON can tell"):
+        with pytest.raises(ValueError, match="recipe must be a mapping that can be written as JSON"):
             dataclasses.replace(interval_problem(), recipe=recipe)
 
 

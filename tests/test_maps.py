@@ -212,9 +212,9 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
     with pytest.raises(ValueError, match=r"absent\.yaml is not the YAML file of a map"):
         UnsafeSet.from_map(tmp_path / "absent.yaml")
     (tmp_path / "list.yaml").write_text("- 1\n")
-    with pytest.raises(ValueError, match=r"list\.yaml.*it holds no keys"):
+    with pytest.raises(ValueError, match=r"list\.yaml.*it has no keys"):
         UnsafeSet.from_map(tmp_path / "list.yaml")
-    with pytest.raises(ValueError, match="what the map's file says"):
+    with pytest.raises(ValueError, match="read from the map's file"):
         UnsafeSet.from_map(written(), resolution=0.1)
     with pytest.raises(ValueError, match=r"map\.yaml' is free"):
         UnsafeSet.from_map(written(binary_pgm(np.zeros((4, 4)))))

@@ -230,7 +230,7 @@ def test_true_values_need_no_grid():
     [
         (
             lambda: TargetSet((0,), lambda p: p[:, 0]),
-            r"level_set of 'target' must be a function of \(points, t\), got one of \(p\)",
+            r"level_set of 'target' must be a function of \(points, t\), got a function of \(p\)",
         ),
         (lambda: TargetSet((0,), 0.3), "level_set of 'target' must be a function.*0.3"),
         (lambda: UnsafeSet((0,), "post", name="post"), "level_set of 'post'.*got 'post'"),

@@ -165,7 +165,7 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
     table = sdhj.solve(problem, "lax", progress=False)
     report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
     assert report.counts["reached"] == 500 and report.steps.max() < 20
-    with pytest.raises(ValueError, match="problems without a target"):
+    with pytest.raises(ValueError, match="need a problem without a target"):
         replace(problem, target=TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 3) - 0.2))
 
 

@@ -344,7 +344,7 @@ def test_a_prediction_is_the_measurement_moved_on():
         ({"delay": 0.6}, "delay must be at most delta, 0.5 s"),
         ({"jitter": 0.3}, "jitter must be at most half of delta, 0.25 s"),
         ({"delay": 0.4, "jitter": 0.1}, "delay \\+ 2 jitter must be at most delta"),
-        ({"error": 0.6}, "known to within \\[0.6\\] only"),
+        ({"error": 0.6}, "known only to within \\[0.6\\], "),
         ({"delay": 0.1, "rest": 3}, "rest must be a whole number from 0 to 2"),
     ],
 )
@@ -361,7 +361,7 @@ def test_what_is_refused_of_problems():
     moving = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.1 * t) - 1.0)
     for other in ({"view_time": "instantaneous"}, {"dynamics": drift}, {"target": moving}):
         replace(problem, **other, sensing=Sensing(0.01, 0.02))
-        with pytest.raises(ValueError, match="jitter leaves the time open"):
+        with pytest.raises(ValueError, match="with jitter sampling times are uncertain"):
             replace(problem, **other, sensing=Sensing(jitter=0.1))
     with pytest.raises(ValueError, match='may be "safe"'):
         staying = replace(problem, target=None, grid=Grid([-4.0], [4.0], [81], ends="safe"))

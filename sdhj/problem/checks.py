@@ -1,4 +1,4 @@
-"""Numbers, arrays and functions that users give: taken if they fit, else refused with what was expected."""
+"""Checks of the numbers, arrays and functions that users pass; errors say what was expected."""
 
 import inspect
 import reprlib
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 DOUBLE = np.dtype(np.float64)
 ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
-USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # of compiled functions that do not tell
+USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # for functions without a signature
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -49,7 +49,7 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
-    fits = fits and not isinstance(value, bool | np.timedelta64)  # which Python and NumPy count among the integers
+    fits = fits and not isinstance(value, bool | np.timedelta64)  # integers to Python and NumPy
     if not fits or value < least or (most is not None and value > most):
         bounds = f"of at least {least:,}" if most is None else f"from {least:,} to {most:,}"
         raise ValueError(f"{name} must be a whole number {bounds}, got {reprlib.repr(value)}")
@@ -57,19 +57,19 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 
 def plain_array(name: str, values: Any) -> NDArray[Any]:
-    """`values` as an array; ValueError for ragged sequences and masked arrays, whose mask NumPy would drop."""
+    """`values` as an array; ValueError for ragged sequences, and for masked arrays, whose mask NumPy would drop."""
     if isinstance(values, np.ma.MaskedArray):
-        raise ValueError(f"{name} must be real numbers, got a masked array; give one without a mask, as by filled()")
+        raise ValueError(f"{name} must be real numbers, got a masked array; remove the mask, for example by filled()")
     try:
         return np.asarray(values)
     except (ValueError, TypeError):
-        raise ValueError(f"{name} must be real numbers in rows of one length, got {reprlib.repr(values)}") from None
+        raise ValueError(f"{name} must be real numbers in rows of equal length, got {reprlib.repr(values)}") from None
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A copy of `values` as float64, rows one behind the other, of that shape if one is given; ValueError otherwise.
+    """A C-contiguous copy of `values` as float64, of that shape if one is given; ValueError otherwise.
 
-    Complex numbers, dates and text are no real numbers, though NumPy would make some of them.
+    Complex numbers, dates and text are refused, though NumPy would convert some of them.
     """
     given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":
@@ -102,7 +102,7 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """As `points_array`, all finite; ValueError naming the first that is not."""
+    """As `points_array`, every value finite; ValueError naming the first state that is not."""
     states = points_array(name, values, ndim)
     if not all_finite(states):
         bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
@@ -111,7 +111,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def sealed(array: Any) -> Any:
-    """A view of an array that cannot be written to; anything else as it is."""
+    """A read-only view of an array; anything else unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()
         array.setflags(write=False)
@@ -119,9 +119,9 @@ def sealed(array: Any) -> Any:
 
 
 def ask(name: str, function: Callable[..., Any], *given: Any) -> Any:
-    """What a user's function answers; of the arrays that it is given it gets views that it cannot write to.
+    """The result of calling a user's function, with read-only views of the arrays.
 
-    Compiled functions get copies: those with types of their own take no such views.
+    Compiled functions get copies, because those with declared types do not accept read-only arrays.
     """
     if hasattr(function, "py_func"):
         return function(*[one.copy() if isinstance(one, np.ndarray) else one for one in given])
@@ -131,29 +131,29 @@ def ask(name: str, function: Callable[..., Any], *given: Any) -> Any:
         if "read-only" not in str(error) and "WRITEABLE" not in str(error):
             raise
         raise ValueError(
-            f"{name} writes to an array that it is given, and the library reads it again; let it work on a copy, for "
-            f"example points = points.copy()"
+            f"{name} writes to an array that is passed to it and used again by the library; write to a copy instead, "
+            f"for example points = points.copy()"
         ) from error
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A level-set function as the library calls it: every answer an array of its own, one finite number a point.
+class CheckedFunction:
+    """A user's level-set function with checked results: a new float64 array with one finite number for each point.
 
     Attributes
     ----------
     name : str
-        What errors call it.
+        Name in error messages.
     function : callable (points (M, n), *times) -> (M,)
-        The user's.
+        The user's function.
     """
 
     name: str
     function: Callable[..., Any]
 
     @classmethod
-    def of(cls, name: str, function: Any, *takes: str) -> "Asked":
-        """Checked as by `check_function`; one that is asked already is asked under this name."""
+    def of(cls, name: str, function: Any, *takes: str) -> "CheckedFunction":
+        """From a function, checked by `check_function`, or from a `CheckedFunction`, which is renamed."""
         function = function.function if isinstance(function, cls) else function
         check_function(name, function, *takes)
         return cls(name.replace("_", " ", 1), function)
@@ -170,22 +170,22 @@ class Asked:
 
 
 def repeated(name: str, first: NDArray[Any], again: NDArray[Any]) -> None:
-    """Raise ValueError where two answers of a function to one question are not the same."""
+    """Raise ValueError if two results of a function for the same arguments differ."""
     if not np.array_equal(first, again):
         raise ValueError(
-            f"{name} answers differently when it is asked the same again, by up to {np.abs(first - again).max():.3g}; "
-            "what it returns must depend on its arguments alone"
+            f"{name} returns different values, by up to {np.abs(first - again).max():.3g}, when it is called again "
+            "with the same arguments; its results must depend on its arguments only"
         )
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError where `value` is not one of a closed set of options."""
+    """Raise ValueError if `value` is not one of the allowed options."""
     if type(value) is not type(allowed[0]) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def sequence(name: str, value: Any) -> Any:
-    """`value` if it is a list or the like with an entry for each axis; ValueError naming it otherwise."""
+    """`value` if it is a sequence or an array; ValueError naming it otherwise."""
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
         shown = reprlib.repr(value)
@@ -194,7 +194,7 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def ascending(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int; ValueError naming the set where they are no whole numbers."""
+    """The axes of a set as a tuple of int; ValueError naming the set if they are not whole numbers."""
     try:
         given = tuple(axes)
     except TypeError:
@@ -205,33 +205,33 @@ def ascending(axes: Any, name: str) -> tuple[int, ...]:
 
 
 def check_function(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError for what is not a function of those arguments, as far as it tells."""
+    """Raise ValueError if something is no function, or its signature does not accept the arguments."""
     expected = f"{name} must be a function of ({', '.join(takes)})"
     if not callable(function):
         raise ValueError(f"{expected}, got {function!r}")
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions do not tell
+    except (TypeError, ValueError):  # some compiled functions have no signature
         return
     try:
         signature.bind(*takes)
     except TypeError:
-        raise ValueError(f"{expected}, got one of {signature}") from None
+        raise ValueError(f"{expected}, got a function of {signature}") from None
 
 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `ARGUMENTS[name]` a function takes, in its own order.
+    """Which of `ARGUMENTS[name]` a function takes, in the function's order.
 
-    Parameters called points, u or t are those; others take the first place that is left. What else has a default is the
-    function's own.
+    Parameters are matched by the names points, u and t; others get the first argument that is left. Parameters with
+    defaults and other names are left alone.
 
     Raises
     ------
     ValueError
-        Where it takes others, or is no function.
+        If it takes other arguments, or is not a function.
     """
     possible = ARGUMENTS[name]
-    expected = f"{name} must be an array or a function of ({', '.join(possible)}), those it does not need left out"
+    expected = f"{name} must be an array or a function of ({', '.join(possible)}), or of some of these"
     if not callable(function):
         raise ValueError(f"{expected}, got {function!r}")
     try:
@@ -244,5 +244,5 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
     if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
-        raise ValueError(f"{expected}, got one of {inspect.signature(function)}")
+        raise ValueError(f"{expected}, got a function of {inspect.signature(function)}")
     return named

@@ -1,9 +1,9 @@
-"""How the state moves: dynamics as data (Eq. 1), and what input and adversary can do in one sampling interval.
+"""The dynamics of the state as data (Eq. 1), and what input and adversary can do in one sampling interval.
 
     dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(u_j, t)
 
-`Interval` is the one place that knows what may happen from step k on: the velocity sets that the games are solved for,
-the boxes that the controller looks ahead with, the plant that the simulation integrates. Everything else asks it.
+`Interval` alone defines what may happen from step k on: the velocity sets of the games, the boxes with which the
+controller looks ahead, and the plant that the simulation integrates.
 """
 
 import inspect
@@ -20,16 +20,17 @@ from sdhj.problem.checks import ARGUMENTS, arguments, ask, finite_array
 from sdhj.problem.grid import Grid, Window
 from sdhj.problem.memory import require
 
-MOST_STEPS = 100_000  # of one PDE; what needs more is a unit mistaken, not a problem
+MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 
 @dataclass(frozen=True)
 class Velocities:
-    """The velocity set at every node, as the kernels read it.
+    """The velocity set at every node, in the form that the kernels take.
 
-    A box [lower, upper] for each axis: arrays (ndim,) where it does not depend on the state, (ndim, *shape) where it
-    does. Or, where the adversary couples axes or a coordinate was projected out, `drift` (modes, ndim, *shape) and
-    `gain` (modes, ndim, D, *shape) with the bounds multiplied in: H = max over modes of p . drift + sum_d |p . gain_d|.
+    Either an interval [lower, upper] for each axis: arrays (ndim,) if it does not depend on the state, (ndim, *shape)
+    if it does. Or, if the adversary couples axes or a coordinate was projected out, also `drift` (modes, ndim, *shape)
+    and `gain` (modes, ndim, D, *shape), already multiplied by the bounds: H = max over modes of p . drift + sum_d
+    |p . gain_d|.
     """
 
     lower: FloatArray
@@ -46,12 +47,12 @@ class Velocities:
         return sum(part.nbytes for part in (self.lower, self.upper, self.drift, self.gain) if part is not None)
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl asks for.
+        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
 
         Raises
         ------
         ValueError
-            Where it is more than `MOST_STEPS`.
+            If it is more than `MOST_STEPS`.
         """
         speed = np.maximum(np.abs(self.lower), np.abs(self.upper))
         rate = np.tensordot(1.0 / np.array(grid.spacing), speed, axes=1).max()
@@ -63,7 +64,7 @@ class Velocities:
 
 
 def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """The error for an interval that would need `count` of `what`, at speeds (ndim,); names the axis most to blame."""
+    """The error for an interval that needs too many (`count`) of `what` at speeds (ndim,); it names the worst axis."""
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
         f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
@@ -74,8 +75,8 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 MOST_INPUTS = 256
 SURVEYED = 2**22  # nodes at which velocities are compared at a time
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # means over time, where velocities depend on nothing else
-# of an interval, at which velocities that depend on time are compared: evenly spaced ones would miss what vibrates
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
+# fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 
 
@@ -86,22 +87,22 @@ class Dynamics:
     Parameters
     ----------
     inputs : (L, m) array
-        The quantised inputs u_j.
+        The quantised inputs u_j, at most 256.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
-        Velocity of the state under each input; an array where it depends on nothing else.
+        Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D)
-        What the adversary's D components do to the state.
+        How the D components of the disturbance v move the state.
     bounds : (D,) array, or function of (u, t) -> (D,)
-        Half-widths of the adversary's box. Where there is no adversary: bounds [0.0] and a gain of zeros (ndim, 1).
+        Half-widths of the box of disturbances. Without an adversary: bounds [0.0] and a gain of zeros (ndim, 1).
 
-    A function leaves out the arguments that it does not need: `drift(points, u)`, `gain(u)`, `bounds(t)`; one that does
-    not take the points returns one value for all of them, without the leading M. Points have the coordinates of
-    periodic axes between the ends of the grid.
+    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. Without `points` it
+    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
+    grid before a function is called.
 
     Raises
     ------
     ValueError
-        Where a shape, a number or a function does not fit.
+        If a shape, a number or a function does not fit.
     """
 
     inputs: FloatArray
@@ -131,7 +132,7 @@ class Dynamics:
                 object.__setattr__(self, name, finite_array(name, given))
 
     def check(self, ndim: int) -> None:
-        """Raise ValueError where an array does not fit a state of `ndim` coordinates."""
+        """Raise ValueError if an array does not fit a state of `ndim` coordinates."""
         if not callable(self.drift):
             finite_array("drift", self.drift, (len(self.inputs), ndim))
         if not callable(self.gain):
@@ -144,22 +145,22 @@ class Dynamics:
 
     @property
     def constant(self) -> bool:
-        """Whether everything is an array: velocities depend on the input alone."""
+        """Whether drift, gain and bounds are arrays, so that velocities depend on input and disturbance only."""
         return not self.takes
 
     @property
     def stateless(self) -> bool:
-        """Whether nothing depends on the state."""
+        """Whether velocities do not depend on the state."""
         return not any("points" in takes for takes in self.takes.values())
 
     @property
     def timed(self) -> bool:
-        """Whether something depends on time."""
+        """Whether velocities depend on time."""
         return any("t" in takes for takes in self.takes.values())
 
     @cached_property
     def adversaries(self) -> int:
-        """D, how many components the adversary has."""
+        """D, the number of components of the disturbance."""
         return len(self._bounds(0, 0.0))
 
     @cached_property
@@ -168,9 +169,9 @@ class Dynamics:
         return not any("u" in self.takes.get(name, ()) for name in ("gain", "bounds"))
 
     def couples(self, axes: Sequence[int]) -> bool:
-        """Whether a component of the adversary moves several of some axes, so that their velocity set is no box.
+        """Whether a component of the disturbance moves several of the given axes, so that their velocity set is no box.
 
-        True where the gain is a function, which may.
+        True if the gain is a function, because it may.
         """
         if callable(self.gain):
             return True
@@ -201,7 +202,7 @@ class Dynamics:
         return Dynamics(self.inputs, drift, gain, self.bounds)
 
     def _called(self, name: str, points: FloatArray | None, j: int, t: float, shape: tuple[int, ...]) -> FloatArray:
-        """A function's answer, checked: of `shape`, or of its tail where the function does not take the points."""
+        """The checked result of a function: of `shape`, or of shape[1:] if the function does not take the points."""
         values = {"points": points, "u": self.inputs[j], "t": t}
         answer = ask(name, getattr(self, name), *(values[one] for one in self.takes[name]))
         if "points" in self.takes[name]:
@@ -209,20 +210,20 @@ class Dynamics:
         return np.broadcast_to(finite_array(name, answer, shape[1:]), shape)
 
     def drift_at(self, points: FloatArray, j: int, t: float = 0.0) -> FloatArray:
-        """Velocity under input j at points (M, ndim), without the adversary; shape (M, ndim)."""
+        """Velocity under input j at points (M, ndim) and time t without a disturbance; shape (M, ndim)."""
         if callable(self.drift):
             return self._called("drift", points, j, t, points.shape)
         return np.broadcast_to(self.drift[j], points.shape)
 
     def gain_at(self, points: FloatArray, j: int = 0, t: float = 0.0) -> FloatArray:
-        """The adversary's gain matrix at points (M, ndim); shape (M, ndim, D)."""
+        """The gain of the disturbance under input j at points (M, ndim) and time t; shape (M, ndim, D)."""
         shape = (*points.shape, self.adversaries)
         if callable(self.gain):
             return self._called("gain", points, j, t, shape)
         return np.broadcast_to(self.gain, shape)
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the adversary's box under input j, (D,)."""
+        """Half-widths of the box of disturbances under input j at time t, (D,)."""
         return finite_array("bounds", self._bounds(j, t), (self.adversaries,))
 
     def _bounds(self, j: int, t: float) -> FloatArray:

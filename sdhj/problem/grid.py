@@ -1,7 +1,7 @@
-"""Grids: where the level-set functions live.
+"""Grids, at whose nodes level-set functions are sampled.
 
-A set is the zero sublevel set of a function sampled at the nodes: inside is negative (Definition 5), union is
-the minimum, intersection the maximum, complement the negative.
+A set is the zero sublevel set of its function (Definition 5), which is negative inside. A union is the minimum of the
+functions, an intersection the maximum, a complement the negative.
 """
 
 import math
@@ -19,40 +19,41 @@ from sdhj.problem.checks import number, points_array, sequence, whole
 from sdhj.problem.memory import require
 
 ENDS = ("unsafe", "wall", "safe")
-MIN_NODES = 5  # the widest stencils reach two nodes to each side
+MIN_NODES = 5  # the widest stencils use two nodes on each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
-SMALL = 2**20  # nodes for which there is always room
-PIECE = 2**16  # nodes at which functions are sampled at a time: what they make on the way stays in the cache
+SMALL = 2**20  # nodes that always fit into memory
+PIECE = 2**16  # nodes at which functions are sampled at a time: their intermediate results stay in the cache
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A rectangular grid of 1 to 6 axes.
+    """A rectangular grid of 1 to 6 axes, one for each coordinate of the state.
 
     Parameters
     ----------
     lower, upper : sequence of float
         The ends of each axis, in the units of the state.
     shape : sequence of int
-        Nodes on each axis, at least 5.
+        Number of nodes on each axis, at least 5.
     periodic : sequence of bool, optional
-        A periodic axis leaves its upper end out (it is the lower end again). A bounded axis holds both ends as
-        nodes. Default: none.
+        Whether each axis is periodic, by default none. A bounded axis has nodes at both ends; a periodic axis has none
+        at its upper end, which is the lower end again.
     ends : str, or sequence of str or of pairs of str, optional
-        What the ends of each bounded axis are, or its lower and its upper end apart: "unsafe" (default), leaving there
-        is losing, as nothing is known of what lies beyond; "wall", the state cannot pass and slides along it; "safe",
-        what leaves there is out of danger for good (for problems without a target). One word stands for all axes.
+        What happens at the ends of the bounded axes. "unsafe" (default): a state that leaves the grid has failed,
+        because nothing is computed beyond it. "wall": the state cannot pass and slides along the end. "safe": a state
+        that leaves is out of danger for good (problems without a target only). Give one word for all axes, or for each
+        axis a word or a pair of words, for its lower and its upper end.
     names : sequence of str, optional
         Axis labels, for plots and files.
     rim : sequence of (int, int), optional
-        How many of an axis's nodes are past its lower and its upper end: the games are played on a grid that goes on
-        past safe ends (`sdhj.problem.boxes`). Default: none.
+        Set by the solver: how many nodes of each axis lie past its lower and its upper safe end, where the games are
+        played on an extended grid (`sdhj.problem.boxes`). Default: none.
 
     Raises
     ------
     ValueError
-        Naming the axis and the value that does not fit.
+        If an argument does not fit; the message names the axis and the value.
     """
 
     lower: tuple[float, ...]
@@ -96,7 +97,7 @@ class Grid:
         known = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
         if len(pairs) != ndim or not known:
             shown = reprlib.repr(ends)
-            raise ValueError(f"ends must be, for each axis, one of {', '.join(ENDS)} or a pair of them, got {shown}")
+            raise ValueError(f"ends must be {', '.join(ENDS)} or a pair of them for each axis, got {shown}")
         object.__setattr__(self, "ends", pairs)
         rim = rim if len(rim) else [(0, 0)] * ndim
         object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
@@ -111,7 +112,7 @@ class Grid:
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes that it takes to sample functions at all nodes, in `pieces`: in double precision, values thrice."""
+        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values, as float64."""
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     @cached_property
@@ -127,12 +128,12 @@ class Grid:
         return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
 
     def points(self) -> FloatArray:
-        """Coordinates of all nodes, shape (size, ndim), the last axis fastest.
+        """Coordinates of all nodes, shape (size, ndim); the last axis varies fastest.
 
         Raises
         ------
         MemoryError
-            Where there is no room for them and functions of them.
+            If they, and functions of them, do not fit into memory.
         """
         self.require_room(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
@@ -141,21 +142,21 @@ class Grid:
         return points.reshape(self.size, self.ndim)
 
     def require_room(self, each: int = 0) -> None:
-        """Raise MemoryError where there is no room for `each` bytes a node, by default to sample functions."""
+        """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
         if self.size > SMALL:
             require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """Some consecutive nodes of each axis, a periodic one may be gone around: a `Window`, the grid where all."""
+        """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
         return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
 
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
-        """All nodes that are one of `count` along an axis, from the node `first` on: see `window`."""
+        """The `window` of `count` nodes along one axis, from the node `first` on, and all nodes of the other axes."""
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
     def pieces(self, most: int | None = None, overlap: int = 0, axis: int = 0) -> "Iterator[Grid]":
-        """Windows of about `most` nodes, by default `PIECE`, in the nodes' order: the grid is cut from `axis` on."""
+        """Cut the grid, from `axis` on, into windows of about `most` nodes (default `PIECE`), in the nodes' order."""
         rows, some = self.shape[axis], (most or PIECE) // math.prod(self.shape[axis + 1 :])
         for row in range(0, rows, max(some, 1)):
             begin, end = max(row - overlap, 0), min(row + max(some, 1), rows)
@@ -173,7 +174,7 @@ class Grid:
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """The nodes that are past no end."""
+        """Index of the nodes that are not part of the `rim`."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.rim, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +189,7 @@ class Grid:
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: FloatArray) -> FloatArray:
-        """Points (M, ndim) with the coordinates of periodic axes between the ends, the upper one left out."""
+        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper)."""
         if not any(self.periodic):
             return points
         points = np.array(points, dtype=np.float64, order="C")
@@ -200,13 +201,13 @@ class Grid:
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
-        """Interpolate multilinearly.
+        """Interpolate a grid function multilinearly.
 
         Parameters
         ----------
         values : (shape) array
         points : (M, ndim) array
-            Periodic axes are wrapped. Off a bounded axis, and at NaN, the answer is +inf: outside every set.
+            Periodic axes are wrapped. Off the grid, and at NaN, the result is +inf, which is outside every set.
 
         Returns
         -------
@@ -217,7 +218,7 @@ class Grid:
 
     @cached_property
     def arrays(self) -> Lattice:
-        """The grid as compiled code reads it."""
+        """The grid in the form that compiled code takes."""
         (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
         slack = SLACK * np.array(self.spacing)
         return Lattice(
@@ -233,7 +234,7 @@ class Grid:
         )
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest coordinate of each axis that ends so, both (ndim,); infinite where it does not."""
+        """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""
         if kinds not in self._faces:
             ends_so = (
                 np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
@@ -244,7 +245,7 @@ class Grid:
         return self._faces[kinds]
 
     def has(self, kind: str) -> bool:
-        """Whether some axis ends so."""
+        """Whether some axis has an end of this kind."""
         return bool(np.isfinite(self.faces(kind)).any())
 
     @cached_property
@@ -252,7 +253,7 @@ class Grid:
         return {}
 
     def to_ends(self, kind: str) -> FloatArray:
-        """Distance to the nearest end of a kind, < 0 beyond, +inf where there is none; broadcasts to the grid."""
+        """Distance of each node to the nearest end of a kind, < 0 past it, +inf without one; broadcasts to the grid."""
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(kind), strict=True)):
             nodes = self.nodes(axis)
@@ -260,42 +261,42 @@ class Grid:
         return out
 
     def clipped(self, states: FloatArray, *kinds: str) -> FloatArray:
-        """States (..., ndim) clipped to the ends of these kinds, by default to walls."""
+        """States (..., ndim) clipped at the ends of these kinds, by default at walls."""
         low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
-        """Whether states (..., ndim) are past an end of these kinds, by more than rounding; (...) bool."""
+        """Whether states (..., ndim) are past an end of these kinds by more than rounding: bool (...)."""
         low, high = self.faces(*kinds)
         slack = SLACK * np.array(self.spacing)
         return np.any((states < low - slack) | (states > high + slack), axis=-1)
 
     @cached_property
     def weights(self) -> FloatArray:
-        """The share of the volume that each node stands for, shape `shape`; the end of a bounded axis: half a cell."""
+        """Share of the grid's volume that each node represents, shape `shape`; half a cell at a bounded end."""
         total = np.ones(())
         for axis in range(self.ndim):
             total = total[..., None] * self.shares(axis)
         return total
 
     def shares(self, axis: int) -> FloatArray:
-        """The share of an axis's length that each of its nodes stands for, (shape[axis],)."""
+        """Share of an axis's length that each of its nodes represents, (shape[axis],)."""
         share = np.ones(self.shape[axis])
         if not self.periodic[axis]:
             share[[0, -1]] = 0.5
         return share / share.sum()
 
     def fraction(self, inside: FloatArray) -> float:
-        """Share of the grid's volume where the boolean array `inside` holds."""
+        """Share of the grid's volume where the boolean array `inside`, shape `shape`, is true."""
         return float(np.sum(self.weights, where=inside))
 
 
 @dataclass(frozen=True, init=False)
 class Window(Grid):
-    """Some consecutive nodes of each axis of a grid, on which functions are sampled and games played as on the whole.
+    """Consecutive nodes of each axis of a grid, on which functions are sampled and games are played as on the grid.
 
-    Ends, periodicity and spacing are those of the whole grid, and a node has its very coordinates there. Where a window
-    ends and the grid does not, nothing is known of what lies beyond: what is computed close to there is wrong.
+    Ends, periodicity and spacing are those of the whole grid, and nodes have bit-for-bit the same coordinates. Results
+    close to where a window ends and the grid does not are wrong, as the window has no values beyond.
 
     Attributes
     ----------
@@ -316,7 +317,7 @@ class Window(Grid):
         self.__dict__["spacing"] = whole.spacing
 
     def places(self, axis: int) -> FloatArray:
-        """Which nodes of the whole grid those on one axis are, (shape[axis],)."""
+        """Indices that the window's nodes on one axis have in the whole grid, (shape[axis],)."""
         return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
 
     def nodes(self, axis: int) -> FloatArray:

@@ -1,21 +1,21 @@
 """Level-set functions of maps and polygons, for `UnsafeSet.from_map` and `UnsafeSet.polygon`.
 
-A pixel that is not free is unsafe as the whole closed square that it is, and so is everything outside the map. Let s be
-the signed distance to all that, negative inside, and h half the side of a pixel. At the *nodes*, the corners, middles
-of edges and centres of pixels, s is known exactly: the nearest point of a square to a node is again a node (clipping a
+The whole closed square of every pixel that is not free is unsafe, and so is everything outside the map. Let s be the
+signed distance to this set, negative inside, and h half the side of a pixel. At the *nodes*, the corners, middles of
+edges and centres of pixels, s is computed exactly: the point of a square nearest to a node is again a node (clipping a
 multiple of h to an interval between multiples of h gives one), so the exact Euclidean distance transform finds it.
 
-Between the nodes s is interpolated bilinearly: the mean of s at the corners X of a cell, with the weights of a point x.
-It is off s(x) by at most the mean of |X - x|, as s changes by at most the distance; and (mean |X - x|)^2 is at most
-mean |X - x|^2 = (a (1 - a) + b (1 - b)) h^2 <= h^2 / 2. So much is taken off, and the robot's radius:
+Between the nodes s is interpolated bilinearly, as the mean of s at the corners X of a cell with the weights of a point
+x. It differs from s(x) by at most the mean of |X - x|, because s has slope 1; and (mean |X - x|)^2 is at most
+mean |X - x|^2 = (a (1 - a) + b (1 - b)) h^2 <= h^2 / 2. This bound and the robot's radius are subtracted:
 
     interpolant - h / sqrt(2) - radius  <=  s - radius  <=  interpolant + h / sqrt(2) - radius.
 
-The level-set function, the left-hand side, is <= 0 wherever the robot's disk meets what is unsafe, and within the map
-at most the half diagonal of a pixel, sqrt(2) h, below the true one. Along each axis the interpolant changes by
-differences of s between neighbours over their distance, at most 1 per metre; in any direction by at most sqrt(2), the
-`slope` that the set tells. Outside the map the function is its value at the nearest point of the map less the distance
-to that: at most 1 per metre along the normal of the edge and along the edge, so the same bounds hold.
+The level-set function, the left-hand side, is <= 0 wherever the robot's disk meets the unsafe set, and within the map
+at most half the diagonal of a pixel, sqrt(2) h, below the true one. Along each axis the slope of the interpolant is a
+difference of s between neighbours over their distance, at most 1; in any direction it is at most sqrt(2), the `slope`
+of the set. Outside the map the function is its value at the nearest point of the map, less the distance to that point:
+its slope is at most 1 along the normal of the edge and along the edge, so the same bounds hold.
 """
 
 import math
@@ -29,11 +29,11 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, option, whole
 
-KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server asks for
+KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires
 MODES = ("trinary", "scale")
-UNKNOWN_GREY = 205  # by which map savers mark the unknown
+UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
 MapLevelSet = Callable[[FloatArray, float], FloatArray]
-MISSING = "install the extra that brings it: pip install 'sdhj[maps]'"
+MISSING = "install it with pip install 'sdhj[maps]'"
 
 
 def map_level_set(
@@ -44,32 +44,32 @@ def map_level_set(
     radius: float = 0.0,
     name: str = "map",
 ) -> tuple[MapLevelSet, float]:
-    """The level-set function of a map, and a bound on its slope.
+    """The level-set function of all that a map does not show as free, and a bound on its slope.
 
     Parameters
     ----------
     source : path of a map server's YAML file, or bool array (rows, columns)
-        Of an array: True where it is occupied or unknown. Row 0 is the top of the map, as in an image.
+        An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
     resolution : float
-        Side of a pixel, m. Of an array; a file says its own.
+        Side of a pixel, m. Required for an array; a file contains it.
     origin : (x, y) or (x, y, yaw)
-        Where the lower left corner of the lower left pixel is, m, and by how much the map is turned about it, rad.
-        Likewise.
+        Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad. For an
+        array only; a file contains it.
     radius : float
-        Of a disk robot whose centre is (x, y), m.
+        Radius of a disk-shaped robot with centre (x, y), by which everything unsafe is enlarged, m.
     name : str
-        What errors call an array.
+        Name of an array in error messages.
 
     Raises
     ------
     ValueError
-        Where a file cannot be read or is not what it should be, naming it; where no pixel is free.
+        If a file cannot be read or is invalid, with its name; if no pixel is free.
     ImportError
-        Where what reads it is not installed.
+        If a package that is needed, of the extra `maps`, is not installed.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
-            raise ValueError("resolution and origin are what the map's file says; give them with an array only")
+            raise ValueError("resolution and origin are read from the map's file; give them with an array only")
         blocked, resolution, origin = read_map(Path(source))
     else:
         blocked = np.asarray(source)
@@ -80,7 +80,7 @@ def map_level_set(
             )
     if blocked.all():
         shown = os.fspath(source) if isinstance(source, str | os.PathLike) else name
-        raise ValueError(f"no pixel of the map {shown!r} is free")
+        raise ValueError(f"no pixel of the map {shown!r} is free; an array must be True where it is occupied")
     radius, side = number("radius", radius, least=0.0), number("resolution", resolution, above=0.0)
     if np.shape(origin) not in ((2,), (3,)):
         raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {origin!r}")
@@ -98,17 +98,17 @@ def map_level_set(
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
-    """Signed distance to the blocked pixels and the outside of the map, m, at the nodes of the half pixels.
+    """Signed distance to the blocked pixels and the outside of the map, m, at nodes half a pixel apart.
 
-    blocked (rows, columns) bool, row 0 at the top; the answer (2 columns + 1, 2 rows + 1), x before y, both upwards.
+    blocked : (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending.
     """
     try:
         from scipy.ndimage import distance_transform_edt
     except ImportError as error:
-        raise ImportError(f"SciPy measures distances on a map; {MISSING}") from error
+        raise ImportError(f"distances on a map need SciPy; {MISSING}") from error
 
     def closed(cells: FloatArray) -> FloatArray:
-        """Which nodes touch a cell of (n, m), (2 n + 1, 2 m + 1)."""
+        """Whether each node touches one of the cells (n, m): (2 n + 1, 2 m + 1)."""
         for axis in (0, 1):
             wide = np.zeros([2 * n + 1 if own == axis else n for own, n in enumerate(cells.shape)], np.bool_)
             for shift in range(3):
@@ -120,12 +120,12 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
 
     cells = blocked[::-1].T
     unsafe, free = closed(cells), closed(~cells)
-    unsafe[[0, -1]] = unsafe[:, [0, -1]] = True  # what lies outside touches them
+    unsafe[[0, -1]] = unsafe[:, [0, -1]] = True  # they touch the outside of the map
     return (distance_transform_edt(~unsafe) - distance_transform_edt(~free)) * (side / 2)
 
 
 def bilinear(values: FloatArray, places: FloatArray) -> FloatArray:
-    """Values at the nodes (n, m) between them, at places (M, 2) in [0, n - 1] x [0, m - 1] counted in nodes: (M,)."""
+    """Values at the nodes (n, m), interpolated at places (M, 2) in [0, n - 1] x [0, m - 1], counted in nodes: (M,)."""
     first = np.minimum(places.astype(np.int64), np.array(values.shape) - 2)
     (i, j), (a, b) = first.T, (places - first).T
     low = (1.0 - a) * values[i, j] + a * values[i + 1, j]
@@ -134,23 +134,23 @@ def bilinear(values: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
-    """What a map server's YAML file says: the pixels that are not free (rows, columns), resolution and origin.
+    """The pixels that are not free (rows, columns), the resolution and the origin of a map server's YAML file.
 
-    As the map server reads it: a pixel is free where its darkness (its lightness with `negate`), 0 to 1, is below
-    `free_thresh`. Everything else is occupied or unknown, in mode "trinary" and in mode "scale" alike; so are pixels
-    that are not opaque.
+    As for the map server, a pixel is free if its darkness (its lightness with `negate`), from 0 to 1, is below
+    `free_thresh`. All other pixels are occupied or unknown, in mode "trinary" and in mode "scale" alike, and so are
+    pixels that are not opaque.
     """
     try:
         import yaml
     except ImportError as error:
-        raise ImportError(f"PyYAML reads the file of a map; {MISSING}") from error
+        raise ImportError(f"reading the file of a map needs PyYAML; {MISSING}") from error
     try:
         entries = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
     if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
-        what = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it holds no keys"
-        raise ValueError(f"{path} is not the YAML file of a map, which tells {', '.join(KEYS)}: {what}")
+        what = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
+        raise ValueError(f"{path} is not the YAML file of a map, which has the keys {', '.join(KEYS)}: {what}")
     try:
         option("mode", entries.get("mode", MODES[0]), MODES)
         negate = bool(whole("negate", int(entries["negate"]), least=0, most=1))
@@ -167,8 +167,8 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     blocked = ~((darkness < free) & opaque)
     if (grey[~blocked] == UNKNOWN_GREY).any():
         warnings.warn(
-            f"{path} counts the grey {UNKNOWN_GREY}, by which maps are saved where nothing is known, as free: its "
-            f"free_thresh {free:g} is above {1 - UNKNOWN_GREY / 255:.4f}; lower it if unknown is what they mean",
+            f"{path} counts the grey {UNKNOWN_GREY}, which usually marks unknown pixels, as free, because its "
+            f"free_thresh {free:g} is above {1 - UNKNOWN_GREY / 255:.4f}; lower it if these pixels are unknown",
             stacklevel=4,
         )
     return blocked, resolution, origin
@@ -179,7 +179,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     try:
         from PIL import Image
     except ImportError as error:
-        raise ImportError(f"Pillow reads the picture of a map; {MISSING}") from error
+        raise ImportError(f"reading the picture of a map needs Pillow; {MISSING}") from error
     try:
         with Image.open(path) as image:
             if image.mode.startswith("I"):  # 16 bits
@@ -196,14 +196,14 @@ def polygon_level_set(vertices: FloatArray, *, radius: float = 0.0) -> tuple[Map
     Raises
     ------
     ValueError
-        For fewer than three vertices, or edges that cross.
+        If there are fewer than three vertices, or if edges cross.
     ImportError
-        Without Shapely.
+        If Shapely is not installed.
     """
     try:
         import shapely
     except ImportError as error:
-        raise ImportError(f"Shapely measures distances to a polygon; {MISSING}") from error
+        raise ImportError(f"distances to a polygon need Shapely; {MISSING}") from error
     corners, radius = finite_array("vertices", vertices), number("radius", radius, least=0.0)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {corners.shape}")

@@ -1,12 +1,12 @@
-"""How much memory is free, asked before anything large is made."""
+"""How much memory is available, which is checked before large arrays are allocated."""
 
 import os
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 
-SPARE = 2**22  # bytes for which there is always room: to ask takes as long as to fill them
-# of both versions of control groups: where they stand, the limit, what is used, what of that is given back at need
+SPARE = 2**22  # bytes that are never checked: a check takes as long as filling them
+# for both versions of control groups: folder, limit, memory used, and the part of it that is reclaimed when needed
 GROUPS = {
     False: ("", "memory.max", "memory.current", "inactive_file"),
     True: ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
@@ -14,7 +14,7 @@ GROUPS = {
 
 
 def available() -> tuple[int, str] | None:
-    """Bytes that this process can still take and what says so, or None where the system does not."""
+    """Bytes that this process can still allocate and the source of that limit; None if the system reports neither."""
     return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 
@@ -25,9 +25,9 @@ def _of_machine() -> Iterator[tuple[int, str]]:
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """What is left of the address space that this process may take, where it has a limit."""
+    """What is left of this process's address space, if it is limited."""
     for line in _lines(Path("/proc/self/statm")):
-        import resource  # where there is such a file there is this
+        import resource  # exists on every system that has such a file
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit != resource.RLIM_INFINITY:
@@ -38,7 +38,7 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """What the control groups of this process and those above them leave; a container sees its own as the root."""
+    """What this process's control groups and those above them leave; a container sees its group as the root."""
     for line in _lines(own):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]
@@ -59,8 +59,8 @@ def _lines(path: Path) -> list[str]:
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
-    """Raise MemoryError where `what` needs more bytes than are available."""
+    """Raise MemoryError if `what` needs more bytes than are available."""
     free = available() if needed > SPARE else None
     if free is not None and needed > free[0]:
         shown = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # may be more than a float holds
-        raise MemoryError(f"{what} needs about {shown[0]} GB, and {shown[1]} GB {free[1]}; {remedy}")
+        raise MemoryError(f"{what} needs about {shown[0]} GB, but only {shown[1]} GB {free[1]}; {remedy}")

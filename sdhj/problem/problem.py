@@ -1,7 +1,7 @@
 """The robust motion planning problem of Sec. 2 and 3, as data.
 
-Everything behind this file (kernels, games, recursion, table, controller) knows a robot only through the arrays
-that a `ReachAvoidProblem` samples on its grid.
+All code that solves a problem or uses its table (kernels, games, recursion, controller) sees the robot only through the
+arrays that a `ReachAvoidProblem` samples on its grid.
 """
 
 import hashlib
@@ -25,14 +25,14 @@ from sdhj.problem.sets import ANYWHERE, LARGEST, STEEP, SUBSAMPLES, VIEW_TIMES, 
 
 
 def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
-    """As `boxes`; zeros where nothing is uncertain."""
+    """As `boxes`; zeros if nothing is uncertain."""
     if not problem.sensing:
         return np.zeros(problem.grid.ndim), np.zeros(problem.grid.ndim)
     return boxes(problem)
 
 
 def shrunk(problem: "ReachAvoidProblem", values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """As `less_the_box`, on the grid or that of some axes; `values` where nothing is uncertain."""
+    """As `less_the_box`, on the grid or the subgrid of some axes; `values` if nothing is uncertain."""
     axes = range(problem.grid.ndim) if axes is None else axes
     if not problem.half_widths[0][list(axes)].any():
         return values
@@ -40,7 +40,7 @@ def shrunk(problem: "ReachAvoidProblem", values: FloatArray, axes: Sequence[int]
 
 
 def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: FloatArray) -> FloatArray:
-    """The largest of interpolated values (*grid.shape) over the box E around points (M, ndim): (M,)."""
+    """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,)."""
     if not problem.half_widths[0].any():
         return problem.grid.interpolate(values, points)
     around = spots_of_the_box(problem, points)
@@ -48,8 +48,8 @@ def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: Float
     return found.reshape(around.shape[:2]).max(axis=1)
 
 
-SMALLEST = float(np.finfo(np.float32).tiny)  # below it they are taken for 0, and what is outside for inside
-FOREVER = 1000  # steps that are tried where a problem gives no number of them
+SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
+FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
 
 
@@ -62,25 +62,25 @@ class ReachAvoidProblem:
     grid : Grid
     dynamics : Dynamics
     target : TargetSet, or None
-        None: stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps (`ANYWHERE`).
+        None: only stay clear of the unsafe sets, and of the unsafe ends of the grid, for all N steps.
     unsafe : sequence of UnsafeSet
     delta : float
         Length of a sampling interval, s.
     steps : int, or None
-        N, how many of them. None: as many as it takes until no further one changes anything, to reach the target some
-        time or to stay clear for ever; where nothing depends on time. The problem of the table has that number.
+        N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
+        target eventually or to stay safe for ever; nothing may then depend on time. The table's problem has the number.
     view_time : {"swept", "sampled", "instantaneous"}
-        How a moving unsafe set enters the game of one interval: as a static set that contains it at all times
-        (safe), as the union of 20 samples (the paper's, not safe), or as it is at each time.
+        How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
+        times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
     recipe : mapping, optional
-        {"builder": name, "arguments": {...}} with which a saved table rebuilds its problem; set by the case studies.
+        {"builder": name, "arguments": {...}} from which a saved table rebuilds its problem; set by the case studies.
     sensing : Sensing
         Measurement error, delay and jitter, by default none; `sdhj.problem.sensing` says what the sets then mean.
 
     Raises
     ------
     ValueError
-        Where shapes, options or numbers do not fit, or the target is unreachable because the unsafe sets hold it.
+        If shapes, options or numbers do not fit, or if no grid node is both in the target and safe at any step.
     """
 
     grid: Grid
@@ -107,12 +107,12 @@ class ReachAvoidProblem:
         for part in parts:
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
                 raise ValueError(
-                    f"axes of {part.name!r} must be ascending axes of the grid (0 to {ndim - 1}), got {part.axes}"
+                    f"axes of {part.name!r} must be axes of the grid, from 0 to {ndim - 1}, ascending, got {part.axes}"
                 )
         if self.steps is None and not self.timeless:
             raise ValueError(
-                "steps=None asks for as many steps as it takes until nothing changes, but the dynamics, an unsafe set "
-                "or the target depend on time; give a number of steps"
+                "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "
+                "target depend on time; give a number of steps"
             )
         tried(self)
         if self.sensing:
@@ -124,7 +124,7 @@ class ReachAvoidProblem:
         try:
             json.dumps(dict(self.recipe), allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"recipe must be a mapping that JSON can tell, or left out: {error}") from None
+            raise ValueError(f"recipe must be a mapping that can be written as JSON, or left out: {error}") from None
         if self.target is None:
             object.__setattr__(self, "target", ANYWHERE)
         for name, kind in (("grid", Grid), ("dynamics", Dynamics)):
@@ -133,27 +133,25 @@ class ReachAvoidProblem:
         if not isinstance(self.target, TargetSet):
             raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
         if not isinstance(self.sensing, Sensing):
-            raise ValueError(
-                f"sensing must be a sdhj.Sensing, as Sensing(error=0.01), got {reprlib.repr(self.sensing)}"
-            )
+            raise ValueError(f"sensing must be a sdhj.Sensing(error=..., ...), got {reprlib.repr(self.sensing)}")
         unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
         if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
             shown = reprlib.repr(self.unsafe)
-            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty where nothing is, got {shown}")
+            raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty if nothing is unsafe, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.stays and self.grid.has("safe"):
-            raise ValueError('"safe" ends are for problems without a target: what leaves there never comes to one')
+            raise ValueError('"safe" ends need a problem without a target: a state that has left there reaches none')
         if self.stays and not unsafe and not self.grid.has("unsafe"):
-            raise ValueError("there is no target, and nothing to stay clear of: no unsafe set and no unsafe end")
+            raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
     @property
     def most_steps(self) -> int:
-        """N, or how many steps are tried where none is given."""
+        """N, or the most steps that are solved for a problem without a number of steps."""
         return self.steps or FOREVER
 
     @property
     def stays(self) -> bool:
-        """Whether there is no target: what is asked for is to stay clear of the unsafe sets."""
+        """Whether there is no target, so that the task is only to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
 
     @property
@@ -162,17 +160,17 @@ class ReachAvoidProblem:
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """t_k of a step, s; where there is a delay s_k, when its input starts."""
+        """Time at which the input of step k starts, s: t_k plus the delay of the sensing."""
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
-        """When the input of a step may start and end, s, with all jitter."""
+        """Earliest start and latest end of the input of step k, s, including jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
     half_widths = cached_property(half_widths)
 
     def interval(self, step: int) -> Interval:
-        """What input and adversary can do from step k; one object for all steps where the dynamics ignore time."""
+        """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
             held = self.sensing.hold(self.delta)
@@ -185,7 +183,7 @@ class ReachAvoidProblem:
 
     @cached_property
     def rimmed(self) -> "ReachAvoidProblem":
-        """This problem as the games are played: on a grid that goes on past its safe ends (`sdhj.problem.boxes`)."""
+        """This problem on the grid that the games use, extended past safe ends (`sdhj.problem.boxes`)."""
         return with_rim(self)
 
     def moves(self, part: UnsafeSet) -> bool:
@@ -193,9 +191,9 @@ class ReachAvoidProblem:
         return part.moving or self.dynamics.timed
 
     def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set is solved: its own and those that their velocities need.
+        """The axes on which the avoid game of an unsafe set is solved: the set's, and those their velocities depend on.
 
-        And those with safe ends: who has left over one is met by nothing.
+        Also those with safe ends, because a state that has left through one can no longer collide.
         """
         safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
         axes: tuple[int, ...] = tuple(sorted({*part.axes, *np.flatnonzero(safe).tolist()}))
@@ -206,17 +204,17 @@ class ReachAvoidProblem:
 
     @cached_property
     def timeless(self) -> bool:
-        """Whether nothing depends on time: dynamics, unsafe sets and, at the nodes, the target."""
+        """Whether nothing depends on time: not the dynamics, the unsafe sets or, at the nodes, the target."""
         if self.dynamics.timed or any(part.moving for part in self.unsafe):
             return False
         first, steps = self.target_at(self.time(0)), range(1, (self.steps or SUBSAMPLES) + 1)
         return all(np.array_equal(self.target_at(self.time(k)), first) for k in steps)
 
     def on(self, grid: Grid) -> "ReachAvoidProblem":
-        """The problem on a window of its grid; what depends on the whole grid is as there."""
+        """The problem on a window of its grid; properties of the whole grid keep their values."""
         if grid is self.grid:
             return self
-        part = object.__new__(ReachAvoidProblem)  # its functions have been tried
+        part = object.__new__(ReachAvoidProblem)  # its functions have been checked
         part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
         if not (self.dynamics.timed or self.dynamics.stateless):
             part._intervals[0] = self.interval(0).on(grid)
@@ -225,11 +223,11 @@ class ReachAvoidProblem:
         return part
 
     def pieces(self) -> "Iterator[ReachAvoidProblem]":
-        """The problem on windows that are small enough to sample functions on: see `Grid.pieces`."""
+        """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
         return map(self.on, self.grid.pieces())
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        """A function of some axes at the nodes of their subgrid, shape of the subgrid, float64, checked finite."""
+        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
         return self._sample_on(self.grid.subgrid(axes), function, name)
 
     def _sample_on(self, grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
@@ -240,13 +238,13 @@ class ReachAvoidProblem:
         values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
         if (largest := float(np.abs(values).max())) > LARGEST:
             raise ValueError(
-                f"level set of {name!r} reaches {largest:.3g}, and single precision needs at most {LARGEST:g}; far "
-                "from the boundary only the sign counts, so clip it"
+                f"level set of {name!r} reaches {largest:.3g}, and single precision supports at most {LARGEST:g}; clip "
+                "it, because far from the boundary only the sign matters"
             )
         if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
             raise ValueError(
-                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision takes what is nearer to 0 "
-                f"than {SMALLEST:.2g} for 0, which would be another set; scale the function, or let it be 0 there"
+                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision rounds magnitudes below "
+                f"{SMALLEST:.2g} to 0, which would change the set; scale the function, or return 0 there"
             )
         return values
 
@@ -265,7 +263,7 @@ class ReachAvoidProblem:
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
-        """g of one unsafe set over [t0, t1], on the subgrid of its axes or of `axes`, which hold them."""
+        """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
         axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
         lower = part.lowering(t0, t1, view_time)
         values = self._sampled(part, lambda points: part.union(points, t0, t1, view_time), lower)
@@ -273,7 +271,7 @@ class ReachAvoidProblem:
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
 
     def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray], lower: float = 0.0) -> FloatArray:
-        """An unsafe set's function at the nodes, `closed` and then lowered, as its `sampling` asks for."""
+        """An unsafe set's function at the nodes, made `closed` and then lowered, according to its `sampling`."""
         grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
@@ -294,14 +292,14 @@ class ReachAvoidProblem:
         return []
 
     def unsafe_when(self, part: UnsafeSet, step: int) -> FloatArray:
-        """As `unsafe_at` at t_k; with jitter at every time that t_k may be."""
+        """As `unsafe_at` at t_k; with jitter over all times at which step k may begin."""
         t, j = self.time(step), self.sensing.jitter
         return self.unsafe_over(part, t - j, t + j) if j and part.moving else self.unsafe_at(part, t)
 
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
-        Without a target that of the complement of G(t_k) and of what lies beyond unsafe ends.
+        Without a target, L(t_k) is the grid up to its unsafe ends.
         """
         t, grid = self.time(step), self.grid
         values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self.target_at(t), self.target.axes)
@@ -312,20 +310,20 @@ class ReachAvoidProblem:
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """True level-set function of one set at states (M, ndim), periodic axes wrapped: (M,)."""
+        """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
-        """True level-set function of the target at states (M, ndim), no grid involved."""
+        """Level-set function of the target at states (M, ndim), without interpolation: (M,)."""
         return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
-        """True level-set function of G(t) at states (M, ndim), no grid involved; <= 0 is a collision."""
+        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision."""
         points = points_array("points", points, self.grid.ndim)
         return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
-        """As `unsafe_value` at places (M, T, ndim), each column at its own time, in ascending order: (M, T)."""
+        """As `unsafe_value` at points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -337,9 +335,9 @@ class ReachAvoidProblem:
         return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Where no tube (step, within) holds a state, whatever was computed: in G, or not in the target at last.
+        """Whether points (M, ndim) are in no tube (step, within), whatever was computed: bool (M,).
 
-        points (M, ndim); bool (M,). The true level-set functions say so, no grid involved.
+        They are in G, or within = 0 and they are not in the target, by the level-set functions without interpolation.
         """
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
@@ -360,44 +358,44 @@ TERMS = 60  # of an exponential series
 
 
 def check_sensing(problem: ReachAvoidProblem) -> None:
-    """Raise ValueError where a problem does not fit its sensing."""
+    """Raise ValueError if a problem does not fit its sensing."""
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
     whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
     if sensing.delay > delta:
         raise ValueError(
-            f"delay must be at most delta, {delta:g} s: the input before is held meanwhile; got {sensing.delay:g}"
+            f"delay must be at most delta, {delta:g} s, as the previous input is held during it; got {sensing.delay:g}"
         )
     if 2 * sensing.jitter > delta:
         raise ValueError(f"jitter must be at most half of delta, {delta / 2:g} s, got {sensing.jitter:g}")
     if sensing.delay + 2 * sensing.jitter > delta:
         raise ValueError(
-            f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement may come before the input "
-            f"before it has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
+            f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
+            f"input has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
         )
     steps, j = range((problem.steps or 0) + 1), sensing.jitter
     goals = (problem.target_at(problem.time(step) + late) for step in steps for late in (-j, j))
     moves = j and not all(np.array_equal(goal, problem.target_at(0.0)) for goal in goals)
     if j and (moves or problem.dynamics.timed or problem.view_time == "instantaneous"):
         raise ValueError(
-            "jitter leaves the time open: neither dynamics nor target may depend on it, and view_time must be "
-            '"swept" or "sampled"'
+            "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
+            'must be "swept" or "sampled"'
         )
     if grid.has("safe"):
-        raise ValueError('with sensing no end of the grid may be "safe": nobody knows that the state is past it')
+        raise ValueError('with sensing no end of the grid may be "safe": it is uncertain when the state has passed it')
     goals = (problem.goal(step) for step in steps)
     if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):
         raise ValueError(
-            f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no grid node has "
-            "twice that around it inside the target and safe; measure better or sooner, or enlarge the target"
+            f"the state is known only to within {np.round(problem.half_widths[0], 6).tolist()}, and no box of twice "
+            "that around a grid node is in the target and safe; reduce error or delay, or enlarge the target"
         )
 
 
 def rates(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
-    """A (ndim, ndim) and b (ndim,): the largest differences between neighbouring nodes, and the adversary's most.
+    """A (ndim, ndim) and b (ndim,) of `sdhj.problem.sensing`, from differences between neighbouring nodes.
 
-    Between two nodes a velocity that is curved may be steeper, by a share of second order in their distance.
+    Between two nodes a velocity may be steeper, by a share of second order in their distance.
     """
     grid, dynamics, axes = problem.grid, problem.dynamics, tuple(range(problem.grid.ndim))
     points = np.zeros((1, grid.ndim)) if dynamics.stateless else grid.points()
@@ -419,7 +417,7 @@ def rates(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
 
 
 def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """w(duration) of dw/dt = slope w + push, w(0) = box: (ndim,), by its series, which has no negative terms."""
+    """Solution w(duration) of dw/dt = slope w + push, w(0) = box, (ndim,), by a series without negative terms."""
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
     rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push
@@ -431,7 +429,7 @@ def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, durati
 
 
 def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
-    """E, and by how much it widens what can be reached to where the next prediction may be; both (ndim,)."""
+    """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
     sensing, nothing = problem.sensing, np.zeros(problem.grid.ndim)
     slope, push = rates(problem)
     box = carried(slope, push, nothing + np.array(sensing.error), sensing.delay)
@@ -439,7 +437,7 @@ def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
 
 
 def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int]) -> FloatArray:
-    """Level-set function of the places around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    """Level-set function of the points around which the whole box E is in {values <= 0}, on the grid of some axes."""
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
     ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
     for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
@@ -450,9 +448,9 @@ def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[
 
 
 def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArray:
-    """Places (M, V, ndim) in the box E around points (M, ndim), among them where what is multilinear is largest there.
+    """Points (M, V, ndim) in the box E around points (M, ndim), at one of which an interpolated function is largest.
 
-    On each axis the ends and the nodes in between, held at the walls; and the points themselves.
+    They combine the ends and the nodes in between on each axis, clipped at walls; the points themselves come first.
     """
     grid, columns = problem.grid, []
     for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
@@ -465,14 +463,14 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
     return np.concatenate([points[:, None], grid.clipped(found)], axis=1)
 
 
-RIM = 4  # nodes: the widest stencils reach three
-AROUND = 6  # nodes: what is near a set whose function is 0 inside depends on so many
-HAIR = 1e-9  # below 0: no distance that tells anything
-ON_BOUNDARY = 1e-30  # below 0, of a function that is 0 at a node: enough for single precision, nothing for distances
+RIM = 4  # nodes past a safe end: the widest stencils use three
+AROUND = 6  # nodes on each side that `closed` depends on
+HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
+ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
 
 
 def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
-    """The problem on a grid with `RIM` nodes past each safe end; itself where there is none."""
+    """The problem on a grid with `RIM` more nodes past each safe end; the problem itself if there is none."""
     grid = problem.grid
     rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
     if not rim.any():
@@ -493,7 +491,7 @@ def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
     return replace(problem, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, problem.unsafe)))
 
 
-FINE = 4  # parts of a cell's edge, where the least value in it is asked for
+FINE = 4  # parts of a cell's edge, in the search for the least value in the cell
 
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
@@ -511,13 +509,13 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 
 
 def closed(grid: Grid, values: FloatArray) -> FloatArray:
-    """Level-set function of an unsafe set, shape grid.shape, below 0 at the nodes where it is at most 0: G is closed.
+    """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed.
 
-    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, or a `HAIR` less, in the whole set (a
-    distance without a sign, a positive part, 1 - occupancy) does not say where between two nodes the set ends; so it is
-    continued into the set by as much as it falls from one node to the next just outside. A distance then ends where it
-    does. Where it falls by more at the set than before, as where it jumps or is cut off, the set is taken to end next
-    to the node outside. What becomes of a node depends on those up to `AROUND` away.
+    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
+    distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is therefore
+    extrapolated into the set with its slope just outside, which puts the boundary of a distance where it belongs. If
+    the slope at the set is steeper than before, as where the function jumps or is cut off, the set is assumed to end
+    next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
     """
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
@@ -551,14 +549,14 @@ def closed(grid: Grid, values: FloatArray) -> FloatArray:
 
 
 def _moved(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
-    """Values `by` nodes on along an axis from some nodes; NaN past a bounded end."""
+    """Values at the nodes that are `by` nodes further along an axis than some nodes; NaN past a bounded end."""
     n, moved = grid.shape[axis], at[axis] + by
     found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
     return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
 
 
 def _with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
-    """A window with `AROUND` nodes more beside it, and where in it the window is, as an index of arrays."""
+    """A window enlarged by `AROUND` nodes on each side, and the index of the original window in its arrays."""
     first, shape, places = [], [], []
     for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
         low, high = begin - AROUND, begin + count + AROUND
@@ -571,10 +569,10 @@ def _with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
 
 
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """For each node, a bound from below on a level-set function in all cells that touch it, shape `grid.shape`.
+    """For each node, a lower bound on a level-set function in all cells that touch it, shape `grid.shape`.
 
-    The least value on a lattice of `FINE` parts a cell, less what the function changes by in half a part along each
-    axis. The interpolant of a set sampled so meets it wherever it is met in truth.
+    This is the least value on a lattice of `FINE` parts per cell, less the function's change in half a part along each
+    axis. The set of the interpolated bounds contains the true set.
     """
     shape = [n * FINE if p else (n - 1) * FINE + 1 for n, p in zip(grid.shape, grid.periodic, strict=True)]
     fine = Grid(grid.lower, grid.upper, shape, grid.periodic)

@@ -1,7 +1,7 @@
 """The target L and the unsafe set G of Eq. (3), as level-set functions of some of the axes.
 
-Both are closed (Definition 5): a state is unsafe where g <= 0, and has won where s <= 0 and g > 0. What solvers read of
-g at the nodes is below 0 wherever g <= 0 (`sdhj.problem.problem.closed`), so what they find safe is so strictly.
+Both are closed (Definition 5): a state is unsafe if g <= 0, and has reached the target if s <= 0 and g > 0. The samples
+of g that solvers use are negative wherever g <= 0 (`sdhj.problem.problem.closed`), so boundary nodes are unsafe.
 """
 
 import os
@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import Asked, ascending, number, option, whole
+from sdhj.problem.checks import CheckedFunction, ascending, number, option, whole
 from sdhj.problem.maps import map_level_set, polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
-STEEP = 10.0  # times as deep inside, by sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+STEEP = 10.0  # factor inside sets of sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
-LARGEST = 1e9  # of a level-set function: beyond it, differences in single precision are rounding, and overflow is near
+LARGEST = 1e9  # level-set value: beyond it, differences in single precision are only rounding, and overflow is near
 
 StaticLevelSet = Callable[[FloatArray, float], FloatArray]
 SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
@@ -32,25 +32,27 @@ class UnsafeSet:
     Parameters
     ----------
     axes : sequence of int
-        The axes it depends on, ascending. Fewer axes make the avoid game cheaper.
+        The axes of the grid that the set depends on, ascending. Fewer axes make the avoid game cheaper.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        At most 0 in the set at time t, its boundary included, and above 0 outside; best a distance that is negative
-        inside. One that is 0 in the whole set will do, if outside it grows as a distance does.
+        Values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance to the
+        set. A function that is 0 in the whole set also works if it grows like a distance outside.
     swept : callable (points, t0, t1) -> (M,), optional
-        Negative wherever the set is at any time of [t0, t1] (it may be larger, never smaller).
+        Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
     rate : float, optional
-        A bound on how fast the level-set function changes in time; a moving set needs one. Zero (default): the set
-        is static. For a moving set without `swept`, samples lowered by rate * gap / 2 take its place.
+        Upper bound on how fast the level-set function changes in time, per second. Required for a moving set; 0
+        (default) means a static one. Without `swept`, the minimum over 20 times, lowered by rate * gap / 2, is used.
     name : str
+        Used in messages.
     slope : float, optional
-        A bound on how fast the level-set function changes with the state, per unit of distance.
+        Upper bound on the change of the level-set function per unit of distance, for method "certified".
     sampling : {"nodes", "steep", "cell"}
-        What a node of the grid knows of the set: the value there; the value, but inside the set times `STEEP`, so that
-        errors of differences and of interpolation, which are worst where the set is a node or two thick, make it larger
-        (by less than a cell) and never smaller; or a bound from below on the values in all cells that touch the node,
-        with which nothing thin is lost and all is a cell larger (`sdhj.solver.resolution`).
+        The value that a node of the grid gets (`sdhj.solver.resolution`). "nodes": the value at the node. "steep": the
+        same, multiplied by `STEEP` inside the set, so that the errors of differences and interpolation, which are worst
+        in sets one or two nodes thick, enlarge the set by less than a cell and never shrink it. "cell" is the
+        conservative option: a lower bound over all cells that touch the node, so no thin part is missed, but every set
+        grows by a cell.
 
-    The functions are called with the coordinates of periodic axes between the ends of the grid.
+    Coordinates on periodic axes are wrapped into the grid before a function is called.
     """
 
     axes: tuple[int, ...]
@@ -64,9 +66,11 @@ class UnsafeSet:
     def __post_init__(self) -> None:
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
+        object.__setattr__(
+            self, "level_set", CheckedFunction.of(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        )
         if self.swept is not None:
-            swept = Asked.of(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            swept = CheckedFunction.of(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
             object.__setattr__(self, "swept", swept)
         if self.slope is not None:
             object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
@@ -84,10 +88,10 @@ class UnsafeSet:
         radius: float = 0.0,
         name: str = "map",
     ) -> "UnsafeSet":
-        """What a robot's map does not show as free, from a map server's file or an array, less a disk robot's radius.
+        """Everything that a map does not show as free, enlarged by the radius of a disk-shaped robot.
 
-        The parameters are those of `sdhj.problem.maps.map_level_set`; `axes` are the two axes of the grid that are the
-        map's x and y, m.
+        `source` is the YAML file of a map server or an array; the parameters are those of
+        `sdhj.problem.maps.map_level_set`. `axes` are the grid's axes for the map's x and y, m.
         """
         level_set, slope = map_level_set(source, resolution=resolution, origin=origin, radius=radius, name=name)
         return cls(_plane(axes, name), level_set, name=name, slope=slope)
@@ -96,7 +100,7 @@ class UnsafeSet:
     def polygon(
         cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), *, radius: float = 0.0, name: str = "polygon"
     ) -> "UnsafeSet":
-        """A simple polygon with vertices (K, 2), m, grown by a disk robot's radius: `maps.polygon_level_set`."""
+        """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m."""
         level_set, slope = polygon_level_set(vertices, radius=radius)
         return cls(_plane(axes, name), level_set, name=name, slope=slope)
 
@@ -105,14 +109,14 @@ class UnsafeSet:
         return self.rate > 0.0
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """One static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
+        """Values (M,) of one static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
 
-        "swept" contains the set at every time of the interval; "sampled" is the union of 20 samples and does not.
+        With "swept" its set contains this one at every time; with "sampled" it is the union of 20 samples only.
         """
         return self.union(points, t0, t1, view_time) - self.lowering(t0, t1, view_time)
 
     def union(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """As `over`, before it is lowered for what happens between the samples."""
+        """As `over`, before `lowering`."""
         if not self.moving:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
@@ -123,7 +127,7 @@ class UnsafeSet:
         return union
 
     def lowering(self, t0: float, t1: float, view_time: str) -> float:
-        """By how much: a time between two samples is at most half a gap from one of them."""
+        """How far `over` is lowered for the times between samples, which are at most half a gap from one of them."""
         if not self.moving or view_time != "swept" or self.swept is not None:
             return 0.0
         times = np.linspace(t0, t1, SUBSAMPLES)
@@ -132,7 +136,7 @@ class UnsafeSet:
 
 @dataclass(frozen=True)
 class TargetSet:
-    """The target L (Eq. 3): `level_set(points (M, len(axes)), t)` is negative inside at time t."""
+    """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t."""
 
     axes: tuple[int, ...]
     level_set: StaticLevelSet
@@ -140,11 +144,13 @@ class TargetSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        object.__setattr__(self, "level_set", Asked.of(f"level_set of {self.name!r}", self.level_set, "points", "t"))
+        object.__setattr__(
+            self, "level_set", CheckedFunction.of(f"level_set of {self.name!r}", self.level_set, "points", "t")
+        )
 
     @classmethod
     def from_table(cls, table: Any, within: int | None = None) -> "TargetSet":
-        """The states from which a solved table reaches its own target in time: see `table_level_set`."""
+        """The states from which another table reaches its target, to chain two problems: see `table_level_set`."""
         level_set = table_level_set(table, within)
         return cls(tuple(range(table.grid.ndim)), level_set, f"the tube of {table.problem.name}")
 
@@ -153,30 +159,30 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
-    if len(own := ascending(axes, name)) != 2:
+    if len(pair := ascending(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
-    return own
+    return pair
 
 
 def table_level_set(table: Any, within: int | None = None) -> StaticLevelSet:
-    """Level-set function of what a table reaches its target from: first into its tube, then by its own inputs.
+    """Level-set function of the tube of a table, as the target of a second problem that leads into it.
 
-    The problem that it is the target of has the same axes, and both clocks are one: at time t the target holds the
-    states from which the table reaches its own target, from its step k = t / delta on, in the steps that are left of
-    its N, or in `within` of them. At times that are no sampling times of the table, and after its last step, the target
-    is empty. Where nothing depends on time in the table's problem its step is 0 at any time. A table without a target
-    is one of staying safe: then the target holds the states from which it keeps clear until its last step.
+    Both problems have the same axes and share one clock. At time t the target consists of the states from which the
+    table reaches its target, from step k = t / delta, in all steps that are left or in `within` of them. It is empty at
+    times that are not sampling times of the table, and after its last step. If nothing depends on time in the table's
+    problem, step 0 is used at every time. For a table without a target, it consists of the states from which the table
+    stays safe until its last step.
 
-    Of a certified table the target is exactly its certified cells, and a certified table of the second problem proves
-    the whole way: a cell is in its target where certified cells of the first cover it. Handing over may take a state
-    out of them by what rounding may in three steps (`sdhj.certified.cells.DRIFT`), within the slack of every certified
-    set. Of other tables it is the interpolated tube, which proves nothing, so method "certified" refuses it as a
-    target.
+    For a certified table the target is exactly its certified cells, and a certified table of the second problem proves
+    the whole way: a cell is in its target if certified cells of the first table cover it. Rounding at the handover may
+    move a state out of them by what it may in three steps (`sdhj.certified.cells.DRIFT`), within the slack of every
+    certified set. For other tables it is the interpolated tube, which method "certified" refuses as a target, because
+    it is not proved.
 
     Raises
     ------
     ValueError
-        For what is no table, or a number of steps that it does not have.
+        If `table` is not a table, or does not have `within` steps.
     """
     if not hasattr(table, "values_at"):
         raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
@@ -199,7 +205,7 @@ def table_level_set(table: Any, within: int | None = None) -> StaticLevelSet:
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
         if t0 != t1 and not problem.timeless:
-            raise ValueError(f"what a table of {problem.name!r} reaches depends on time")
+            raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
         step = step_at(t0)
         if step is None:
             return np.ones(len(low)), np.ones(len(low))

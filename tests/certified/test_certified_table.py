@@ -144,7 +144,7 @@ def test_solve_makes_certified_tables(monkeypatch):
 
 def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
     monkeypatch.setattr(memory_module, "available", lambda: (10_000_000, "are available"))
-    with pytest.raises(MemoryError, match=r"cells needs about .* GB, and 0.01 GB are available; use fewer cells"):
+    with pytest.raises(MemoryError, match=r"cells needs about .* GB, but only 0.01 GB are available; use fewer cells"):
         sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
 
 
