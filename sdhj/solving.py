@@ -57,8 +57,7 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end, unless there is a store. The result is `table.details["played"]`, and
-        a warning if many runs are lost.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning.
 
     Returns
     -------

@@ -168,7 +168,7 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
     with forged(path) as (told, _):
         del told["grid"]["upper"]
     result = run("info", path)
-    assert result.exit_code == 2 and "no look-up table that can be read" in result.output
+    assert result.exit_code == 2 and "not a look-up table that can be read" in result.output
 
 
 @pytest.mark.slow

@@ -71,10 +71,10 @@ def test_what_depends_on_time_asks_for_the_step():
     q = np.zeros(1)
     assert controller.steps_to_go(q, 0) is not None
     for ask in (controller.steps_to_go, controller.safe_inputs, controller.select, controller.fallback):
-        with pytest.raises(ValueError, match=r"depends on time: say at which step"):
+        with pytest.raises(ValueError, match=r"depends on time: give the step"):
             ask(q)
     for ask in (lambda: controller.batch(q[None]), lambda: controller.filter(q, wanted=0)):
-        with pytest.raises(ValueError, match=r"depends on time: say at which step"):
+        with pytest.raises(ValueError, match=r"depends on time: give the step"):
             ask()
     for play in (lambda: sdhj.simulate(controller, q, steps=9), lambda: sdhj.monte_carlo(controller, 9, steps=9)):
         with pytest.raises(ValueError, match=r"follow the .* steps of the table.*leave out steps"):
@@ -130,7 +130,7 @@ def test_ctrl_c_ends_a_solve_with_what_there_is(monkeypatch):
 
     whole = sdhj.solve(replace(interval_problem(), steps=2), progress=False)
     monkeypatch.setattr(GridSets, "extend", interrupted)
-    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the nodes .* it holds for so many"):
+    with pytest.warns(UnsettledWarning, match=r"after 2 steps .* of the nodes .* the tubes hold for so many steps"):
         table = sdhj.solve(replace(interval_problem(), steps=None), progress=False)
     assert table.steps == 2 and not table.details["settled"]
     np.testing.assert_array_equal(table.values(), whole.values())

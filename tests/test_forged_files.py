@@ -49,7 +49,7 @@ def test_all_damage_is_found_before_the_library_sees_it(path, rng, count, monkey
         path.write_bytes(damaged)
         with monkeypatch.context() as patch:
             patch.setattr(h5py, "File", no_library)
-            refused(path, "damaged, cut short or no look-up table|format version")
+            refused(path, "damaged, cut short or not a look-up table|format version")
             with pytest.raises(sdhj.TableFileError):
                 header(path)
 
@@ -66,7 +66,7 @@ def test_truncated_files_are_refused(path, keep):
 def test_a_forged_array_is_refused(path, name, forgery):
     with forged(path) as (told, arrays):
         replaced(name, FORGERIES[forgery])(told, arrays)
-    refused(path, f"as it was written, but no look-up table that can be read.*({name}|index)")
+    refused(path, f"is undamaged, but not a look-up table that can be read.*({name}|index)")
 
 
 def test_other_files_are_not_read(path, tmp_path):

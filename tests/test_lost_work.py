@@ -207,7 +207,7 @@ for form in ("png", "pdf", "svg"):
         print(error)
 """
     told = limited(3000, code, tmp_path)
-    assert told.count("File too large; make room, or choose another place") == 3
+    assert told.count("File too large; free some space, or choose another path") == 3
     assert os.listdir(tmp_path) == ["warm"]
 
 

@@ -245,4 +245,4 @@ def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
     problem = hall(wall(3.0, 0.11))
     assert ", or UnsafeSet(" in too_thin(problem, problem.unsafe[0], 0.0)
     monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
-    assert "which keeps the crest at the price of a part of a cell; " in too_thin(problem, problem.unsafe[0], 0.0)
+    assert "enlarges the set by less than a cell; " in too_thin(problem, problem.unsafe[0], 0.0)

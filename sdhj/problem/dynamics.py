@@ -27,10 +27,9 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 class Velocities:
     """The velocity set at every node, in the form that the kernels take.
 
-    Either an interval [lower, upper] for each axis: arrays (ndim,) if it does not depend on the state, (ndim, *shape)
-    if it does. Or, if the adversary couples axes or a coordinate was projected out, also `drift` (modes, ndim, *shape)
-    and `gain` (modes, ndim, D, *shape), already multiplied by the bounds: H = max over modes of p . drift + sum_d
-    |p . gain_d|.
+    An interval [lower, upper] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape). If
+    the adversary couples axes or a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes,
+    ndim, D, *shape), times the bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
     """
 
     lower: FloatArray

@@ -40,10 +40,9 @@ class Grid:
         Whether each axis is periodic, by default none. A bounded axis has nodes at both ends; a periodic axis has none
         at its upper end, which is the lower end again.
     ends : str, or sequence of str or of pairs of str, optional
-        What happens at the ends of the bounded axes. "unsafe" (default): a state that leaves the grid has failed,
-        because nothing is computed beyond it. "wall": the state cannot pass and slides along the end. "safe": a state
-        that leaves is out of danger for good (problems without a target only). Give one word for all axes, or for each
-        axis a word or a pair of words, for its lower and its upper end.
+        What happens at the ends of bounded axes; for all axes, or for each axis, or for its lower and its upper end.
+        "unsafe" (default): a state that leaves has failed, because nothing is computed beyond. "wall": the state cannot
+        pass and slides along. "safe": a state that leaves is out of danger for good (problems without a target only).
     names : sequence of str, optional
         Axis labels, for plots and files.
     rim : sequence of (int, int), optional
@@ -94,8 +93,8 @@ class Grid:
         object.__setattr__(self, "names", tuple(str(name) for name in names))
         given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
         pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
-        known = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
-        if len(pairs) != ndim or not known:
+        valid = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
+        if len(pairs) != ndim or not valid:
             shown = reprlib.repr(ends)
             raise ValueError(f"ends must be {', '.join(ENDS)} or a pair of them for each axis, got {shown}")
         object.__setattr__(self, "ends", pairs)

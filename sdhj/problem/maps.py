@@ -91,8 +91,8 @@ def map_level_set(
     def level_set(points: FloatArray, t: float) -> FloatArray:
         dx, dy = points[:, 0] - x, points[:, 1] - y
         places = np.stack([cosine * dx + sine * dy, cosine * dy - sine * dx], axis=1) / (side / 2)
-        held = np.clip(places, 0.0, most)
-        return bilinear(nodes, held) - side / 2 * np.hypot(*(places - held).T) - side / math.sqrt(8.0) - radius
+        inside = np.clip(places, 0.0, most)
+        return bilinear(nodes, inside) - side / 2 * np.hypot(*(places - inside).T) - side / math.sqrt(8.0) - radius
 
     return level_set, math.sqrt(2.0)
 
@@ -110,7 +110,7 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
     def closed(cells: FloatArray) -> FloatArray:
         """Whether each node touches one of the cells (n, m): (2 n + 1, 2 m + 1)."""
         for axis in (0, 1):
-            wide = np.zeros([2 * n + 1 if own == axis else n for own, n in enumerate(cells.shape)], np.bool_)
+            wide = np.zeros([2 * n + 1 if k == axis else n for k, n in enumerate(cells.shape)], np.bool_)
             for shift in range(3):
                 at = [slice(None)] * 2
                 at[axis] = slice(shift, shift + 2 * cells.shape[axis] - 1, 2)

@@ -36,10 +36,10 @@ def of_process() -> Iterator[tuple[int, str]]:
 
 
 def of_control_groups(
-    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
+    root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
     """What this process's control groups and those above them leave; a container sees its group as the root."""
-    for line in _lines(own):
+    for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]
         group = root / mount / path.lstrip("/")

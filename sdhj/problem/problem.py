@@ -198,7 +198,7 @@ class ReachAvoidProblem:
         safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
         axes: tuple[int, ...] = tuple(sorted({*part.axes, *np.flatnonzero(safe).tolist()}))
         intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
-        while (grown := reduce(lambda known, interval: interval.closed(known), intervals, axes)) != axes:
+        while (grown := reduce(lambda axes, interval: interval.closed(axes), intervals, axes)) != axes:
             axes = grown
         return axes
 
@@ -254,11 +254,11 @@ class ReachAvoidProblem:
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        known = [values for one, values in self._static if one is part]
-        if not known:
-            known = [self._sampled(part, lambda points: part.level_set(points, t))]
-            self._static.extend((part, values) for values in known if not part.moving)
-        return known[0]
+        samples = [values for one, values in self._static if one is part]
+        if not samples:
+            samples = [self._sampled(part, lambda points: part.level_set(points, t))]
+            self._static.extend((part, values) for values in samples if not part.moving)
+        return samples[0]
 
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
@@ -480,11 +480,11 @@ def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
     wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
 
     def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
-        own, level, swept = grid.subgrid(part.axes), part.level_set, part.swept
+        subgrid, level, swept = grid.subgrid(part.axes), part.level_set, part.swept
         return replace(
             part,
-            level_set=lambda points, t: level(own.clipped(points, "safe"), t),
-            swept=swept and (lambda points, t0, t1: swept(own.clipped(points, "safe"), t0, t1)),
+            level_set=lambda points, t: level(subgrid.clipped(points, "safe"), t),
+            swept=swept and (lambda points, t0, t1: swept(subgrid.clipped(points, "safe"), t0, t1)),
         )
 
     dynamics = problem.dynamics.restricted(range(grid.ndim), lambda points: grid.clipped(points, "safe"))

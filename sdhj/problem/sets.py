@@ -42,15 +42,13 @@ class UnsafeSet:
         Upper bound on how fast the level-set function changes in time, per second. Required for a moving set; 0
         (default) means a static one. Without `swept`, the minimum over 20 times, lowered by rate * gap / 2, is used.
     name : str
-        Used in messages.
     slope : float, optional
         Upper bound on the change of the level-set function per unit of distance, for method "certified".
     sampling : {"nodes", "steep", "cell"}
-        The value that a node of the grid gets (`sdhj.solver.resolution`). "nodes": the value at the node. "steep": the
-        same, multiplied by `STEEP` inside the set, so that the errors of differences and interpolation, which are worst
-        in sets one or two nodes thick, enlarge the set by less than a cell and never shrink it. "cell" is the
-        conservative option: a lower bound over all cells that touch the node, so no thin part is missed, but every set
-        grows by a cell.
+        The value that a node of the grid gets. "nodes": the function's value there. "steep": the same, multiplied by 10
+        (`STEEP`) inside the set, so that errors of differences and interpolation, worst in sets one or two nodes thick,
+        enlarge the set by less than a cell and never shrink it. "cell" is the conservative option: a lower bound over
+        all cells that touch the node, so no thin part is missed, but the set grows by a cell.
 
     Coordinates on periodic axes are wrapped into the grid before a function is called.
     """
@@ -167,17 +165,15 @@ def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
 def table_level_set(table: Any, within: int | None = None) -> StaticLevelSet:
     """Level-set function of the tube of a table, as the target of a second problem that leads into it.
 
-    Both problems have the same axes and share one clock. At time t the target consists of the states from which the
-    table reaches its target, from step k = t / delta, in all steps that are left or in `within` of them. It is empty at
-    times that are not sampling times of the table, and after its last step. If nothing depends on time in the table's
-    problem, step 0 is used at every time. For a table without a target, it consists of the states from which the table
-    stays safe until its last step.
+    Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
+    delta, within all steps that are left or `within` of them: the states from which the table reaches its target or,
+    without one, stays safe. It is empty after the table's last step and at times other than its sampling times; if
+    nothing depends on time in the table's problem, step 0 is used at every time.
 
     For a certified table the target is exactly its certified cells, and a certified table of the second problem proves
     the whole way: a cell is in its target if certified cells of the first table cover it. Rounding at the handover may
     move a state out of them by what it may in three steps (`sdhj.certified.cells.DRIFT`), within the slack of every
-    certified set. For other tables it is the interpolated tube, which method "certified" refuses as a target, because
-    it is not proved.
+    certified set. Tubes of other tables are not proved, so method "certified" refuses them as targets.
 
     Raises
     ------
@@ -209,7 +205,7 @@ def table_level_set(table: Any, within: int | None = None) -> StaticLevelSet:
         step = step_at(t0)
         if step is None:
             return np.ones(len(low)), np.ones(len(low))
-        off = table.proof.unsure  # what is certified with sensing are predictions
+        off = table.proof.unsure  # with sensing the certified states are predictions
         every, some = table.over(low - off, high + off, start=step, within=most)
         return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
 

@@ -85,10 +85,10 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
 
 
 def never_felt(part: UnsafeSet) -> str:
-    """What to say of an unsafe set that no node is in danger of."""
+    """The warning for an unsafe set that no node is in danger of."""
     return (
-        f"no node is ever in danger of the unsafe set {part.name!r}: the table does not know of it. It falls "
-        "between the nodes (use more, or enlarge it), or is out of reach"
+        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. It lies between the "
+        "nodes (use more nodes, or enlarge the set), or is out of reach"
     )
 
 

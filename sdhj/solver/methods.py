@@ -1,7 +1,7 @@
-"""Methods: how the sets of Theorem 2 are represented and computed, as objects that hold their options.
+"""Methods: how the sets of Theorem 2 are represented and computed, as objects that contain their options.
 
-A method has a name and `sets(problem, progress)`, which returns what `sdhj.solver.recursion.recursion` fills; a method
-of your own is an object with these two, given to `solve` in place of one from here.
+A method has a `name` and a function `sets(problem, progress)`, which returns the sets that
+`sdhj.solver.recursion.recursion` fills in. Any object with these two can be passed to `solve`.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from sdhj.solver.schemes import DTYPES, Scheme
 
 
 class Method(Protocol):
-    """What `solve` needs of a method."""
+    """The interface of a method for `solve`."""
 
     @property
     def name(self) -> str: ...
@@ -27,15 +27,15 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class HJI:
-    """Finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
+    """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
 
     Parameters
     ----------
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Reach and avoid apart (App. A.3), or the one PDE of Prop. 1. That one has no moving frame, as the obstacles
-        would move in it for each input in another way: what `Scheme(frame="fixed")` loses to differences it loses too.
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. The joint PDE has no moving frame, because
+        obstacles would move differently in it for each input, so it is as inaccurate as `Scheme(frame="fixed")`.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -62,12 +62,12 @@ class HJI:
 
 @dataclass(frozen=True)
 class HopfLax:
-    """The Hopf-Lax formula (`sdhj.solver.hopf_lax`), where the velocity set does not depend on the state.
+    """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
     Parameters
     ----------
     interpolation : {"limited", "linear"}
-        What a function is between nodes.
+        How functions are interpolated between nodes: to third order, or linearly (`sdhj.solver.hopf_lax`).
     dtype : {"float32", "float64"}
     """
 
@@ -92,19 +92,19 @@ class HopfLax:
         return GridSets(problem, self.name, self.on, self.dtype, self.options)
 
 
-METHODS: dict[str, Any] = {  # by their short forms; `sdhj.solving` adds those of rooms above
+METHODS: dict[str, Any] = {  # by name; `sdhj.solving` adds those of higher layers
     "hji": HJI,
     "lax": HopfLax,
 }
 
 
 def method_of(method: str | Method) -> Method:
-    """The method that a short form stands for; a method itself is returned.
+    """The method with a name and default options; an object that is a method is returned as it is.
 
     Raises
     ------
     ValueError
-        Where it is neither.
+        If it is neither.
     """
     if isinstance(method, str) and method in METHODS:
         made: Method = METHODS[method]()

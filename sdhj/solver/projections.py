@@ -45,14 +45,14 @@ FEW = 2**16  # nodes of a subspace
 
 
 class ProjectionWarning(UserWarning):
-    """A collection of subspaces with which the projected method finds little or nothing."""
+    """The projected method finds little or nothing with these subspaces."""
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """Drop, one at a time, each axis that no input drives; where there is none, each axis.
+    """The subspaces that drop one axis that no input drives; if there is no such axis, any one axis.
 
-    What the inputs drive has to stay, or nothing can be steered to the target. In the case studies this drops py, then
-    px: the paper's two subspaces.
+    Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
+    py or px is dropped: the paper's two subspaces.
     """
     ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
     if ndim == 1:
@@ -283,20 +283,20 @@ def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
 
 @dataclass(frozen=True)
 class Projected:
-    """The games on lower-dimensional subspaces, back-projected and united (Sec. 5.1).
+    """Method "projected": games on lower-dimensional subspaces, united after back-projection (Sec. 5.1, App. A.4, A.5).
 
-    What is dropped must not matter for the target: its inner projection holds what is in the target for *every* value
-    of the coordinate that is dropped. A bounded target that moves with a state, as the evader of
-    `evader_case_study`, has an empty one along each axis in which it moves; a `ProjectionWarning` says so, and nothing
-    but the target itself is then won, however many steps there are. Use `HJI` there.
+    The tubes lie inside those of the full method, and cost less. The target must not depend on a dropped coordinate:
+    its projection contains only what is in it for *every* value of that coordinate. A bounded target that moves with
+    a coordinate, as in `evader_case_study`, has an empty projection; a `ProjectionWarning` then says so, and the tubes
+    never grow beyond the target. Use `HJI` there.
 
     Parameters
     ----------
     subspaces : sequence of sequence of int, optional
-        The axes that each subspace keeps; see `default_subspaces`. For the case studies by default the paper's
-        (0, 1, 2) and (0, 1, 3).
+        The axes that each subspace keeps. Default: each subspace drops one axis that no input drives
+        (`default_subspaces`); in the case studies these are the paper's (0, 1, 2) and (0, 1, 3).
     inner : HJI or HopfLax, optional
-        How the games on the subspaces are solved.
+        The method that solves the games on the subspaces.
     """
 
     subspaces: Sequence[Sequence[int]] | None = None

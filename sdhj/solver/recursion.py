@@ -56,12 +56,12 @@ class Sets(Protocol):
 
 
 class UnsettledWarning(UserWarning):
-    """The sets of a problem without a number of steps still changed when the solve ended."""
+    """The sets of a problem without a number of steps were still changing when the solve ended."""
 
 
 def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: int) -> None:
-    """Warn that a solve without a number of steps ends before nothing changes; `share` of the space still did."""
-    holds = "what is in it may stay clear for so many steps, not for ever" if problem.stays else "it holds for so many"
+    """Warn that a solve without a number of steps ended while a `share` of the state space was still changing."""
+    holds = "the tube is safe for so many steps, not for ever" if problem.stays else "the tubes hold for so many steps"
     warnings.warn(
         f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. Use more "
         "nodes, a longer delta, or give the problem a number of steps",

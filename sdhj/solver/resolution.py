@@ -1,9 +1,9 @@
-"""Whether a grid sees what it is to avoid: a wall thinner than a cell may pass between its nodes.
+"""Whether a grid resolves the unsafe sets: a set thinner than a cell may lie between its nodes.
 
-A cell *hides* a part of an unsafe set where the set is met inside it, but no node is in the set, neither at its corners
-nor at those of the cells around. (Where one is, the set's boundary runs by, and the interpolated one is off by a part
-of a cell, as everywhere.) How fast a level-set function changes from node to node bounds what it can do between them;
-where that does not exclude it, the least value in the cell is searched for.
+A cell *hides* a part of an unsafe set if the set meets the cell, but contains none of the corners of the cell or of its
+neighbours. (If it contains one, the set's boundary is nearby, and the interpolated boundary is off by a part of a cell,
+as everywhere.) The change of a level-set function from node to node bounds its values between them; if this bound does
+not exclude a hidden part, the least value in the cell is searched for.
 """
 
 import warnings
@@ -18,14 +18,14 @@ from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
-SOUGHT = 200_000  # values at most that a search asks for
-CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which it is tried
-TIMES = 3  # at which a moving set is looked at
+SOUGHT = 200_000  # values at most that a search computes
+CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
+TIMES = 3  # at which a moving set is checked
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
 class ResolutionWarning(UserWarning):
-    """The grid is too coarse for an unsafe set, or its level-set function is no distance."""
+    """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost."""
 
 
 def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
@@ -41,7 +41,7 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
 
 
 def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """What to say of a part of the set that no node sees; nothing where there is none."""
+    """The warning for a part of the set between the nodes; empty if there is none."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -71,23 +71,23 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     deepest = int(least.argmin())
     if least[deepest] > 0:
         return ""
-    thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which tells no thickness,"
+    thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which gives no thickness,"
     use = "a distance that is negative inside, with sampling='cell', or more nodes"
     names = [problem.grid.names[axis] for axis in part.axes]
     if thickness > 0:
         needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
         use = f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
-        use += 'UnsafeSet(..., sampling="cell"), which takes the least value in the cells around each node'
+        use += 'UnsafeSet(..., sampling="cell"), which uses the least value in the cells around each node'
         thick = f"it is about {thickness:.2g} thick there,"
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return (
         f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
-        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, so the table does not know of it. Use {use}"
+        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, so the table ignores it. Use {use}"
     )
 
 
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """What to say of a level-set function that jumps at the set's boundary; nothing where it does not."""
+    """The warning for a level-set function that jumps at the set's boundary; empty if it does not."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     off = []
     for axis in range(grid.ndim):
@@ -103,9 +103,9 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     if not off or np.median(np.concatenate(off)) < ABRUPT:
         return ""
     return (
-        f"the level-set function of {part.name!r} jumps at the set's boundary, as an indicator does, so between nodes "
-        "the boundary is known to half a cell at best; give a distance to the set (sdhj.UnsafeSet.from_map makes one "
-        "of a map)"
+        f"the level-set function of {part.name!r} jumps at the set's boundary, like an indicator function, so the "
+        "boundary is located to half a cell at best; use a distance to the set (sdhj.UnsafeSet.from_map computes one "
+        "from a map)"
     )
 
 
@@ -115,7 +115,7 @@ LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
 def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """What to say of a wall, three nodes along it or more, or a dot that is too thin; nothing where there is none."""
+    """The warning for a wall, three nodes along it or more, or a dot that is too thin; empty if there is none."""
     if problem.dynamics.stateless or part.sampling == "steep":
         return ""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
@@ -142,20 +142,20 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
     thick = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
-    steep = 'UnsafeSet(..., sampling="steep"), which keeps the crest at the price of a part of a cell'
+    steep = 'UnsafeSet(..., sampling="steep"), which prevents that and enlarges the set by less than a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
     nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
     free = available()
     fits = free is None or 8 * nodes * problem.most_steps < free[0]
     return (
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
-        "thick there, and differences wear down what is not some cells thick, so the solver may leak through it. Use "
-        + (f"{more}, or {steep}" if fits else f"{steep}; {more} would take more memory than there is")
+        "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "
+        "it. Use " + (f"{more}, or {steep}" if fits else f"{steep}; {more} would need more memory than is available")
     )
 
 
 def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
-    """Cells from side to side of the set along an axis at the nodes where it is too thin, +inf elsewhere; (shape)."""
+    """Thickness of the set along an axis, in cells, at the nodes where it is too thin, +inf elsewhere; (shape)."""
     last, before, after, further = (beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
     alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))

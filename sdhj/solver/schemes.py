@@ -55,24 +55,24 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 
 @dataclass(frozen=True)
 class Scheme:
-    """How the PDE is discretised.
+    """How the Hamilton-Jacobi-Isaacs equations are discretised (Sec. 5.4).
 
     Parameters
     ----------
     flux : {"godunov", "lax-friedrichs"}
-        The numerical Hamiltonian. Godunov is sharper; where the adversary couples axes only Lax-Friedrichs applies
-        and is used whatever is asked for.
+        The numerical Hamiltonian. Godunov is sharper; if the adversary couples axes, Lax-Friedrichs is used in any
+        case, because Godunov does not apply.
     order : {2, 1, 3}
-        Order of the upwind differences.
+        Order of the upwind differences in space.
     integrator : {"rk2", "euler", "rk3"}
+        The Runge-Kutta scheme in time.
     cfl : float
-        Fraction of the largest stable step, in (0, 1].
+        Time step as a fraction of the largest stable one, in (0, 1].
     frame : {"moving", "fixed"}
-        "moving" solves the drift of a state-independent velocity exactly: in coordinates that drift along, the PDE is
-        the same for every input, so it is solved once and shifted back by interpolation; the avoid games are solved in
-        closed form (`sdhj.solver.hopf_lax`), but for those in which one component of the adversary moves several axes.
-        It applies where all drift is constant and along periodic axes; elsewhere, and with "fixed", everything is
-        differenced.
+        "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
+        shifted back by interpolation; the avoid games are solved in closed form (`sdhj.solver.hopf_lax`) unless one
+        component of the disturbance moves several axes. Applies if the drift is constant and along periodic axes only.
+        "fixed", and otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
     """
 
@@ -93,7 +93,7 @@ class Scheme:
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells each axis crosses in `duration` at speeds (ndim,); ValueError for more than `MOST_STEPS`."""
+    """How many cells are crossed along each axis in `duration` at speeds (ndim,); ValueError above `MOST_STEPS`."""
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
         raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
@@ -101,10 +101,10 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
 
 
 def too_restless(delta: float) -> ValueError:
-    """The error for velocities that change more within an interval than the instants looked at tell."""
+    """The error for velocities that change too fast within an interval to be sampled."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
-        "shorter delta, or put what vibrates into the adversary's bounds"
+        "shorter delta, or include the vibration in the adversary's bounds"
     )
 
 
@@ -212,7 +212,7 @@ def evolve(
     """
     if steps is None:
         if callable(velocities):
-            raise ValueError("velocities that depend on time need steps: as many as the fastest of them ask for")
+            raise ValueError("velocities that depend on time need steps: as many as the fastest of them require")
         steps = velocities.steps(grid, duration, scheme.cfl)
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 

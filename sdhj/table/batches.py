@@ -1,7 +1,7 @@
-"""What every table answers, whatever its method: the checks, the order of the questions, and many states at once.
+"""Queries that tables of every method answer, for many states at once.
 
-`notebooks/site/queries.md` says for users how a query is answered; this file, `sdhj.table.ahead` and the kernels of
-`sdhj.kernels.lookup` are that page in code.
+`notebooks/site/queries.md` explains to users how a query is answered; this file, `sdhj.table.ahead` and the kernels of
+`sdhj.kernels.lookup` implement it.
 """
 
 import os
@@ -22,31 +22,30 @@ from sdhj.table.ahead import ROOM, LookAhead, first_passing, look_ahead, nothing
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
-PLAYER: list[Callable[..., Any]] = []  # what plays runs; `sdhj.solving` adds it, as it stands in a room above
+PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What a table answers for many states at one step.
+    """The answers of a table for M states at one step, made by `Table.batch`.
 
     Attributes
     ----------
     states : (M, ndim) array
     step, within : int
-        When, and the steps to go that inputs are judged by where they are more than the fewest.
+        The step k, and the steps to go by which inputs are judged where they are more than the fewest.
     steps_to_go : (M,) int array
-        Fewest steps in which the target is reached safely; without a target for how many steps the state may stay, all
-        that are left; -1 where a state is not admissible.
+        Fewest steps in which the target is reached safely; without a target, the number of steps that are left. -1 for
+        states that are not admissible.
     safe : (M, L) bool array
-        Which inputs are safe, as far as the table tells; none where a state is not admissible and at the last step. Of
-        each state the one of least margin was looked at too (`Table.passes`), the others were not:
-        `Controller.safe_inputs` looks at all.
+        Which inputs are safe according to the table; none for states that are not admissible, and at the last step.
+        Only `best` has also been checked with the true sets (`Table.passes`); `Controller.safe_inputs` checks all.
     margins : (M, L) array
-        The largest value of the tube that each input has to lead into, over all states that it and any adversary can
-        lead to: <= 0 where it leads there. +inf where a state is not admissible and at the last step.
+        The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
+        are in it. +inf for states that are not admissible, and at the last step.
     best : (M,) int array
-        The safe input of least margin. Where none is safe the best there is, without a promise; -1 where a state is
-        not admissible and at the last step.
+        The safe input of least margin; if no input is safe, the best one, without a promise. -1 for states that are not
+        admissible, and at the last step.
     """
 
     states: FloatArray
@@ -59,24 +58,24 @@ class Batch:
 
     @property
     def left(self) -> FloatArray:
-        """How many steps an admissible state has to go after the interval, as its inputs were judged: (M,)."""
+        """Steps to go after this interval, by which the inputs of admissible states were judged: (M,)."""
         return np.maximum(self.steps_to_go, self.within) - 1
 
     @property
     def promised(self) -> FloatArray:
-        """Where an input is safe, so that what the tube promises can be kept, up to interpolation: (M,) bool."""
+        """Whether some input is safe, so that the promise of the tube can be kept, up to interpolation: (M,) bool."""
         return np.logical_or.reduce(self.safe, axis=1)
 
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Place of (start, within) in a stack of them all: rows of Fig. 8 one after the other."""
+    """Position of (start, within) in a list of all entries: the rows of Fig. 8 one after the other."""
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
 def take_least(table: "Table", batch: Batch, scores: FloatArray) -> FloatArray:
-    """For each state of a batch its safe input of least score that passes a look, of equals the one of least margin.
+    """For each state the safe input of least score that passes `Table.passes`; among equals that of least margin: (M,).
 
-    scores : one for each safe pair, row after row. (M,) int; where none is safe `Batch.best`, which was looked at.
+    scores : one for each True in `batch.safe`, row after row. If no input is safe, `Batch.best` is returned.
     """
     chosen, rows = batch.best.copy(), np.flatnonzero(batch.promised)
     ranks = np.full(batch.safe.shape, np.inf)
@@ -94,20 +93,20 @@ def take_least(table: "Table", batch: Batch, scores: FloatArray) -> FloatArray:
 
 
 class Table:
-    """What a solved problem answers: `sdhj.solve` and `sdhj.load` return one, `sdhj.Controller` plays any.
+    """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
 
-    `start` is the step k at which a question is asked, `within` the n steps in which the target has to be reached, or
-    without a target for which the state has to stay clear; by default step 0, and all steps that are left.
+    Arguments `start` and `within` select a tube: the states that at step `start` can reach the target within `within`
+    steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left.
 
-    A table of a method of its own gives `problem`, `method`, `details`, `values` and `inputs`, `save`, and what is
-    written here as "of each method".
+    A subclass for a new method implements `problem`, `method`, `details`, `values`, `inputs`, `save`, and the methods
+    marked "To be implemented" here.
     """
 
     problem: ReachAvoidProblem
     method: str
     details: Mapping[str, Any]
     index: FloatArray
-    proved: ClassVar[bool] = False  # whether the answers are, so that looking at the true sets adds nothing
+    proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
 
     @property
     def grid(self) -> Grid:
@@ -131,25 +130,25 @@ class Table:
         return f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
 
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
-        """Play runs from the whole tube and say how many are lost: see `sdhj.simulation.played.played`."""
+        """Simulate runs from the whole tube and count those that are lost: see `sdhj.simulation.played.played`."""
         return PLAYER[0](self, runs, adversary, seed, steps)
 
     # ---- sets
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """start and within, checked; None and what is more than N - start are N - start."""
+        """start and within, checked; None, and values above N - start, become N - start."""
         start = whole("start", start, least=0, most=self.steps)
         left = self.steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
 
     def place(self, start: int, within: int | None) -> int:
-        """Where what is kept of (start, within) is."""
+        """Position of the tube (start, within) among the stored ones."""
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Whether each row of `points` (M, ndim) is in the tube with all it may be taken for (`Sensing`): bool (M,).
+        """Whether each of the points (M, ndim) is in a tube: bool (M,). With `Sensing`, all its predictions must be.
 
-        A state in the true unsafe set is in none, whatever is interpolated, nor with no steps to go one off the target.
+        States in the true unsafe set are in no tube, nor, with within = 0, states outside the true target.
         """
         points, (start, within) = np.atleast_2d(real_array("points", points)), self.clipped(start, within)
         if points.ndim != 2 or points.shape[1] != self.grid.ndim:
@@ -162,32 +161,32 @@ class Table:
         return found
 
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the volume of the state space in the tube: by the nodes; of a certified table by its cells."""
+        """Share of the grid's volume in a tube, counted by nodes; for a certified table by cells."""
         return self._share(*self.clipped(start, within))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Of each method: whether points (M, ndim) are in the tube as it was computed, (M,) bool."""
+        """To be implemented: whether points (M, ndim) are in the tube as it was computed, (M,) bool."""
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
-        """Of each method: `fraction`."""
+        """To be implemented: `fraction`."""
         raise NotImplementedError
 
     # ---- states
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """Steps to go, safe inputs and margins of states (M, ndim) at one step, on all cores.
+        """Steps to go, safe inputs and margins of states (M, ndim) at one step, computed on all cores.
 
-        Inputs are judged by the tube of the fewest steps to go, or of `within` where that is more: those that are safe
-        with N - step are all from which the target can still be reached. Without a target all steps left count.
+        Inputs are judged by the tube of the fewest steps to go, or of `within` if that is more. With within = N - step,
+        safe are all inputs after which the target can still be reached. Without a target, N - step is always used.
 
         Raises
         ------
         ValueError
-            Where a state is NaN or infinite, or shape or step do not fit.
+            If a state has a NaN or an infinity, or if shape or step do not fit.
         """
         step = whole("step", step, least=0, most=self.steps)
-        states = states_array("states", states, self.grid.ndim)  # a copy: rules look at it later
+        states = states_array("states", states, self.grid.ndim)  # a copy: rules read it later
         within = self.steps - step if self.problem.stays else min(within, self.steps - step)
         count, shape = len(states), (len(states), len(self.problem.inputs))
         batch = Batch(
@@ -211,17 +210,17 @@ class Table:
             batch.steps_to_go[rows[batch.steps_to_go[rows] >= 0]] = self.steps - batch.step
 
     def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        """Of each method: fill in some rows of a batch by what was computed; `reach` is what inputs lead to there.
+        """To be implemented: fill in some rows of a batch from the tubes; `reach` is what inputs lead to there.
 
-        Without a target steps_to_go is 0 where a state may stay.
+        Without a target steps_to_go is 0 for states in the tube.
         """
         raise NotImplementedError
 
     def _look(self, batch: Batch, rows: FloatArray, reach: Reach) -> None:
-        """Take back what the true sets refute: of states in the unsafe set all, of others inputs, from the best on."""
+        """Undo what the true sets refute: all answers for states in the unsafe set; else inputs, from the best on."""
         step, to_go = batch.step, batch.steps_to_go
-        known = np.flatnonzero(to_go[rows] >= 0)
-        if not (rows := rows[known]).size:
+        admissible = np.flatnonzero(to_go[rows] >= 0)
+        if not (rows := rows[admissible]).size:
             return
         states, lost = batch.states[rows], np.zeros(len(rows), np.bool_)
         if not self.problem.stays and (near := np.flatnonzero(to_go[rows] == 0)).size:
@@ -231,16 +230,16 @@ class Table:
             lost |= self.problem.refuted(states, step, 1)
             again = rows[:0]
         else:
-            held, good = nothing_met(self.problem, states, batch.best[rows], step, batch.left[rows], reach, known)
-            lost |= ~held
-            again = rows[held & ~good]
+            clear, good = nothing_met(self.problem, states, batch.best[rows], step, batch.left[rows], reach, admissible)
+            lost |= ~clear
+            again = rows[clear & ~good]
         to_go[rows[lost]], batch.best[rows[lost]] = NOT_ADMISSIBLE, NOT_ADMISSIBLE
         batch.safe[rows[lost]], batch.margins[rows[lost]] = False, np.inf
         if again.size:
             self._next_best(batch, again)
 
     def _next_best(self, batch: Batch, rows: FloatArray) -> None:
-        """Where a look has refuted the best input: take it back, and all others up to the next that passes."""
+        """Remove a best input that the true sets refute, and all others up to the next that passes."""
         states, best, margins = batch.states[rows], batch.best[rows], batch.margins[rows]
         batch.safe[rows, best] = False
 
@@ -258,10 +257,10 @@ class Table:
         batch.best[rows] = chosen
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether a look at the true sets refutes nothing of an input (M,) for each of the states (M, ndim): bool (M,).
+        """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
-        Looked at are some instants of the path without an adversary, and the corners of what the input can lead to with
-        `left` (M,) steps to go then: see `sdhj.table.ahead.nothing_met`. A proof needs no look.
+        Some points of the path without a disturbance must be safe, and the corners of the box that the input can lead
+        to, with `left` (M,) steps to go then: see `sdhj.table.ahead.nothing_met`. Proved tables pass every input.
         """
         if self.proved or not len(states):
             return np.ones(len(states), np.bool_)
@@ -269,7 +268,7 @@ class Table:
         return nothing_met(self.problem, states, inputs, step, left, self.ahead(step)(states, rows), rows)[1]
 
     def ahead(self, step: int) -> LookAhead:
-        """What tells the boxes of states that inputs can lead to from a step."""
+        """The function that returns the boxes of states to which inputs can lead from a step."""
         steps = self.steps if self.problem.dynamics.timed else 1
         if (step := min(step, steps - 1)) not in self._ahead:
             self._ahead[step] = look_ahead(self.problem.interval(step), ROOM / steps)
@@ -277,27 +276,27 @@ class Table:
 
     @cached_property
     def _ahead(self) -> dict[int, LookAhead]:
-        """What tells the boxes of each step so far asked for, of step 0 where all are alike."""
+        """The results of `ahead` so far, by step; only step 0 if the dynamics do not depend on time."""
         return {}
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """The avoid tube of every input at states (M, ndim) over the interval from `step`: (M, L).
+        """Level-set value of every input's avoid tube at states (M, ndim), over the interval from `step`: (M, L).
 
-        <= 0 where the input stays clear of the unsafe sets, -inf where there are none. Of a table on a grid it is
-        interpolated, beyond a wall that at the wall; of a certified one <= 0 only where there is a proof.
+        <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there are none. A table on
+        a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Of each method: `hazards`."""
+        """To be implemented: `hazards`."""
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Level-set values at points (M, V, ndim) of the tubes (step, within[m]), as computed: (M, V).
+        """Level-set values of the tubes (step, within[m]) at points (M, V, ndim), as computed: (M, V).
 
-        Of a table on a grid interpolated, beyond a wall that at the wall; the true sets are not asked. `within` (M,)
-        is clipped to what there is, 0 to N - step.
+        A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
+        `within` (M,) is clipped to 0 to N - step.
         """
         points, step = real_array("points", points), whole("step", step, least=0, most=self.steps)
         within = np.clip(within, 0, self.steps - step)
@@ -306,36 +305,36 @@ class Table:
         return self._values_at(points, step, within)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Of each method: `values_at`."""
+        """To be implemented: `values_at`."""
         raise NotImplementedError
 
-    # ---- what each method has of its own
+    # ---- to be implemented
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the table takes in memory; of a stored one that it would take."""
+        """Bytes that the table takes in memory, or, for a stored table, that it would take."""
         raise NotImplementedError
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Level-set function of a tube at the nodes, shape grid.shape, as computed; see `LookupTable.values`."""
+        """Level-set function of a tube at the nodes, shape grid.shape; see `LookupTable.values`."""
         raise NotImplementedError
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe at the nodes, bool, grid.shape + (L,); see `LookupTable.inputs`."""
+        """Which inputs are safe at each node, bool, shape grid.shape + (L,); see `LookupTable.inputs`."""
         raise NotImplementedError
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an HDF5 file that describes itself, or raise OSError; an older one stays until the new one is whole."""
+        """Write a self-describing HDF5 file, or raise OSError; an older file stays until the new one is complete."""
         raise NotImplementedError
 
 
 def threads() -> int:
-    """How many threads share out a batch: the cores this process may use."""
+    """The number of threads that share a batch: the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` until every row of states (M, ndim) has had its turn, on all cores where they are many."""
+    """Call `work(rows)` once for every row of states (M, ndim), in chunks and on all cores if there are many."""
     if len(states) <= CHUNK:
         if len(states):
             work(np.arange(len(states)))
@@ -346,9 +345,9 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
-    """The order that brings states of neighbouring cells together: they read the same nodes.
+    """An order in which states of neighbouring cells, which read the same nodes, come together.
 
-    Which cells count as one follows from their places fitting in 16 bits, which are sorted ten times as fast.
+    Cells are merged until their numbers fit into 16 bits, which are sorted ten times as fast.
     """
     lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)

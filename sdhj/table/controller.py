@@ -1,8 +1,8 @@
-"""The feedback controller of Sec. 4.3 (Algorithm 2), read as Fig. 8 is.
+"""The feedback controller of Sec. 4.3 (Algorithm 2), which reads the look-up table as in Fig. 8.
 
-At step k a state q has n steps to go, the fewest with q in the tube S_k of that n; n = 0 is success. Every input u_j
-whose reach-avoid set holds q, that of the tube S_{k+1} with n - 1 to go, then keeps the promise: all this the table
-answers, and `sdhj.table.table` says how. A rule picks one of the inputs.
+At step k a state q has n steps to go if n is the fewest for which q is in the tube S_k with n to go; n = 0 is success.
+An input u_j keeps the promise if q is in its reach-avoid set of the tube S_{k+1} with n - 1 to go. The table answers
+both questions (`sdhj.table.table` says how), and a rule selects one of the inputs.
 """
 
 import reprlib
@@ -19,31 +19,31 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import first_passing
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, take_least
 
-STRIDES = 8  # steps of order 4 in which a measurement is moved on
-CLOCK = 1e-9  # of times, s
+STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
+CLOCK = 1e-9  # rounding of times, s
 
 
 class NotAdmissible(ValueError):
-    """No tube of the table holds the state: nothing is known that leads it to the target safely in time."""
+    """The state is in no tube of the table, so no safe way to the target in time is known."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """What a rule scores: P pairs of a state of a batch and an input that is safe there, the state's place ascending.
+    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
 
     Attributes
     ----------
     problem : ReachAvoidProblem
     step : int
-        The sampling time t_k at which the inputs start.
+        The step k at which the inputs start.
     rows, inputs : (P,) int array
-        Places of the state in the batch and of the input in problem.inputs.
+        Index of the state in the batch, and of the input in problem.inputs.
     states : (P, ndim) array
     steps_to_go : (P,) int array
     margins : (P,) array
-        The largest level-set value that the adversary can bring about.
+        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
     successors : (P, ndim) array
-        Where the input leads in one interval without an adversary.
+        Where the input leads in one interval without a disturbance.
     """
 
     problem: ReachAvoidProblem
@@ -75,7 +75,7 @@ class Candidates:
 
 
 Rule = Callable[[Candidates], FloatArray]
-RULES: dict[str, Rule] = {  # of the scores (P,) the least wins
+RULES: dict[str, Rule] = {  # the input of the least score is selected
     "deepest": lambda among: among.margins,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
@@ -85,22 +85,22 @@ RULES: dict[str, Rule] = {  # of the scores (P,) the least wins
 
 @dataclass(frozen=True)
 class Action:
-    """What to do from the next start of an input on, one delay after the measurement.
+    """The answer of `Controller.step`: the input to apply from one delay after the measurement on.
 
     Attributes
     ----------
     input : int
         Index into problem.inputs.
     step : int
-        The instant that the measurement was taken for.
+        The sampling time k to which the measurement belongs.
     steps_to_go : int or None
-        As `Controller.steps_to_go`, of the prediction; 0 is success, None where it is not admissible.
+        As `Controller.steps_to_go`, for the prediction; 0 is success, None if it is not admissible.
     promised : bool
-        Whether the table promises it, `Batch.promised`. Never where the instant was missed.
+        Whether the input is promised to be safe and to make progress (`Batch.promised`); never after a missed deadline.
     late : float
-        By how much the measurement came after its instant, s; negative where it came before.
+        How long after its sampling time the measurement was taken, s; negative if before.
     missed : bool
-        Whether that is more than the jitter the table was solved for, or no measurement came at the instant before.
+        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement.
     """
 
     input: int
@@ -113,18 +113,18 @@ class Action:
 
 @dataclass(frozen=True)
 class Fallback:
-    """The input that stays clear of the unsafe sets longest, as far as the avoid tubes tell.
+    """The input that stays clear of the unsafe sets best, for states from which reaching the target is not promised.
 
     Attributes
     ----------
     input : int
         Index into problem.inputs.
     steps : int
-        For how many steps it is promised to stay clear of the unsafe sets, whatever the adversary does: 1 where its
-        avoid tube holds the state (up to interpolation; of a certified table by its proof), else 0: nothing is
-        promised. Nothing is ever promised off the grid, nor that the target will be reached.
+        For how many steps it is promised to stay clear, whatever the adversary does: 1 if the state is in the input's
+        avoid tube (up to interpolation; for a certified table by proof), else 0. Always 0 off the grid. That the target
+        will be reached is never promised.
     hazard : float
-        The value of that avoid tube at the state: <= 0 inside, -inf where there is no unsafe set.
+        Level-set value of that avoid tube at the state: <= 0 inside, -inf if there is no unsafe set.
     """
 
     input: int
@@ -134,24 +134,24 @@ class Fallback:
 
 @dataclass(frozen=True)
 class Filtered:
-    """What to apply in place of what was wanted, for M states; for one state each is a number, or one command.
+    """The answer of `Controller.filter` for M states; for a single state, numbers and one command without the M.
 
     Attributes
     ----------
     inputs : (M,) int
-        Indices into problem.inputs of what to apply.
+        Indices into problem.inputs of the inputs to apply.
     commands : (M, m)
         These inputs.
     changed : (M,) bool
-        Whether that is anything else than was wanted. A command between the quantised inputs always is: safety is
-        proved for those only.
+        Whether they differ from the wanted ones. They always do if a command between the quantised inputs was wanted,
+        because only quantised inputs are solved for.
     overruled : (M,) bool
-        Whether an input nearer to what was wanted was refused.
+        Whether an input nearer to the wanted one was refused because it is not safe.
     promised : (M,) bool
-        Whether the target can still be reached safely by the last step, as the table promises it.
+        Whether the table promises that the target can still be reached safely by the last step.
     fallback : (M,) bool
-        Whether no input is known to be safe, so that the best there is is applied without a promise: that of
-        `Batch.best` where the state is admissible, else that of `Controller.fallback`.
+        Whether no input is safe, so that the best one is applied without a promise: `Batch.best` if the state is
+        admissible, else that of `Controller.fallback`.
     """
 
     inputs: Any
@@ -163,28 +163,28 @@ class Filtered:
 
 
 class Controller:
-    """Set-valued feedback from a table, for any state, on or off the grid (Algorithm 2).
+    """Set-valued feedback from a table, for any state, at or between the nodes or off the grid (Algorithm 2).
 
-    Queries of one state may come from several threads at once, also while a solve runs. Where nothing depends on time
-    the step may be left out: what is right at step 0 is at any time, so a robot may run for as long as it likes.
-    With `Sensing` the states asked for are predictions, made by `predict`; `step` does all that a loop needs.
+    Queries of single states may come from several threads at once, also while a solve runs. If nothing depends on time,
+    the step may be omitted: the answer for step 0 is valid at any time, so a robot may run without end. With `Sensing`,
+    states are predictions, made by `predict`; `step` does all that a control loop needs.
 
     Parameters
     ----------
     table : Table
         What `sdhj.solve` or `sdhj.load` returns, of any method.
     rule : {"deepest", "effort", "target", "clearance"} or callable (Candidates) -> (P,) scores
-        Which safe input `select` takes: that of least score, of equals the one of least margin. The named rules: least
-        margin; least norm; the successor, without an adversary, nearest to the target, or farthest from the unsafe
-        sets. "target" and "clearance" call the problem's own level-set functions, and last as long as those do.
+        Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
+        scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
+        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions.
 
     Raises
     ------
     ValueError
-        For an unknown rule, or what is no table.
+        If the rule is unknown, or `table` is not a table.
     """
 
-    last: "Action | None" = None  # what `step` answered last
+    last: "Action | None" = None  # the last answer of `step`
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
         if not isinstance(table, Table):
@@ -199,7 +199,7 @@ class Controller:
     def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
         """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible.
 
-        0 is in the target. Without a target: for how many steps q may stay, which are all that are left.
+        0 means that q is in the target. Without a target: the number of steps that are left.
         """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
@@ -207,45 +207,45 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
 
-        With no steps to go they bring the state back into the target one step later. Each has been looked at
-        (`Table.passes`). None at the last step, and where none is known to be safe, as there may be next to the
-        boundary of a tube: `select` then takes the best there is.
+        If q is in the target, they lead back into it one step later. All have been checked with the true sets
+        (`Table.passes`). The result is empty at the last step, and may be next to the boundary of a tube; `select` then
+        returns the best input.
 
         Raises
         ------
         NotAdmissible
-            Where no tube holds q.
+            If q is in no tube.
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None) -> int:
-        """Index into problem.inputs of the safe input that the rule prefers; where none is safe, of the best there is.
+        """Index into problem.inputs of the safe input that the rule prefers; if none is safe, of the best one.
 
         Raises
         ------
         NotAdmissible
-            Where no tube holds q; of a certified table also in the target, where no input is proved to bring q back.
+            If q is in no tube; for a certified table also in the target, if no input is proved to lead back into it.
         ValueError
-            At the last step, where no interval is left, and where a rule does not give a number for each candidate.
+            At the last step, because no interval is left, and if the rule does not return a number for each candidate.
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
         chosen = int(self.choose(batch)[0])
-        if chosen == NOT_ADMISSIBLE:  # an index all the same, of the last input
+        if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
             raise NotAdmissible(
                 f"state {batch.states[0].tolist()} is in the target at step {step}, and no input is proved to bring it "
-                "back into the target one step later"
+                "back into the target one step later; the task is done, or use fallback()"
             )
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
-        """The input that stays clear of the unsafe sets longest from any q (ndim,): see `Fallback`."""
+        """The input that stays clear of the unsafe sets best, for any state q (ndim,): see `Fallback`."""
         return fallback(self.table, q, self._at(step))
 
     def _at(self, step: int | None) -> int:
         if step is None and not self.problem.timeless:
-            raise ValueError("the answer depends on time: say at which step, for example select(q, step=0)")
+            raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None) -> Batch:
@@ -276,36 +276,36 @@ class Controller:
             f"where table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
         )
 
-    # ---- in a loop: what a measurement says of the state, and an answer for every instant, late ones too
+    # ---- in a control loop: predictions from measurements, and an answer at every sampling time, late ones included
 
     def predict(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> FloatArray:
-        """Where states measured at t_k will be when the next input starts, without an adversary: of the same shape.
+        """Predict where states measured at step k will be when the next input starts, one delay later.
 
-        measurement is (ndim,) or (M, ndim); previous, an index or (M,) of them, the input held until then, by default
-        the rest input; step, k, may be left out where nothing depends on time. The state then is within
-        `problem.half_widths[0]` of it on each axis.
+        `measurement` is (ndim,) or (M, ndim), and so is the result; `previous` is the index of the input held until
+        then, or (M,) of them, by default the rest input; `step` may be omitted if nothing depends on time. The true
+        state is then within `problem.half_widths[0]` of the prediction on each axis.
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
         given = plain_array("previous", self.problem.sensing.rest if previous is None else previous)
         count = 1 if states.ndim == 1 else len(states)
-        known = given.dtype.kind in "iu" and bool(((given >= 0) & (given <= most)).all())
-        if not known or given.shape not in ((), (count,)):
+        valid = given.dtype.kind in "iu" and bool(((given >= 0) & (given <= most)).all())
+        if not valid or given.shape not in ((), (count,)):
             raise ValueError(f"previous must be an index from 0 to {most}, or one for each measurement, got {given}")
         predictions = predicted(self.problem, np.atleast_2d(states), np.broadcast_to(given, count), self._at(step))
         return predictions[0] if states.ndim == 1 else predictions
 
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
-        """The answer to a measurement (ndim,) taken `time` s after the loop began: see `Action`.
+        """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
 
-        The measurement is for the instant that it comes nearest to, and the loop begins anew with a time next to 0. The
-        controller remembers the input before. Where nothing depends on time a loop may go on for ever: every instant is
-        asked about as the first. What is not admissible gets the input of `Controller.fallback`, or NotAdmissible.
+        The measurement belongs to the sampling time nearest to it; a time near 0 begins a new loop. The controller
+        remembers the previous input. If nothing depends on time, a loop may run without end. For a prediction that is
+        not admissible, the input is that of `Controller.fallback`, or with fallback=False NotAdmissible is raised.
 
         Raises
         ------
         NotAdmissible
         ValueError
-            For what is no state or no time, where time does not go on, and after the last step.
+            If measurement or time are invalid, if time does not increase from call to call, and after the last step.
         """
         self.last = acted(self, measurement, time, fallback)
         return self.last
@@ -317,20 +317,19 @@ class Controller:
         return self.table.batch(states, self._at(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
-        """What a commander wants where it is safe, else the nearest safe input, else the fallback.
+        """The wanted input if it is safe, else the safe input nearest to it, else the fallback: see `Filtered`.
 
-        Safe is every input after which the target can still be reached by the last step, not only in the fewest. For
-        one state (ndim,) or many (M, ndim); `wanted` are indices, int or (M,), or commands in the space of the inputs,
-        (m,) or (M, m), of which the nearest quantised one is taken (Euclidean). See `Filtered`. ValueError
-        at the last step, or for what is no command.
+        An input is safe here if the target can still be reached by the last step after it, not only in the fewest
+        steps. For one state (ndim,) or many (M, ndim); `wanted` is an index or a command (m,) for one state, (M,)
+        indices or (M, m) commands for many. Distances are Euclidean. ValueError at the last step, or if `wanted` does
+        not fit.
         """
         return filtered(self.table, q, self._at(step), wanted)
 
     def choose(self, batch: Batch) -> FloatArray:
-        """Index of the input that the rule prefers for each state of a batch, (M,); -1 where there is none.
+        """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
-        Of the safe inputs the one of least score that passes a look (`Table.passes`), and where none is safe
-        `Batch.best`.
+        It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`.
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
@@ -338,7 +337,7 @@ class Controller:
         return take_least(self.table, batch, self._scores(candidates))
 
     def checked(self, batch: Batch) -> FloatArray:
-        """Which inputs of a batch are safe and pass a look (`Table.passes`): bool (M, L)."""
+        """Which inputs of a batch are safe and pass `Table.passes`: bool (M, L)."""
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()
         safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.left[rows])
@@ -365,9 +364,9 @@ class Controller:
 
 
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
-    """Measurements (M, ndim) of t_k moved on by the delay with the inputs held meanwhile (M,): (M, ndim).
+    """Where measurements (M, ndim) of step k will be after the delay under the previous inputs (M,): (M, ndim).
 
-    Held at all ends of the grid, where the state is, and without an adversary.
+    Without a disturbance, and clipped at all ends of the grid, because the state is on it.
     """
     delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
     states = grid.clipped(states_array("a measurement", measured, grid.ndim))
@@ -382,16 +381,16 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
 
 
 def acted(controller: "Controller", measurement: FloatArray, time: float, fallback: bool) -> Action:
-    """As `Controller.step`, which keeps the answer as `controller.last`."""
+    """As `Controller.step`, without storing the answer in `controller.last`."""
     problem, last = controller.problem, controller.last
     k = round(number("time", time, least=-problem.delta / 2) / problem.delta)
     last = None if k == 0 else last
     if last is not None and k <= last.step:
-        raise ValueError(f"time must go on: instant {last.step} has been answered, and {time:g} s is for instant {k}")
+        raise ValueError(f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}")
     late = time - k * problem.delta
     missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
-    step, held = 0 if problem.timeless else k, last.input if last else None
-    state = controller.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), held, step)
+    step, previous = 0 if problem.timeless else k, last.input if last else None
+    state = controller.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
     batch = controller.batch(state[None], step)
     if step == controller.table.steps:
         raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
@@ -406,9 +405,9 @@ def acted(controller: "Controller", measurement: FloatArray, time: float, fallba
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
 
-    An input that a look refutes (`Table.passes`) comes after all others. Of tubes equally deep, as where nothing is
-    unsafe, the input of the least look-ahead margin: the largest value of the tube with all steps left over the corners
-    of the box that it and any adversary can lead to.
+    Inputs that fail `Table.passes` come last. Among equally deep tubes, as where nothing is unsafe, the input of the
+    least margin is chosen: the largest value of the tube with all steps left, over the corners of the box that it and
+    any disturbance can lead to.
     """
     hazards = table.hazards(states, step)
     margins = np.zeros(hazards.shape)
@@ -439,7 +438,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 
 def fallback(table: Table, q: FloatArray, step: int) -> Fallback:
-    """As `Controller.fallback`; ValueError at the last step, or for what is no state."""
+    """As `Controller.fallback`; ValueError at the last step, or if q is not a state."""
     state = finite_array("a state", q, (table.grid.ndim,))
     chosen, promised, hazards = fallbacks(table, state[None], step)
     return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
@@ -468,7 +467,7 @@ def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
 
 
 def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """What is wanted as commands (count, m), and its indices (count,) where it was given by those."""
+    """The wanted inputs as commands (count, m), and their indices (count,) if they were given as indices."""
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
@@ -483,20 +482,20 @@ def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatA
 
 
 class Relay:
-    """Controllers one after the other: of those that admit a state, the last plays.
+    """Several controllers for chained problems: the last one for whose table a state is admissible chooses the input.
 
-    Give them in the order in which their tables are needed: Relay(Controller(second), Controller(first)), where `first`
-    was the target of the problem of `second`.
+    Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
+    the target of the problem of `second` (`TargetSet.from_table`).
     """
 
     def __init__(self, *controllers: Controller) -> None:
         self.controllers = controllers
 
     def choose(self, states: FloatArray, step: int) -> FloatArray:
-        """Which controller plays from each of the states (M, ndim) at a step, and the index of its input: (M, 2) int.
+        """Which controller acts from each of the states (M, ndim) at a step, and the index of its input: (M, 2) int.
 
-        -1 for both where none admits the state; for the input where the state is in the last target already, and none
-        is known that brings it back.
+        Both are -1 for a state that is admissible for none; the input alone is -1 if the state is in the last target
+        and no input is proved to lead back into it.
         """
         states = np.asarray(states, dtype=np.float64)
         out = np.full((len(states), 2), -1)
@@ -504,6 +503,6 @@ class Relay:
             at = 0 if controller.problem.timeless else step
             if at <= controller.table.steps:
                 batch = controller.batch(states, at)
-                held = batch.steps_to_go >= 0
-                out[held] = np.stack([np.full(held.sum(), place), controller.choose(batch)[held]], axis=1)
+                admitted = batch.steps_to_go >= 0
+                out[admitted] = np.stack([np.full(admitted.sum(), place), controller.choose(batch)[admitted]], axis=1)
         return out

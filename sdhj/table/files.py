@@ -1,10 +1,9 @@
-"""Files: written whole or not at all, and what a table's file says of itself.
+"""The files of tables, which are written completely or not at all.
 
-A table's file begins with three lines of text: what it is and its format, the SHA-256 of all that follows, and in JSON
-what it tells of problem, method and conventions. Behind them begins an HDF5 file of arrays and nothing else, as the
-class of its table writes them. The digest is looked at before anything else is, so that damage is found and no damaged
-bytes reach the HDF5 library. `sdhj.solving.load` finds that class by the method, and the builder of a case study by its
-recipe.
+A table's file begins with three lines of text: its format and version, the SHA-256 of everything after that line, and
+the problem, method and conventions as JSON (the *head* of the file). They are followed by an HDF5 file that contains
+only the arrays that the table's class writes. The digest is checked first, so that no damaged bytes reach the HDF5
+library. `sdhj.solving.load` chooses the class by the method, and the builder of a case study by its recipe.
 """
 
 import hashlib
@@ -40,34 +39,33 @@ FORMAT_VERSION = 3
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
-MOST_TOLD = 1 << 24  # bytes of text
+MOST_TEXT = 1 << 24  # bytes of the head
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
 
-# Without locks of this kind nothing tells what a killed process left from what another one writes, and it stays.
+# Without these locks, files that killed processes left cannot be told from files being written, and they stay.
 locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 
 class TableFileError(ValueError):
-    """A file that is not a whole look-up table of a known version."""
+    """A file is not a complete look-up table of a supported version, or belongs to another problem."""
 
 
-# ---- files, whole or not there
+# ---- files, complete or absent
 
 
 @contextmanager
 def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path beside `path` to write to; what stands there takes the name at the end, or is gone after an error.
+    """A temporary path to write to, beside `path`; the file replaces `path` at the end, or is deleted after an error.
 
-    Nobody ever sees half a file, a crash of the system included. The suffix is kept, from which writers tell the
-    format.
+    No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
 
     Raises
     ------
     OSError
-        Where nothing can be written there, with what to do about it.
+        If nothing can be written there; the message says what to do.
     """
     path = _regular(path)
     with _temporary(path) as temporary:
@@ -77,9 +75,9 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
                 os.fsync(file.fileno())
             os.replace(temporary, path)
         except OSError as error:
-            if error.errno is None or error.filename is not None:  # it has words already, or is about another file
+            if error.errno is None or error.filename is not None:  # it has a message already, or concerns another file
                 raise
-            raise OSError(f"cannot write {path}: {error.strerror}; make room, or choose another place") from error
+            raise OSError(f"cannot write {path}: {error.strerror}; free some space, or choose another path") from error
         with suppress(OSError):  # not every system opens folders
             folder = os.open(path.parent, os.O_RDONLY)
             try:
@@ -90,9 +88,9 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """An empty file in the folder of `path`, gone at the end; what killed processes left there is gone as well.
+    """An empty file in the folder of `path`, deleted at the end, and with it those that killed processes left there.
 
-    Whoever writes one holds a lock on it, which ends with the process.
+    A file that is being written is locked; the lock ends with the process.
     """
     lock, temporary = None, path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     try:
@@ -119,12 +117,12 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that can be written; its folder must exist.
+    """The path of a file, after checking that it can be written; its folder must exist.
 
     Raises
     ------
     OSError
-        Where it cannot be written, with what to do about it.
+        If it cannot be written; the message says what to do.
     """
     path = _regular(path)
     probed(path.parent, path.name)
@@ -132,7 +130,7 @@ def writable_file(path: str | os.PathLike[str]) -> Path:
 
 
 def _regular(path: str | os.PathLike[str]) -> Path:
-    """The file that a name stands for, links followed; OSError where something else than a file has that name."""
+    """The file that a name refers to, links followed; OSError if the name is that of something else than a file."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
@@ -150,7 +148,7 @@ def _regular(path: str | os.PathLike[str]) -> Path:
 
 
 def probed(folder: Path, name: str = "probe") -> None:
-    """OSError, with what to do about it, where a file of that name cannot be written in a folder."""
+    """Raise OSError, with a message that says what to do, if a file of that name cannot be written in a folder."""
     with _temporary(folder / name):
         pass
 
@@ -166,20 +164,20 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 @contextmanager
 def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> Iterator[h5py.File]:
-    """An HDF5 file for the class of a table to write its arrays to; what else it tells goes by name.
+    """An HDF5 file to which the class of a table writes its arrays; keywords are added to the head.
 
-    It is made in memory and put on disk at the end, in place of an older one: the HDF5 library does not survive a full
-    disk.
+    It is built in memory and then written to disk, in place of an older one, because the HDF5 library does not survive
+    a full disk.
 
     Raises
     ------
     OSError
-        Where the folder does not exist or cannot be written, or the disk is full.
+        If the folder does not exist or cannot be written, or the disk is full.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
-    if len(text) > MOST_TOLD:
-        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and {MOST_TOLD:,} are allowed")
+    if len(text) > MOST_TEXT:
+        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text; at most {MOST_TEXT:,} may be")
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
@@ -197,11 +195,11 @@ def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> 
                 out.write(part)
     except OSError as error:
         size = 1e-6 * len(image)
-        raise OSError(f"{error}; the table takes {size:.0f} MB, and is still in memory: save it elsewhere") from error
+        raise OSError(f"{error}; the table takes {size:.0f} MB and is still in memory: save it elsewhere") from error
 
 
 def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """What a file says of a table beside its arrays."""
+    """The head of a table's file: everything but the arrays."""
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -219,14 +217,14 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file says of its table, without the problem's functions; the arrays are not read.
+    """Read the head of a table's file; the arrays are not read, and the problem's functions are not needed.
 
     Returns
     -------
     dict
-        "grid" (a Grid), "sensing" (a Sensing), "inputs" (L, m), "recipe" and "details" (mappings; an own problem has an
-        empty recipe), and as they are in the file: "problem", "digest", "method", "delta", "steps", "view_time",
-        "sdhj_version".
+        "grid" (a Grid), "sensing" (a Sensing), "inputs" (L, m), "recipe" and "details" (mappings; the recipe is empty
+        unless a case study built the problem), and as they are in the file: "problem", "digest", "method", "delta",
+        "steps", "view_time", "sdhj_version".
 
     Raises
     ------
@@ -239,22 +237,22 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...]) -> FloatArray:
-    """An array of a file, read once it is what it has to be: numbers of its own, of one of some kinds, of that shape.
+    """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
-    A length of None may be any, one of a set must be in it. What a file can be forged with is refused: links, data in
-    other files, text.
+    A length of None may be any, a set lists the allowed lengths. Links, text and data in other files, with which a file
+    can be forged, are refused.
 
     Raises
     ------
     ValueError, MemoryError
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
-        raise ValueError(f"it has no array {name} of its own")
+        raise ValueError(f"it contains no array {name}")
     data = file[name]
     plan = data.id.get_create_plist()
     filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     if data.is_virtual or data.external is not None or not filters <= FILTERS:
-        raise ValueError(f"its array {name} lies in another file or is packed in another way")
+        raise ValueError(f"its array {name} lies in another file or has another compression")
     fits = len(data.shape or ()) == len(shape) and all(
         one is None or other in (one if isinstance(one, set) else {one})
         for one, other in zip(shape, data.shape, strict=True)
@@ -267,14 +265,14 @@ def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] |
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """What a file tells, as `header` returns it, and its arrays; what fails while it is read is the file's fault."""
+    """The head of a file, as `header` returns it, and its arrays; errors while it is read become TableFileError."""
     path = _regular(path)
     try:
         stream = open(path, "rb")
     except FileNotFoundError:
         raise FileNotFoundError(f"no file {path}; write one with table.save or `sdhj solve -o {path}`") from None
     except OSError as error:
-        raise type(error)(f"cannot read {path}: {error.strerror}; see who may read it") from error
+        raise type(error)(f"cannot read {path}: {error.strerror}; check the permissions") from error
     with stream:
         text = _whole(path, stream)
         try:
@@ -285,17 +283,17 @@ def opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.
             raise
         except (OSError, LookupError, ArithmeticError, AttributeError, RuntimeError, ValueError, TypeError) as error:
             raise TableFileError(
-                f"{path} is as it was written, but no look-up table that can be read ({error}); solve it anew"
+                f"{path} is undamaged, but not a look-up table that can be read ({error}); solve it anew"
             ) from error
 
 
 def _whole(path: Path, stream: BufferedReader) -> bytes:
-    """What a file tells, as text, once its bytes are known to be those that were written."""
+    """The head of a file, as text, after checking that the file's bytes are those that were written."""
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
     if version is None and first.startswith(b"\x89HDF"):
         raise TableFileError(
-            f"{path} is an HDF5 file that does not begin as a table does: an older sdhj wrote it, or it is no "
+            f"{path} is an HDF5 file without the first lines of a table: an older sdhj wrote it, or it is not a "
             "look-up table; solve it anew"
         )
     if version and int(version[1]) != FORMAT_VERSION:
@@ -306,13 +304,13 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
     second = stream.readline(100)
     begin = stream.tell()
     if not version or second != f"sha256 {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode():
-        raise TableFileError(f"{path} is damaged, cut short or no look-up table; solve it anew")
+        raise TableFileError(f"{path} is damaged, cut short or not a look-up table; solve it anew")
     stream.seek(begin)
-    return stream.readline(MOST_TOLD)
+    return stream.readline(MOST_TEXT)
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """What a file tells with its numbers checked; what an error is raised for makes no sense."""
+    """The head of a file with its values checked and converted; raises various errors if it is invalid."""
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
         raise ValueError(f"{', '.join(words)} must be text, the recipe a mapping")
@@ -330,7 +328,7 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def what_differs(head: Mapping[str, Any], problem: ReachAvoidProblem, same_values: Callable[[], bool]) -> str:
-    """What of a problem differs from what a file says, beyond rounding; functions count by their values."""
+    """How a problem differs from the head of a file by more than rounding; functions are compared by their values."""
     pairs = {name: (head[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
     layout = (name for name in LAYOUT if name != "names")  # which are labels
     pairs |= {name: (getattr(head["grid"], name), getattr(problem.grid, name)) for name in layout}
@@ -342,5 +340,7 @@ def what_differs(head: Mapping[str, Any], problem: ReachAvoidProblem, same_value
             return ""
         if not np.array_equal(head["inputs"], problem.inputs):
             pairs["inputs"] = head["inputs"].tolist(), problem.inputs.tolist()
-    found = [f"{name} is {reprlib.repr(its)} there and {reprlib.repr(own)} here" for name, (its, own) in pairs.items()]
-    return "; ".join(found) or "what differs are the values of its functions, by more than rounding"
+    found = [
+        f"{name} is {reprlib.repr(its)} there and {reprlib.repr(ours)} here" for name, (its, ours) in pairs.items()
+    ]
+    return "; ".join(found) or "the values of its functions differ by more than rounding"

@@ -1,19 +1,19 @@
-"""What a solved problem answers, whatever its method, and the look-up table of Fig. 8 that most methods make.
+"""The look-up table of Fig. 8, which all methods on a grid produce.
 
-A state off the grid is in a tube where the interpolated level-set function is <= 0. Looking ahead from it, the *margin*
-of u_j is the largest interpolated value of the tube S_{k+1}, with n - 1 to go, over the box of all states that u_j and
-any adversary can lead to. Inputs are safe by the first of these tests that any input passes:
+A state between the nodes is in a tube if the interpolated level-set function is <= 0. The *margin* of u_j there is the
+largest interpolated value of the tube S_{k+1}, with n - 1 to go, over the box of all states that u_j and any
+disturbance can lead to. Inputs are safe by the first of these tests that some input passes:
 
 1. every node of the cell around q marks u_j in the look-up table, and its margin is <= 0;
-2. the interpolated avoid tube of u_j at q and its margin are <= 0;
-3. next to the boundary of a tube no input may pass either. None is then safe, and the best there is comes without a
-   promise (`Batch.best`): of the inputs that every node of the cell marks, or of all where none is, the one whose
-   larger of the two is least.
+2. the interpolated avoid tube of u_j at q and its margin are both <= 0;
+3. next to the boundary of a tube there may be no such input. Then no input is safe, and the best one comes without a
+   promise (`Batch.best`): of the inputs that every node of the cell marks, or of all if there is none, the one for
+   which the larger of the two values of test 2 is least.
 
-What passes is looked at once more, at the true sets: `sdhj.table.batches`. Where the adversary couples axes the box is
-larger than what it can bring about, and the promise is given more rarely. The look-ahead loses fewer runs than the
-marks of the nodes alone, and the marks keep inputs that would only graze an obstacle from the rules that do not ask for
-depth. The certified method has a guarantee instead.
+Inputs that pass are checked once more with the true sets (`sdhj.table.batches`). If the adversary couples axes, the box
+is larger than the reachable set, and promises are given more rarely. Margins lose fewer runs than the marks of the
+nodes alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. The
+certified method has a proof instead.
 """
 
 import os
@@ -33,18 +33,17 @@ from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
 from sdhj.table.batches import Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
-QUIET = 5  # steps without a change: then a table for any number of steps has settled
-MOVED = 0.01  # of a cell: a boundary that has moved by less in these steps stands still
+QUIET = 5  # steps without a change after which a table for any number of steps has settled
+MOVED = 0.01  # cells: a boundary that moves by less in these steps has not changed
 
 
 def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:
-    """Level-set function of what may be stayed in for ever, in cells, from the nodes that stay: shape grid.shape.
+    """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: shape grid.shape.
 
     The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
-    cell outside the last node that stays; and what leads a state to the very rim may find no input there that passes.
-    This function is the distance to the nearest node that does not stay, or to where one would be past an unsafe end,
-    and its zero lies two cells from that: one inside the last node that stays. By so much a state of the tube, and all
-    that a safe input leads to, keep clear of what is lost.
+    cell outside the last node in the set, and at the very boundary there may be no input that passes. This function is
+    a distance to the nearest node outside, or to where one would be past an unsafe end, and its zero lies two cells
+    from that: one cell inside the last node in the set, which keeps the tube clear of states that are lost.
     """
     leaves = _cells_to(grid, ~stays)
     for axis, (low, high) in enumerate(grid.ends):
@@ -72,7 +71,7 @@ class AvoidTubes:
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
     static : (L, *subgrid of static_axes), the same for every step; moving : (steps, L, *subgrid of moving_axes).
-    With no axes there is no such unsafe set and the values are -inf: safe everywhere.
+    Without such unsafe sets there are no axes, and the value is -inf: safe everywhere.
     """
 
     static_axes: tuple[int, ...]
@@ -88,20 +87,22 @@ def entries(steps: int) -> FloatArray:
 
 @dataclass(frozen=True, repr=False)
 class LookupTable(Table):
-    """Every reach-avoid tube S_k^i, with n = N - i steps to go written `within`, and the inputs that realise it.
+    """All reach-avoid tubes S_k^i on the grid, and the inputs that are safe and make progress in them (Fig. 8).
 
-    Made by `sdhj.solve` or `sdhj.load`. Tubes that are equal are stored once.
+    Made by `sdhj.solve` or `sdhj.load`. The tube S_k^i is written (start=k, within=n), with n = N - i steps to go;
+    equal tubes are stored once.
 
     Attributes
     ----------
     index : (entries,) int64
-        For each (start, within), in the order of `entry`, which of the T stored tubes it is.
+        For each (start, within), in the order of `entry`, the number of its stored tube, from 0 to T - 1.
     tubes : (T, *grid.shape)
+        Their level-set functions.
     masks : (T, bytes, size) uint8
-        Bit j % 8 of byte j // 8 stands for u_j.
+        Their marked inputs at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
     details : mapping
-        How it was computed.
+        Options of the method and statistics of the solve.
     """
 
     problem: ReachAvoidProblem
@@ -118,8 +119,7 @@ class LookupTable(Table):
     def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
         """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
 
-        There is room for every tube, or, where nothing depends on the time, for each n. Room that is never written to
-        takes no memory.
+        It has space for every tube, or, if nothing depends on time, for each n; space never written takes no memory.
         """
         index, room = cls.places(problem), cls.rooms(problem)
         tubes = np.empty((room, *problem.grid.shape), dtype)
@@ -128,7 +128,7 @@ class LookupTable(Table):
 
     @staticmethod
     def places(problem: ReachAvoidProblem) -> FloatArray:
-        """The index of a table in which every tube has a place of its own."""
+        """The index of a table in which no tubes are shared."""
         start, index = entries(problem.most_steps).T.copy()
         if not problem.timeless:  # one behind the other as they are filled in
             index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
@@ -136,19 +136,19 @@ class LookupTable(Table):
 
     @staticmethod
     def rooms(problem: ReachAvoidProblem) -> int:
-        """T, how many tubes there are at most."""
+        """T, the largest number of stored tubes."""
         return problem.most_steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """Where the tube stands, shape grid.shape; to be written while the table is filled in."""
+        """The array of a tube, shape grid.shape, which is written while the table is filled in."""
         return self.tubes[self.place(start, within)]
 
     def mask_array(self, start: int, within: int | None) -> FloatArray:
-        """Where the marks of its inputs stand, (bytes, size); to be written likewise."""
+        """The array of a tube's marked inputs, (bytes, size), which is written while the table is filled in."""
         return self.masks[self.place(start, within)]
 
     def share(self, start: int, within: int) -> None:
-        """Make (start, within) the tube (start, within - 1), marks included; what comes later moves up by one place."""
+        """Let (start, within) share the tube (start, within - 1), with its marks; later tubes move up by one place."""
         place = self.place(start, within)
         if place != self.place(start, within - 1):
             self.index[self.index >= place] -= 1
@@ -156,8 +156,8 @@ class LookupTable(Table):
     def unchanged(self, start: int, within: int) -> bool:
         """Whether the last `QUIET` steps up to (start, within) changed no node of the tube, and moved no boundary.
 
-        That is by no more than `MOVED` cells. Deep inside and far outside, where no sign hangs on them, values may
-        creep for long by the scheme's error, and single marks come and go with them.
+        A boundary may move by `MOVED` cells. Deep inside and far outside, values may change for long by the scheme's
+        error without a change of sign, and single marks with them.
         """
         if within < QUIET:
             return False
@@ -173,15 +173,15 @@ class LookupTable(Table):
         return True
 
     def settled(self, last: int) -> "LookupTable":
-        """The table up to a step: without a target only what stays clear for ever (`cells_inside`).
+        """The table up to a step or, without a target, of the set that is safe for ever only (`cells_inside`).
 
-        Of its inputs those that are marked in all of the last steps.
+        Inputs of that set are those marked in all of the last steps.
         """
         stays, steps = self.problem.stays, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
         index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if stays else slice(0, last + 1)
         recent = self.masks[max(last - QUIET, 0) + 1 : last + 1]
-        tubes = self.tubes[kept].copy()  # the room for all others is given back
+        tubes = self.tubes[kept].copy()  # frees the space of all others
         return replace(
             self,
             problem=replace(self.problem, steps=steps),
@@ -192,25 +192,25 @@ class LookupTable(Table):
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table without the room that was not needed."""
+        """The table without the space that was not needed."""
         stored = int(self.index.max()) + 1
         return replace(self, tubes=self.tubes[:stored], masks=self.masks[:stored], details=details)
 
-    # ---- what it says of the grid
+    # ---- at the nodes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Level-set function of the states that reach the target within `within` steps from step `start`.
 
-        Shape grid.shape, <= 0 inside; a view, not to be modified. It is what was computed and is interpolated between
-        the nodes: `contains` and `batch` ask the true sets besides. With `Sensing` of predictions.
+        Shape grid.shape, <= 0 inside; a read-only view. These are the computed values, which are interpolated between
+        the nodes; `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
         """
         return sealed(self.value_array(start, within))
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are safe and make progress at each node: bool, grid.shape + (L,).
 
-        u_j is marked where, held over the interval from `start`, it avoids the unsafe sets and ends in the tube with
-        `within` - 1 steps to go, whatever the adversary does. Nothing is marked for within = 0.
+        u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
+        in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
         """
         count = len(self.problem.inputs)
         bits = np.unpackbits(self.mask_array(start, within), axis=0, count=count, bitorder="little")
@@ -227,7 +227,7 @@ class LookupTable(Table):
         """Bytes that the tubes, the masks and the avoid tubes take in memory."""
         return sum(a.nbytes for a in (self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving))
 
-    # ---- what it says of states between the nodes
+    # ---- between the nodes
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         out = np.empty((len(states), len(self.problem.inputs)))
@@ -268,7 +268,7 @@ class LookupTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
-        """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
+        """Read the table of this problem from an open file; ValueError if they do not fit together."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         index = stored(file, "index", "int64", (len(entries(steps)),))
         most = int(index.max()) + 1

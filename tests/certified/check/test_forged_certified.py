@@ -71,7 +71,7 @@ def test_all_damage_is_found_before_the_library_sees_it(path, reader, rng, count
 def test_a_forged_array_is_refused(path, reader, name, forgery):
     with forged(path) as (told, arrays):
         replaced(name, FORGERIES[forgery])(told, arrays)
-    refused(path, reader, "no look-up table that can be read|make no sense")
+    refused(path, reader, "not a look-up table that can be read|make no sense")
 
 
 def ones(told, arrays):
