@@ -1,8 +1,8 @@
-"""What is to be avoided, the unsafe sets and the unsafe ends of the grid, as avoid tubes (games 1 and 2 of App. A.3).
+"""The avoid tubes of the unsafe sets and of the unsafe ends of the grid (games 1 and 2 of App. A.3).
 
-What lies beyond the unsafe ends of an axis is an unsafe set like any other: its level-set function is the distance to
-the nearer end. But on a grid that stops there no state is ever seen to cross. Its avoid game is played on a *wide* one
-that goes on past the ends, as far as one interval can lead; out there the dynamics are taken from the end.
+The region beyond the unsafe ends of an axis is an unsafe set like any other, whose level-set function is the distance
+to the nearer end. On the grid itself no state could cross an end, so this avoid game is played on a *wide* grid that
+extends past the ends, as far as one interval can lead; there the dynamics are those at the end.
 """
 
 import warnings
@@ -21,16 +21,16 @@ from sdhj.problem.sets import ANYWHERE, UnsafeSet
 from sdhj.solver.games import Games
 from sdhj.table.table import AvoidTubes
 
-MARGIN = 6  # nodes beyond what an interval reaches: what differences make of the wide grid's end falls tenfold a node
+MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
 
 
 class Danger(NamedTuple):
     """An avoid game.
 
     axes : the axes of its tubes, ascending.
-    moves : whether they differ from step to step.
-    problem, part : whose game it is: an unsafe set of the problem, or the ends of an axis as one of a wide problem.
-    inside : where the subgrid of `axes` lies in the grid on which it is played.
+    moves : whether the tubes differ from step to step.
+    problem, part : a problem and its unsafe set; for the ends of an axis they are a wide problem and its only set.
+    inside : index of the subgrid of `axes` in the grid on which the game is played.
     """
 
     axes: tuple[int, ...]
@@ -41,7 +41,7 @@ class Danger(NamedTuple):
 
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """Everything that a problem asks to avoid."""
+    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis."""
     low, high = problem.grid.faces("unsafe")
     found = []
     for part in problem.unsafe:
@@ -51,9 +51,9 @@ def dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
-    """The avoid tubes for every input: of what stands still once, of what moves for each step.
+    """The avoid tubes for every input: once for static unsafe sets, for each step for moving ones.
 
-    `games` are those of the problem, with a rim where it has safe ends; `make` makes those of a wide one.
+    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
     """
     count, felt, everything = len(problem.inputs), set(), dangers(problem)
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
@@ -93,7 +93,7 @@ def never_felt(part: UnsafeSet) -> str:
 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
-    """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity needs."""
+    """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity depends on."""
     slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
     name = f"the ends of axis {problem.grid.names[axis]}"
@@ -103,7 +103,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
     more = int(np.ceil(speed * delta / grid.spacing[own])) + MARGIN
     widened = np.array([more * (i == own) for i in range(len(axes))])
-    # who leaves over a safe end is out of danger here too
+    # a state that leaves through a safe end is out of danger here too
     ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
     rim = [
         (a + more * (i == own and ends[i][0] == "safe"), b + more * (i == own and ends[i][1] == "safe"))
@@ -131,7 +131,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
 
 
 def _on_axes(problem: ReachAvoidProblem, axes: tuple[int, ...]) -> Dynamics:
-    """The dynamics of some axes, which need no others; what is past an end moves as at the end."""
+    """The dynamics of some axes, which depend on no others; states past an end move as at the end."""
     low, high = np.array(problem.grid.lower), np.array(problem.grid.upper)
 
     def embedded(points: FloatArray) -> FloatArray:

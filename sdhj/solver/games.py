@@ -1,6 +1,6 @@
 """The differential games of one sampling interval (Sec. 4.1, App. A.3), solved for each input.
 
-About the interval that starts at step k, for every input u_j held over it, the games of a method answer
+For the interval that starts at step k, and for every input u_j held over it, the games of a method compute
 
 * `reach(values, step)`: level-set functions of the reach sets of {values <= 0} (Definition 2; game 3);
 * `avoid(part, step)`: level-set functions of the avoid tubes of one unsafe set (Definition 3; games 1 and 2),
@@ -31,7 +31,7 @@ Axes = tuple[int, ...]
 
 
 class Games(Protocol):
-    """What the recursion needs of a method: the games of one interval, on the whole grid."""
+    """The interface of a method for the recursion: the games of one interval, on the whole grid."""
 
     @property
     def dtype(self) -> str: ...
@@ -52,9 +52,9 @@ class Wall:
     ----------
     axes : tuple of int
     over : callable (t0, t1) -> array
-        What the state must not touch at any time of [t0, t1].
+        -g of what the state must not touch at any time in [t0, t1].
     instant : bool
-        Whether it is to be asked for each short time (view_time="instantaneous"); else once, for the whole interval.
+        Whether `over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
     """
 
     axes: Axes
@@ -65,7 +65,7 @@ class Wall:
     def of(cls, problem: ReachAvoidProblem, part: UnsafeSet, axes: Axes) -> "Wall":
         """The wall of an unsafe set of the problem.
 
-        An instantaneous set is taken at all times of a time step, or what is fast slips past between two of them.
+        An instantaneous set is swept over each time step, or a fast one could be missed between two of them.
         """
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
@@ -73,7 +73,7 @@ class Wall:
 
 
 class _OnAxes:
-    """What games on some axes of a problem share; the others, where they enter the velocities, disturb (App. A.4)."""
+    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4)."""
 
     dtype: str
 
@@ -107,7 +107,7 @@ class _OnAxes:
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 by finite differences."""
+    """Games 1 to 3 of App. A.3 by finite differences."""
 
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
         super().__init__(problem, axes)
@@ -122,7 +122,7 @@ class HJIGames(_OnAxes):
 
     @property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift: constant, and along periodic axes only."""
+        """Whether the drift can be solved by a shift, because it is constant and along periodic axes only."""
         dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
         if self.scheme.frame == "fixed" or not dynamics.constant:
             return False
@@ -146,11 +146,11 @@ class HJIGames(_OnAxes):
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
 
     def by_formula(self, axes: Axes) -> bool:
-        """Whether the avoid tubes on some axes come from the Hopf-Lax formula.
+        """Whether the avoid tubes on some axes are computed by the Hopf-Lax formula.
 
-        Differences wear the crests of -g down, and so find unsafe states safe; the formula does not. It applies in the
-        moving frame, and where each component of the adversary moves one axis: of any other adversary it would take the
-        bounding box, which is stronger, and never converge.
+        Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
+        the moving frame, and if each component of the disturbance moves one axis only: for others it would use the
+        bounding box of the velocities, and would not converge.
         """
         return self.moving_frame and not self.problem.dynamics.couples(axes)
 
@@ -171,7 +171,7 @@ class HJIGames(_OnAxes):
             yield j, tube[self.wanted_on(wall.axes)]
 
     def wall_at(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The wall as a function of tau, the time left of the interval from `step`, solved in `steps` steps."""
+        """The wall as a function of tau, the time left in the interval from `step`, solved in `steps` time steps."""
         t0, t1 = self.problem.span(step)
 
         @cache
@@ -185,7 +185,7 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """`Interval.velocity_field`, kept while there is room where it does not depend on time."""
+        """`Interval.velocity_field`, cached, up to `KEPT` bytes, if it does not depend on time."""
         key = (j, axes, drift)
         if key in self._fields:
             return self._fields[key]
@@ -197,13 +197,13 @@ class HJIGames(_OnAxes):
         return field
 
     def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
-        """The same, where the time steps of the interval are short enough for them; else ValueError."""
+        """The same velocities, or ValueError if the time steps of the interval are too long for them."""
         if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
             raise too_restless(self.duration)
         return velocities
 
     def steps(self, axes: Axes, step: int) -> int:
-        """Time steps of an interval that are enough for every input."""
+        """Number of time steps of an interval that is enough for every input."""
         if axes in self.counted:
             return max(1, *self.counted[axes])
         key = axes, step if self.problem.dynamics.timed else 0
@@ -247,10 +247,10 @@ class JointGames(HJIGames):
 
 
 class HopfLaxGames(_OnAxes):
-    """Games 1 to 3 by the Hopf-Lax formula: exact up to interpolation.
+    """Games 1 to 3 of App. A.3 by the Hopf-Lax formula, exact up to interpolation.
 
-    The velocity set must not depend on the state; where the adversary couples axes its bounding box is used, which errs
-    to the safe side.
+    The velocity set must not depend on the state; if the adversary couples axes, the bounding box of the velocities is
+    used, which is conservative.
     """
 
     solved = 0  # a formula in place of PDEs
@@ -294,5 +294,5 @@ class HopfLaxGames(_OnAxes):
             yield from maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
-        """Pieces of a share of the interval short enough that no axis moves more than a quarter of a cell."""
+        """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""
         return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))

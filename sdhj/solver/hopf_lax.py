@@ -17,7 +17,7 @@ Between two nodes, at the fraction t of the way, s is taken
   kink, as a polynomial through more nodes does: for s with one kink between two nodes the result lies between the line
   and s itself. It is not monotone: raising s at one node may lower the result beside it, by a part of what was added.
 
-The same operator with an interval of no width shifts a function, which the moving frame of `schemes.Scheme` needs.
+With an interval of width 0 the same operator shifts a function, which the moving frame of `schemes.Scheme` needs.
 """
 
 from collections.abc import Iterator
@@ -32,9 +32,9 @@ from sdhj.problem.grid import Grid
 def maximum_over_paths(
     grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), low and high corners in turn.
+    """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), lower and upper corners.
 
-    Between two of them the corners move on straight lines: those boxes are in the one that holds both.
+    Between two boxes the corners move on straight lines, within the smallest box that contains both.
     """
     if len(boxes) == 1:
         yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation, wanted)

@@ -1,16 +1,15 @@
 """Games 2 and 3 on lower-dimensional subspaces (Sec. 5.1, App. A.4 and A.5).
 
 A subspace keeps some axes and drops the others. The dropped coordinates w act as a disturbance that may take any value
-on their axes at any time, so what holds in the subspace holds in the whole space for every w:
+on their axes at any time, so a result in the subspace holds in the whole space for every w:
 
-* The set S to be reached is projected from the inside: x is in it where (x, w) is in S for all w,
+* The set S to be reached gets an inner projection, which contains x if (x, w) is in S for all w:
   s_p(x) = max over w of s(x, w).
-* An unsafe set G is projected from the outside: x is in it where (x, w) is in G for some w,
+* An unsafe set G gets an outer projection, which contains x if (x, w) is in G for some w:
   g_p(x) = min over w of g(x, w).
 * Where the velocity of the kept axes depends on w, the Hamiltonian takes the supremum over w as well.
 
-On the grid w runs over the nodes of its axes, which gives the extremes of the linear interpolant; what a function does
-between nodes is a matter of the spacing, as everywhere on a grid.
+On the grid w runs over the nodes of its axes, which gives the extremes of the linear interpolant.
 
 A solution on the subspace, constant along the dropped axes, is its back-projection. Each subspace gives a reach set
 and an avoid tube inside the true ones, so their union over the subspaces, the minimum of the level-set functions, is
@@ -74,12 +73,12 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The collection of subspaces as tuples of ascending axes.
+    """The subspaces as tuples of ascending axes.
 
     Raises
     ------
     ValueError
-        Where one of them is not made of distinct axes of the grid, or comes twice.
+        If a subspace does not consist of distinct axes of the grid, or occurs twice.
     """
     if subspaces is None:
         return default_subspaces(problem)
@@ -189,7 +188,7 @@ class ProjectedGames:
 
 
 class ProjectedSets(GridSets):
-    """`GridSets` that tell what the projections cost."""
+    """`GridSets` whose table says how much the projections lose."""
 
     games: ProjectedGames
 

@@ -2,11 +2,11 @@
 
     S_k^N = L(t_k) minus G(t_k),        S_k^i = S_k^{i+1}  united with  RA_k^j(S_{k+1}^{i+1})  for all inputs j
 
-With n = N - i steps to go the entry (k, n) follows from (k, n - 1) and (k + 1, n - 1). `recursion` says so once, for
-every kind of set: level-set functions on the grid (`GridSets`, whatever the method), or cells with a proof.
+With n = N - i steps to go, the entry (k, n) follows from (k, n - 1) and (k + 1, n - 1). `recursion` implements this for
+every kind of set: level-set functions on the grid (`GridSets`, for most methods), or cells with a proof.
 
-Without a target the entry (k, n) holds the states that stay clear of G for n steps: those that an input keeps clear for
-one and takes into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
+Without a target, the entry (k, n) contains the states that can stay clear of G for n steps: those that some input keeps
+clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
 """
 
 import warnings
@@ -26,15 +26,15 @@ from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, AvoidTubes, LookupTable
 
-PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels take before anything is solved
+PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
 
 
 class Sets(Protocol):
-    """Every S_k with n steps to go, in some representation: what Theorem 2 asks of it.
+    """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    timeless : whether all rows are one, as nothing depends on time; the entry (k, n) then is the entry (0, n).
-    Sets that a problem without a number of steps may be solved with also have `filled`, up to which n they are filled
-    in, and `changing`, which share of the state space the last step changed.
+    timeless : whether nothing depends on time; there is then one row, and the entry (k, n) is the entry (0, n).
+    Sets for problems without a number of steps also have `filled`, the largest n that is filled in, and `changing`, the
+    share of the state space that the last step changed.
     """
 
     timeless: bool
@@ -49,10 +49,10 @@ class Sets(Protocol):
         """Whether the entries (step, within) and (step, within - 1) are equal."""
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be that of (step, within - 1)."""
+        """Let the entry (step, within) be the entry (step, within - 1)."""
 
     def finish(self, details: Mapping[str, Any]) -> Table:
-        """The table of all entries; `details` tell how it came about."""
+        """The table of all entries; `details` are added to its details."""
 
 
 class UnsettledWarning(UserWarning):
@@ -71,11 +71,11 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: 
 
 
 def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill all entries (Theorem 2): rows k from the last to the first, within a row one more step to go at a time.
+    """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
 
-    Where all rows are one, one is filled. Where the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n)
-    and (k, n - 1), and the entry is shared; filling columns from left to right would allow it as well. A row that has
-    paused so may grow again, as where the target is there late only.
+    If nothing depends on time, one row is filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are
+    (k, n) and (k, n - 1), and the entry is shared. A row with a shared entry may grow again, for example if the target
+    appears late. `done` is called after each entry.
     """
     for step in (0,) if sets.timeless else range(steps, -1, -1):
         sets.goal(step)
@@ -88,9 +88,9 @@ def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
-    """Bytes that solving on the grid takes at its peak, estimated from above.
+    """Upper estimate of the bytes that a solve on the grid needs at its peak.
 
-    The table, the avoid tubes, and what is sampled and solved at a time; not what the problem's own functions take.
+    It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
     tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps each is asked for in turn
@@ -155,15 +155,15 @@ class InputRows:
 
 
 class GridSets:
-    """S_k as level-set functions on the grid: `Sets` for every method that plays the games there.
+    """S_k as level-set functions on the grid: `Sets` for every method that plays its games there.
 
     Parameters
     ----------
     problem : ReachAvoidProblem
     method : str
-        Its name, for the table.
+        Name of the method, for the table.
     games : callable (problem) -> Games
-        Called when it is known that there is memory enough.
+        Creates the games; called after the check of memory.
     dtype : {"float32", "float64"}
     options : mapping
         The method's options, for the table's details.
@@ -171,7 +171,7 @@ class GridSets:
     Raises
     ------
     MemoryError
-        Where less is available than `memory_needed` says.
+        If `memory_needed` exceeds the available memory.
     """
 
     def __init__(

@@ -177,7 +177,7 @@ def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> 
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
     if len(text) > MOST_TEXT:
-        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text; at most {MOST_TEXT:,} may be")
+        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and at most {MOST_TEXT:,} fit")
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
