@@ -1,4 +1,4 @@
-"""`python -m sdhj` is the command `sdhj`."""
+"""`python -m sdhj` runs the command `sdhj`."""
 
 from sdhj.cli import command
 

@@ -37,20 +37,20 @@ from sdhj.table.files import TEMPORARIES, VERSION, header, writable_file
 
 
 def stop(number: int, frame: FrameType | None) -> None:
-    """Clean up and end the process, status 128 + the signal's number; an exception might be swallowed on its way."""
+    """Delete temporary files and end the process with status 128 + the signal's number; no exception can be caught."""
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
             temporary.unlink()
     what = "interrupted" if number == signal.SIGINT else "asked to end"
     with suppress(OSError):
-        os.write(2, f"\nsdhj was {what}; what it was writing is not there, older files are as they were\n".encode())
+        os.write(2, f"\nsdhj was {what}; no unfinished file is left, and existing files are unchanged\n".encode())
     os._exit(128 + number)
 
 
 def stop_at_signals() -> None:
-    """Have Ctrl-C and SIGTERM end this process so."""
+    """Make Ctrl-C and SIGTERM end this process with `stop`."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(ValueError):  # only the main thread may
+        with suppress(ValueError):  # only the main thread may set handlers
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, stop)
 
@@ -62,7 +62,7 @@ RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
 READINGS = click.Choice(["relative", "printed"])
-WARM_CELLS = (63, 63, 18, 18)  # of the certified table that is made to compile its kernels: enough that its tubes grow
+WARM_CELLS = (63, 63, 18, 18)  # enough cells that the tubes of the certified table grow, so that every kernel is called
 
 
 class Interrupted(click.ClickException):
@@ -78,19 +78,17 @@ class Refusal(click.ClickException):
 
 
 def plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what the library refuses into one line without a traceback, and say when kernels are compiled."""
+    """Turn the library's errors into one line without a traceback, and report when kernels are compiled."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
         try:
             with announced(progress=True):
                 command(*args, **kwargs)
-        except BrokenPipeError:  # whoever read has seen enough; click ends without a word
+        except BrokenPipeError:  # the reader has closed the pipe; click then ends silently
             raise
         except KeyboardInterrupt:
-            raise Interrupted(
-                "interrupted; what was being written is not there, older files are as they were"
-            ) from None
+            raise Interrupted("interrupted; no unfinished file is left, and existing files are unchanged") from None
         except (ValueError, OSError, MemoryError, ImportError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
 
@@ -98,37 +96,37 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> None:
-    """Check before long work that a picture of that kind can be drawn and written there, if one is asked for.
+    """Check before long work that the picture `path`, if there is one, can be drawn and written.
 
     Raises
     ------
     ValueError, OSError, ImportError
-        For another kind, a place where nothing can be written, without Matplotlib.
+        For another file type, for a place that cannot be written to, and without Matplotlib.
     """
     if path is None:
         return
     writable_file(path)
     if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which says what kind of picture to write")
-    from sdhj.plotting import write  # noqa: F401 - where it cannot be imported that is said before long work
+        raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which selects the file type of the picture")
+    from sdhj.plotting import write  # noqa: F401 - a failing import is reported before long work
 
 
 def loaded(path: Path) -> Any:
-    """The table in a file; of one's own problem, the lines of Python that take the place of the command."""
+    """Load a table of a built-in case study; for other problems the error shows the Python code to use instead."""
     head = header(path)
     if not head["recipe"]:
         raise Refusal(
-            f"{path} was solved for your own problem {head['problem']!r}, whose functions are not in the file; the "
-            "command line knows the built-in case studies only. In Python, where `problem` is yours:\n"
+            f"{path} was solved for the user-defined problem {head['problem']!r}, whose functions are not stored in "
+            "the file; the command line supports the built-in case studies only. In Python, with that `problem`:\n"
             f"    table = sdhj.load({str(path)!r}, problem=problem)\n"
             "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))\n"
-            "A certified one is checked by `sdhj verify --problem module:function`"
+            "A certified table is checked by `sdhj verify --problem module:function`"
         )
     return load(path)
 
 
 def whole_numbers(option: str, text: str) -> list[int]:
-    """What was typed as whole numbers with commas."""
+    """Parse whole numbers separated by commas."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
@@ -144,10 +142,10 @@ def main() -> None:
 @main.command("solve")
 @click.option("--nodes", default=25, help="Nodes on each axis.")
 @click.option("--steps", default=8, help="N, the number of sampling intervals.")
-@click.option("--method", default="hji", type=METHOD, help="How the games are solved.")
-@click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles enter an interval.")
-@click.option("--kinematics", default="relative", type=READINGS, help="Textbook arm, or Eq. (8) as printed.")
-@click.option("--cells", help="With --method certified: cells of each axis, separated by commas.")
+@click.option("--method", default="hji", type=METHOD, help="The method that solves the games.")
+@click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles are treated within an interval.")
+@click.option("--kinematics", default="relative", type=READINGS, help="The textbook arm, or Eq. (8) as printed.")
+@click.option("--cells", help="With --method certified: the number of cells on each axis, separated by commas.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
 @plainly
 def solve_command(
@@ -155,7 +153,7 @@ def solve_command(
 ) -> None:
     """Solve the arm case study and write its look-up table."""
     if cells is not None and method != "certified":
-        raise ValueError(f"--cells goes with --method certified, got --method {method}")
+        raise ValueError(f"--cells needs --method certified, got --method {method}; leave out one of them")
     counts = None if cells is None else whole_numbers("cells", cells)
     writable_file(output)
     problem = arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
@@ -163,18 +161,18 @@ def solve_command(
     table = solve(problem, chosen)
     name = click.format_filename(_saved(table, output))
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(f"{name}: {share:.1%} of C reaches the target within {steps} steps; solved in {seconds:.1f} s")
+    click.echo(f"{name}: target reachable from {share:.1%} of C within {steps} steps; solved in {seconds:.1f} s")
 
 
 def at_a_terminal() -> bool:
-    """Whether somebody can be asked."""
+    """Whether a user can be prompted."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _saved(table: Any, output: Path) -> Path:
-    """Where the table was saved; if that fails, as on a full disk, at a terminal, another path that is asked for.
+    """Save the table and return its path; if that fails, as on a full disk, prompt for another path at a terminal.
 
-    Without a terminal it is kept in the folder for temporary files, and the refusal says so.
+    Without a terminal the table is saved in the folder for temporary files, and the error message names it.
     """
     while True:
         try:
@@ -187,29 +185,25 @@ def _saved(table: Any, output: Path) -> Path:
             else:
                 kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
                 table.save(kept)
-                raise Refusal(f"{error}; it is kept as {kept}") from error
+                raise Refusal(f"{error}; the table was saved as {kept} instead") from error
 
 
 @main.command("simulate")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--start", nargs=4, type=float, help="Start state q1 q2 px py, radians and metres; one run.")
-@click.option(
-    "--runs", type=RUNS, show_default="10000", help="Without --start: runs from uniformly drawn admissible states."
-)
-@click.option(
-    "--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="Who plays against the controller."
-)
-@click.option("--rule", default="deepest", help="How one of the safe inputs is chosen.")
-@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and the starts.")
+@click.option("--start", nargs=4, type=float, help="Simulate one run from the state q1 q2 px py (rad, rad, m, m).")
+@click.option("--runs", type=RUNS, show_default="10000", help="Number of runs from uniformly drawn admissible states.")
+@click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="The adversary's strategy.")
+@click.option("--rule", default="deepest", help="The rule that selects one of the safe inputs.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the adversary and of the start states.")
 @plainly
 def simulate_command(
     table: Path, start: tuple[float, ...] | None, runs: int | None, adversary: str, rule: str, seed: int
 ) -> None:
-    """Run the controller of a table against an adversary, in the true geometry."""
+    """Simulate the controller of a table against an adversary, with the true geometry."""
     if start is not None and not np.isfinite(start).all():
         raise ValueError(f"--start must be four finite numbers, got {' '.join(map(str, start))}")
     if start is not None and runs is not None:
-        raise ValueError("--start plays one run from a state, --runs many from states that are drawn; give one of them")
+        raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
     controller = Controller(loaded(table), rule=rule)
     if start is None:
         click.echo(str(monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
@@ -224,7 +218,7 @@ def simulate_command(
 @click.argument("table", type=click.Path(path_type=Path))
 @plainly
 def info(table: Path) -> None:
-    """Say what a table holds and how it was computed."""
+    """Print what a table contains and how it was computed."""
     head = header(table)
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
@@ -238,7 +232,7 @@ def info(table: Path) -> None:
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
     if not head["recipe"]:
-        click.echo("  your own problem, whose functions are not in the file: load(path, problem=...) reads the rest")
+        click.echo("  a user-defined problem, whose functions are not stored in the file: use load(path, problem=...)")
         return
     read = load(table)
     shares = [read.fraction(start=0, within=n) for n in range(steps + 1)]
@@ -251,16 +245,16 @@ def info(table: Path) -> None:
     "--samples",
     default=0,
     type=click.IntRange(0),
-    help="Pairs of joint cells, of your own robot cells, to check; 0, the default, is every claim.",
+    help="Check a random sample of this many cells (for the arm, pairs of joint cells); 0 checks every claim.",
 )
-@click.option("--seed", default=0, type=SEED, help="Seed of the draw.")
+@click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
 @click.option(
     "--certified",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Certified table to hold an interpolated one against.",
+    help="Certified table with which an interpolated table is compared.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of what is certified: png, pdf, svg.")
-@click.option("--problem", help="module:function that returns the problem of a table of your own robot.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of the comparison: png, pdf or svg.")
+@click.option("--problem", help="module:function that returns the problem of a table of a user-defined robot.")
 @click.pass_context
 @plainly
 def verify_command(
@@ -272,36 +266,36 @@ def verify_command(
     output: Path | None,
     problem: str | None,
 ) -> None:
-    """Re-derive the claims of a certified table, or say what of another one is certified."""
+    """Check every claim of a certified table, or compare an interpolated table with a certified one."""
     writable_picture(output)
     read = None if problem else loaded(table)
     certain = read is None or read.method == "certified"
     if certain and (certified or output):
         raise ValueError(
-            f"{table} is certified itself: its claims are checked, and there is nothing to hold them against or to "
-            "draw; leave out --certified and -o, or name an interpolated table first"
+            f"{table} is itself a certified table: its claims are checked, and there is nothing to compare or to draw; "
+            "leave out --certified and -o, or give an interpolated table first"
         )
     if certain:
-        read = None  # the check reads the file itself, and both are large
+        read = None  # frees memory: the check reads the file itself
         began = time.perf_counter()
         report = check(table, user_problem(problem), samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
         context.exit(0 if report.ok else 1)
     if samples:
-        raise ValueError(f"--samples is of the claims of a certified table, and {table} is none; leave it out")
+        raise ValueError(f"--samples applies to certified tables only, and {table} is not one; leave it out")
     if certified is None:
         raise ValueError(
-            f"{table} holds interpolated tubes, which prove nothing; make a certified table with `sdhj solve --method "
-            "certified -o certified.h5` and hold it against that one: `sdhj verify --certified certified.h5 ...`"
+            f"{table} contains interpolated tubes, which have no proof; make a certified table with `sdhj solve "
+            "--method certified -o certified.h5` and compare with it: `sdhj verify --certified certified.h5 ...`"
         )
     proof = loaded(certified)
     if proof.method != "certified":
-        raise ValueError(f"{certified} was solved by {proof.method!r}; --certified takes a table of method 'certified'")
+        raise ValueError(f"{certified} was solved by {proof.method!r}; --certified needs a table of method 'certified'")
     _compare(read, proof, seed, output)
 
 
 def user_problem(name: str | None) -> Any:
-    """What module:function returns; the module may lie in the folder that one is in."""
+    """Return what module:function returns; the module may lie in the current folder."""
     if name is None:
         return None
     if not re.fullmatch(r"[\w.]+:\w+", name):
@@ -309,8 +303,8 @@ def user_problem(name: str | None) -> Any:
     sys.path.insert(0, "")
     try:
         problem = resolve_name(name)()
-    except Exception as error:  # whatever is wrong with code that is not ours
-        raise ValueError(f"--problem {name} cannot be called: {type(error).__name__}: {error}") from error
+    except Exception as error:  # user code can raise anything
+        raise ValueError(f"calling --problem {name} failed with {type(error).__name__}: {error}") from error
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"--problem {name} must return a ReachAvoidProblem, got {reprlib.repr(problem)}")
     return problem
@@ -333,17 +327,17 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
 @main.command()
 @plainly
 def warmup() -> None:
-    """Compile every kernel once; later runs read them from the disk cache."""
+    """Compile every kernel once; later runs read the compiled code from the disk cache."""
     compile_kernels((*INTERPOLATED, "certified"), click.echo)
 
 
 def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], Any] = lambda line: None) -> None:
-    """Call every kernel that the methods and the controller need once, on a small problem."""
+    """Compile every kernel that the methods and the controller need, by solving a small problem."""
     for method in methods:
         began = time.perf_counter()
         say(f"warming up {method}")
         chosen = Certified(cells=WARM_CELLS) if method == "certified" else method
-        with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # nobody wants this table
+        with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
             table = solve(arm_case_study(nodes=9, steps=2), chosen, progress=False)
         monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
@@ -359,7 +353,7 @@ def _compile_checker(table: Any) -> None:
 
 
 def command() -> None:
-    """The command `sdhj`: `main`, which ends at Ctrl-C and SIGTERM at once."""
+    """Run the command `sdhj`; Ctrl-C and SIGTERM end it at once."""
     stop_at_signals()
     main(prog_name="sdhj")
 

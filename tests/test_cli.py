@@ -98,10 +98,10 @@ def test_options_that_do_not_go_together_are_refused(saved, tmp_path):
     problem = sdhj.arm_case_study(nodes=5, steps=1)
     sdhj.solve(problem, sdhj.Certified(cells=WARM_CELLS), progress=False).save(certified)
     cases = {
-        "--start plays one run": ["simulate", saved, "--start", 0.0, 0.0, 0.2, 0.2, "--runs", 10],
-        "is certified itself": ["verify", certified, "-o", picture],
+        "--start simulates one run": ["simulate", saved, "--start", 0.0, 0.0, 0.2, 0.2, "--runs", 10],
+        "is itself a certified table": ["verify", certified, "-o", picture],
         "leave out --certified": ["verify", certified, "--certified", certified],
-        "--samples is of the claims": ["verify", saved, "--certified", certified, "--samples", 5],
+        "--samples applies to certified tables only": ["verify", saved, "--certified", certified, "--samples", 5],
     }
     for named, arguments in cases.items():
         result = run(*arguments)

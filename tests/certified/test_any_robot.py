@@ -185,9 +185,9 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     assert done.exit_code == 0 and "moves: " in done.output and "NOT proved" not in done.output, done.output
     for wrong, told in {
         "cars": "must be module:function",
-        "nowhere:problem": "cannot be called: ModuleNotFoundError",
-        "cars:none": "cannot be called: AttributeError",
-        "cars:broken": "cannot be called: ZeroDivisionError",
+        "nowhere:problem": "failed with ModuleNotFoundError",
+        "cars:none": "failed with AttributeError",
+        "cars:broken": "failed with ZeroDivisionError",
         "cars:number": "must return a ReachAvoidProblem, got 3",
     }.items():
         done = asked("--problem", wrong)
