@@ -246,7 +246,7 @@ def test_an_adversary_of_ones_own_and_what_it_may_not():
     assert run.outcome == "reached" and len(run.times) == 1 + 20 * len(run.inputs)
     np.testing.assert_allclose(run.times[20], 0.2 + 0.5 - 0.05)
     np.testing.assert_allclose(run.times[40], 0.2 + 1.0 + 0.05)
-    with pytest.raises(ValueError, match="keep the errors"):
+    with pytest.raises(ValueError, match="return measurement errors within"):
         sdhj.simulate(controller, [-1.7], Own(1.5))
 
 

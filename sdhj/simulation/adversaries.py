@@ -1,7 +1,7 @@
-"""Adversaries for closed-loop simulation: they choose v within its box, again at every substep.
+"""Adversaries for closed-loop simulation: they choose the disturbance v within its box, anew at every substep.
 
-An adversary is a function of one `Moment` that returns v for every run, shape (M, D). The named ones know everything
-the robot knows, and the input it has chosen for the interval.
+An adversary is a function of one `Moment` that returns v for every run, shape (M, D). The built-in adversaries know
+the robot's state, its table, and the input it has chosen for the interval.
 """
 
 from collections.abc import Callable
@@ -17,34 +17,34 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.batches import Table
 
-SUBSTEPS = 20  # instants of an interval at which the adversary decides and collisions are looked for
+SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of each, collisions are checked at its end
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What an adversary sees in M runs at once, at the start of a substep.
+    """What an adversary sees of M simultaneous runs at the start of a substep.
 
     Attributes
     ----------
     problem : ReachAvoidProblem
     states : (M, ndim) array
-        Where each run is.
+        The current state of each run.
     inputs : (M,) int array
-        The index of the input that each robot holds over the interval.
+        The index in problem.inputs of the input that each robot holds over the interval.
     steps_to_go : (M,) int array
-        What the controller promised at the interval's start.
+        The steps to go at the start of the interval.
     step, substep : int
-        The interval, and the part of it that begins; substep 0 is the sampling time itself.
+        The step k of the interval, and the substep that begins; substep 0 begins at the start of the interval.
     time, remaining, duration : float
-        Now; until the interval's end; of this substep, s.
+        The current time, the time left until the interval's end, and the length of the substep, s.
     previous : (M, D) array
-        What the adversary played in the substep before; zeros at the start of an interval.
+        The disturbance in the previous substep; zeros at the start of an interval.
     runs : (M,) int array
-        Which of the runs that started together each row is; rows of runs that have ended are gone.
+        The number of the run that each row belongs to; runs that have ended have no row.
     tube : callable (points (M, V, ndim)) -> (M, V)
-        Level-set value, at V states for each run, of the set that the robot means to be in at the interval's end.
+        Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
     rng : numpy.random.Generator
-        The only source of chance, so that a seed fixes the run.
+        The only source of random numbers, so that runs with the same seed are identical.
     """
 
     problem: ReachAvoidProblem
@@ -63,20 +63,20 @@ class Moment:
 
     @property
     def interval(self) -> Interval:
-        """What may happen in it."""
+        """The velocities and the disturbance bounds of this interval."""
         return self.problem.interval(self.step)
 
     @property
     def bounds(self) -> FloatArray:
-        """Half-widths of the box that v has to stay in, shape (M, D)."""
+        """Half-widths of the box of admissible disturbances v, shape (M, D)."""
         return self.interval.bounds(self.inputs, self.time)
 
     def gain(self, states: FloatArray) -> FloatArray:
-        """What v does to the velocity at states (M, ndim), shape (M, ndim, D)."""
+        """The matrices that map v to its part of the velocity at states (M, ndim), shape (M, ndim, D)."""
         return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
-        """Where each run would be at the interval's end without the adversary, at the present velocity: (M, ndim)."""
+        """The state at the interval's end if v were 0 and the present velocity stayed constant, shape (M, ndim)."""
         return self.states + self.remaining * self.interval.undisturbed(self.states, self.inputs, self.time)
 
 
@@ -95,7 +95,7 @@ def first_moment(
     rng: np.random.Generator,
     left: FloatArray | None = None,
 ) -> Moment:
-    """An interval's first moment; `left` (M,), steps to go at its end, are by default as promised."""
+    """An interval's first moment; `left` (M,), the steps to go at its end, is by default one fewer than `to_go`."""
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
     return Moment(
@@ -121,7 +121,7 @@ def none(moment: Moment) -> FloatArray:
 
 
 def random(moment: Moment) -> FloatArray:
-    """Drawn uniformly from the box at each sampling time and kept over the interval, within the box (Sec. 5.5)."""
+    """v is drawn uniformly from its box at each sampling time and held over the interval (Sec. 5.5)."""
     if moment.substep > 0:
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
@@ -130,14 +130,14 @@ def random(moment: Moment) -> FloatArray:
 def _effects(
     moment: Moment, part: UnsafeSet, states: FloatArray, t: float, span: float
 ) -> tuple[FloatArray, FloatArray]:
-    """A part's level-set function g at `states`, and how each component of v at its bound changes it over `span`.
+    """The level-set function g of an unsafe set at `states`, and its change over `span` by each component of v.
 
-    Shapes (M,) and (M, D): trial displacements, one component at a time.
+    Shapes (M,) and (M, D). One component of v at a time is set to its bound.
     """
     problem, axes = moment.problem, list(part.axes)
     push = span * moment.gain(states) * moment.bounds[:, None]  # (M, ndim, D)
     touching = np.flatnonzero(push[:, axes].any(axis=(0, 1)))
-    trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # asked for at once
+    trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
     value, *moved = problem.value_of(part, trials, t).reshape(-1, len(states))
     change = np.zeros_like(moment.previous)
     for d, there in zip(touching, moved, strict=True):
@@ -146,9 +146,9 @@ def _effects(
 
 
 def aggressive(moment: Moment) -> FloatArray:
-    """The pursuer of Sec. 6.1: the vertex of the box that lowers the distance to the unsafe sets most, right now.
+    """The pursuer of Sec. 6.1: v is the vertex of its box that most reduces the distance to the unsafe sets now.
 
-    Each component goes the way that lowers the nearest unsafe set it has an effect on.
+    Each component of v reduces the level-set function of the nearest unsafe set that it affects.
     """
     parts = [_effects(moment, part, moment.states, moment.time, moment.duration) for part in moment.problem.unsafe]
     if not parts:
@@ -156,17 +156,17 @@ def aggressive(moment: Moment) -> FloatArray:
     values, changes = (np.stack(arrays) for arrays in zip(*parts, strict=True))
     rows = np.arange(len(moment.states))
     direction = np.zeros_like(moment.previous)
-    for nearest in np.argsort(-values, axis=0):  # from the farthest part to the nearest, which has the last word
+    for nearest in np.argsort(-values, axis=0):  # from the farthest set to the nearest, which takes precedence
         change = changes[nearest, rows]
         direction = np.where(change != 0.0, -np.sign(change), direction)
     return direction * moment.bounds
 
 
 def worst(moment: Moment) -> FloatArray:
-    """The vertex that, kept until the interval's end, leaves the robot worst off there; it may switch at every substep.
+    """v is the vertex of its box that, held until the interval's end, is worst for the robot; chosen at every substep.
 
-    Worst is the largest of the level-set value of the set the robot means to reach and of minus its clearance, the
-    latter to first order in v; the least clearance among equals, as where the values are whole steps.
+    It maximises the larger of the level-set value of the tube to be reached and the negative clearance from the unsafe
+    sets (to first order in v). Ties go to the least clearance; they are common where the values are whole steps.
     """
     problem = moment.problem
     signs = np.array(list(product((-1.0, 1.0), repeat=moment.previous.shape[1])))  # (V, D)

@@ -1,6 +1,6 @@
-"""A Gymnasium environment over a table: an agent that learns may do what it likes, behind the filter or with masks.
+"""A Gymnasium environment for training agents safely: unsafe actions are replaced by the filter, or masked.
 
-Needs the extra `gym`: pip install 'sdhj[gym]'.
+It needs the extra `gym`: pip install 'sdhj[gym]'.
 """
 
 from typing import Any
@@ -18,23 +18,23 @@ from sdhj.table.controller import Controller
 try:
     import gymnasium
 except ImportError as error:
-    raise ImportError("the environment needs Gymnasium: pip install 'sdhj[gym]'") from error
+    raise ImportError("the environment needs Gymnasium, which is not installed: pip install 'sdhj[gym]'") from error
 
 REWARDS = {"reached": 1.0, "collided": -1.0, "off the grid": -1.0, "late": 0.0, "": 0.0}
-DRAWN = 256  # starts of which the first outside the target is taken
+DRAWN = 256  # start states drawn; the first one outside the target is used
 
 
 class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
-    """One run of a robot from within its tube, an action for each sampling interval; for `gymnasium`'s agents.
+    """A Gymnasium environment whose episode is one run of the robot, with one action for each sampling interval.
 
-    The observation is the state, coordinates of periodic axes between the ends of the grid, and the step; an action is
-    an index into problem.inputs. An episode terminates where the run has reached the target at a sampling time (reward
-    1), collided or gone off the grid (-1), as in `sdhj.simulate`, and is truncated after the last step (0).
+    The observation is the state (periodic coordinates wrapped into the grid) followed by the step; an action is an
+    index into problem.inputs. An episode terminates when the run reaches the target at a sampling time (reward 1),
+    collides or leaves the grid (reward -1), as in `sdhj.simulate`, and is truncated after the last step (reward 0).
 
-    `info` has "outcome", one of reached, collided, off the grid, late, or "" while the run goes on; "action_mask" (L,)
-    int8, which inputs are safe now, or the fallback where none is, all of them when the run is over; "promised",
-    whether the table promises that the target can still be reached safely. After a step also "applied", the index of
-    what was applied, and "overruled", whether that is not the action.
+    `info` has "outcome": "reached", "collided", "off the grid" or "late", or "" while the run goes on; "action_mask",
+    (L,) int8: 1 for the safe inputs, for the fallback alone where none is safe, for all when the run is over; and
+    "promised": whether some safe input has a margin <= 0. After a step it also has "applied", the index of the input
+    that was applied, and "overruled", whether that differs from the action.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     adversary : str or callable
         As for `sdhj.simulate`.
     shield : bool
-        Whether an action that is not safe is replaced as by `Controller.filter`; else the mask only tells.
+        Whether `Controller.filter` replaces actions that are not safe; if False, every action is applied as it is.
 
     Raises
     ------
     ValueError
-        For what is no table or no adversary, and a table solved with `Sensing`.
+        If `table` is not a table, `adversary` is not an adversary, or the table was solved with `Sensing`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
@@ -55,7 +55,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         if table.problem.sensing:
-            raise ValueError("an agent sees the state exactly and at once: give a table solved without sensing")
+            raise ValueError("an agent observes the exact state without delay: use a table solved without sensing")
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
         self.observation_space = gymnasium.spaces.Box(self.low, self.high, dtype=np.float64)
@@ -65,7 +65,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Begin at step 0: in options["state"] (ndim,), or drawn uniformly from the tube outside the target."""
+        """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target."""
         super().reset(seed=seed)
         problem = self.table.problem
         if options and "state" in options:
@@ -77,12 +77,12 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), self._info()
 
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """Hold an input over one interval, against the adversary.
+        """Simulate one interval with the input of index `action` against the adversary.
 
         Raises
         ------
         ValueError
-            For what is no action, and where the run is over.
+            If `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")
@@ -107,7 +107,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
 
     def _observed(self) -> FloatArray:
         state = self.table.grid.wrapped(self.state[None])[0]
-        return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest place on it
+        return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
         mask = np.ones(len(self.table.problem.inputs), np.int8)

@@ -1,4 +1,4 @@
-"""How many runs a table loses of those that it promises to win, to whom, and what helps: `Table.played`."""
+"""Simulated runs that count how many of a table's promises are broken, how, and what helps: `Table.played`."""
 
 import warnings
 from collections import Counter
@@ -25,27 +25,28 @@ from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
-ALARMING = 0.02  # of the runs: that more are lost, with 95 % confidence, is worth a warning
+ALARMING = 0.02  # a solve warns where, with 95 % confidence, more than this share of the runs is lost
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
-SHARE_PLAYED = 0.03  # of what the solve costs, by this model: so many seconds a node of a PDE, so many a run and step
-NODE_COST, RUN_COST = 3e-9, 1.3e-4
-EVER = 30  # steps of a run that has no end, at the end of a solve
-NEARLY_EMPTY = 1e-4  # of the state space: a tube that is smaller is called empty
-DECIDES = 5  # substeps for which the adversary keeps to what it has decided, at the end of a solve
+SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
+NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
+EVER = 30  # steps of a run at the end of a solve without a number of steps
+NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
+DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
 
 @dataclass(frozen=True)
 class Played:
-    """Runs from states drawn uniformly from the whole tube, and those that were lost.
+    """Statistics of runs from states drawn uniformly from the tube of all steps; `str()` gives a summary.
 
     Attributes
     ----------
     runs, lost : int
+        How many runs were simulated, and how many of them did not end as "reached".
     adversary : str
     ways : mapping of str to int
-        How runs were lost, and to which unsafe set or end of the grid.
+        The number of runs lost in each way; names the unsafe set or the axis whose end was crossed.
     advice : str
-        What helps; empty where nothing was lost.
+        What would reduce the losses; empty where no run was lost.
     """
 
     runs: int
@@ -56,7 +57,7 @@ class Played:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % confidence interval of the rate of lost runs (Wilson's score interval)."""
+        """95 % confidence interval of the share of lost runs (Wilson's score interval)."""
         return score_interval(self.lost, self.runs)
 
     def __str__(self) -> str:
@@ -69,20 +70,19 @@ class Played:
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
-    """Play runs from the whole tube of step 0 and say how many are lost, to whom, and what helps.
+    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help.
 
     Parameters
     ----------
     table : Table
     runs : int
-    adversary, steps
+    adversary, seed, steps
         As for `sdhj.monte_carlo`.
-    seed : int
 
     Raises
     ------
     ValueError
-        For an option that does not fit, or where the tube of step 0 is empty.
+        For an invalid option, or where the tube of step 0 is empty.
     """
     controller, play = Controller(table), adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
@@ -105,17 +105,17 @@ def played(
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
-    """The unsafe set that a state has met, or the axis past whose end it is."""
+    """The name of the unsafe set that a state is in, or of the axis past whose end it is."""
     problem, grid = table.problem, table.grid
     if met:
-        held = grid.clipped(state[None], "safe")
-        return min(problem.unsafe, key=lambda part: float(problem.value_of(part, held, t)[0])).name
+        inside = grid.clipped(state[None], "safe")
+        return min(problem.unsafe, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
     low, high = grid.faces("unsafe")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 
 def _advice(table: Table, ways: Mapping[str, int]) -> str:
-    """What helps, in a sentence or two."""
+    """What would reduce the losses, in a sentence or two."""
     problem, grid, said = table.problem, table.grid, []
     blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
     if blunt and not problem.dynamics.stateless:
@@ -123,8 +123,8 @@ def _advice(table: Table, ways: Mapping[str, int]) -> str:
     for axis in _adversary_s(table):
         if f"went off the grid past the end of {grid.names[axis]}" in ways:
             said.append(
-                f"other ends of {grid.names[axis]}, along which only the adversary moves: it wins by leaving past an "
-                'unsafe end (ends="wall" or "safe", or a longer axis)'
+                f'ends="wall" or "safe" for {grid.names[axis]}, or a longer axis: only the adversary moves the robot '
+                "along it, and it wins by pushing the state past an unsafe end"
             )
     values = table.values()
     inside = values <= 0
@@ -149,7 +149,7 @@ def _adversary_s(table: Table) -> list[int]:
 
 
 def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
-    """What a solve says of its own table: warns of an empty tube and of promises that are lost; for its details."""
+    """Check a solved table by simulation: warn of an empty tube or broken promises; returns entries for its details."""
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.stays and share <= table.fraction(within=0)):
         warnings.warn(_emptied(table, share), ResolutionWarning, stacklevel=stacklevel + 1)
@@ -160,7 +160,7 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     play: Any = ADVERSARIES["worst"]
 
-    def worst(moment: Moment) -> FloatArray:  # keeps to what it decides for some substeps
+    def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
         return (
             play(moment) if moment.substep % DECIDES == 0 else np.clip(moment.previous, -moment.bounds, moment.bounds)
         )
@@ -172,7 +172,7 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
 
 
 def _emptied(table: Table, share: float) -> str:
-    """Which unsafe set, input set or projection has emptied a tube."""
+    """The message of the warning of an empty tube: which unsafe set, inputs or projection may be the cause."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.stays else ", no more than the target itself" if share else ""
@@ -181,11 +181,12 @@ def _emptied(table: Table, share: float) -> str:
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
     if table.method == "projected" and ways > NEARLY_EMPTY:
-        return message + ': what the projections leave out may be the reason; try method="hji"'
+        return message + ': the projections may be too conservative for this problem; try method="hji"'
     if ways <= NEARLY_EMPTY:
         names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
-        return message + f": no input keeps clear of {names} for one interval; use a shorter delta or other inputs"
+        return message + f": no input stays clear of {names} for one interval; use a shorter delta or other inputs"
     return message + (
-        f": from {ways:.0%} of the free states some input keeps clear for one interval, but none of the "
-        f"{len(problem.inputs)} inputs leads on against the adversary; use stronger inputs, more nodes or another delta"
+        f": from {ways:.0%} of the free states some input stays clear for one interval, but none of the "
+        f"{len(problem.inputs)} inputs makes progress against the adversary; use stronger inputs, more nodes or "
+        "another delta"
     )

@@ -1,18 +1,18 @@
 """Closed-loop simulation against an adversary, with the true dynamics and the true geometry.
 
-The robot measures its state at every sampling time t_k and asks the controller; nothing else here reads the table, but
-for the adversary that is allowed to. Collisions are judged by the true level-set functions at 20 instants of every
+At every sampling time t_k the robot measures its state and the controller selects an input. Apart from the controller,
+only the adversary may read the table. Collisions are detected by the true level-set functions at 20 instants of every
 interval. The outcome of a run is one of
 
-* reached: at a sampling time the state was truly in the target, and no collision was seen before; without a target,
-  the last sampling time came, or the state left for good over a safe end;
+* reached: at a sampling time the state was in the true target, and no collision was detected before; without a target,
+  the run lasted until the last sampling time, or the state left the grid past a safe end;
 * collided: the state was in an unsafe set at one of the instants, the start included;
-* left: at a sampling time before the last no tube held the state, so the controller had no answer;
-* late: the last sampling time came without any of those;
-* off the grid: the state left through an end of the grid that is unsafe (or, played with walls=False, a wall).
+* left: at a sampling time before the last, the state was in no tube, so the controller had no answer;
+* late: none of these by the last sampling time;
+* off the grid: the state left the grid past an unsafe end (or, with walls=False, past a wall).
 
-Where the interpolated table calls a state reached that is truly just outside, the run goes on with the inputs that
-bring it back into the target: known geometry is measured, not interpolated.
+The target is checked by its true level-set function. Where the interpolated table counts a state as in the target that
+is just outside, the run goes on with inputs that bring the state back into the target.
 """
 
 import reprlib
@@ -37,30 +37,30 @@ from sdhj.table.batches import CHUNK, threads
 from sdhj.table.controller import Controller
 
 Z95 = 1.959963984540054  # two-sided 95% quantile of the normal distribution
-FOREVER_PLAYED = 100  # steps, where staying clear has no end
-MOST_RUNS = 10**8  # whose starts and ends are held in memory
+FOREVER_PLAYED = 100  # steps of a run, for tables that promise to stay clear for ever
+MOST_RUNS = 10**8  # their start states and outcomes are kept in memory
 DRAWS = 1000  # rounds of rejection sampling before giving up
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One run, at every instant looked at.
+    """One simulated run, recorded at the T instants at which collisions are checked; returned by `simulate`.
 
     Attributes
     ----------
     times : (T,) array
-        s; every SUBSTEPS-th is a sampling time.
+        The instants, s; every 20th is a sampling time.
     states : (T, ndim) array
-        Coordinates of periodic axes are not wrapped, so that the path has no jumps.
+        Coordinates of periodic axes are not wrapped, so the path has no jumps.
     inputs : (K,) int array
         Index into problem.inputs of the input held over each interval.
     steps_to_go : (K,) int array
-        What the controller promised at the start of each interval.
+        The steps to go at the start of each interval.
     disturbances : (T - 1, D) array
-        What the adversary played between one instant and the next.
+        The adversary's choice between one instant and the next.
     outcome : {"reached", "collided", "left", "late", "off the grid"}
-        In the target at a sampling time; in an unsafe set before; at a sampling time in a state that no tube holds,
-        where the controller has no answer; none of these by the last step; or past an end of the grid.
+        "reached": in the target at a sampling time; "collided": in an unsafe set before that; "left": at a sampling
+        time in no tube; "late": none of these by the last step; "off the grid": past an end of the grid.
     """
 
     times: FloatArray
@@ -77,7 +77,7 @@ class Trajectory:
 
 
 def score_interval(count: int, runs: int) -> tuple[float, float]:
-    """95% confidence interval of a rate that was `count` of `runs` (Wilson's score interval)."""
+    """95% confidence interval of a rate observed as `count` out of `runs` (Wilson's score interval)."""
     n, p = runs, count / runs
     centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
     half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
@@ -86,7 +86,7 @@ def score_interval(count: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Report:
-    """How many runs ended how; `str()` is a table.
+    """The outcomes of many simulated runs; `str()` formats them as a table. Returned by `monte_carlo`.
 
     Attributes
     ----------
@@ -95,9 +95,9 @@ class Report:
     counts : mapping of outcome to int
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Places in `OUTCOMES`; see `Trajectory`.
+        Indices into `OUTCOMES`; see `Trajectory`.
     steps : (runs,) int array
-        Intervals that each run took.
+        The number of intervals of each run.
     seconds : float
         Wall-clock time.
     """
@@ -114,11 +114,11 @@ class Report:
     seconds: float
 
     def rate(self, outcome: str) -> float:
-        """Share of the runs with an outcome."""
+        """The share of the runs that had this outcome."""
         return self.counts[outcome] / self.runs
 
     def interval(self, outcome: str) -> tuple[float, float]:
-        """95% confidence interval of the rate (Wilson's score interval)."""
+        """95% confidence interval of the rate of an outcome (Wilson's score interval)."""
         return score_interval(self.counts[outcome], self.runs)
 
     def __str__(self) -> str:
@@ -143,34 +143,34 @@ def simulate(
     walls: bool = True,
     steps: int | None = None,
 ) -> Trajectory:
-    """Run the closed loop once from state q0 (ndim,) at step 0.
+    """Simulate one run of the closed loop from the state q0 at step 0.
 
     Parameters
     ----------
     controller : Controller
     q0 : (ndim,) array
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.simulation.adversaries`; yours is called at every substep.
+        See `sdhj.simulation.adversaries`; a function of your own is called at every substep.
     seed : int
     walls : bool
-        Whether the plant is held by the walls of the grid; False plays beyond walls that are only assumed.
+        Whether the simulated robot stops at the walls of the grid; with False it can pass them, and is then lost.
     steps : int, optional
-        How many to play, more than the table has or fewer, where nothing depends on time: the table then is asked as of
-        step 0 at each of them. By default those of the table, one after the other; of a table solved with steps=None as
-        many, asked as of step 0, and without a target `FOREVER_PLAYED` = 100.
+        The number of steps to simulate, more or fewer than the table has, where nothing depends on time: each step then
+        uses the tubes of step 0. By default the steps of the table in order. A table solved with steps=None is always
+        used at step 0; without a target the default is `FOREVER_PLAYED` = 100 steps.
 
     Raises
     ------
     NotAdmissible
-        Where no tube holds q0.
+        If q0 is in no tube.
     ValueError
-        For a state that is not one, an unknown adversary, or one that leaves its bounds, or steps of what depends on
-        time.
+        If q0 is not a state, the adversary is unknown or returns v outside its bounds, or `steps` is given although
+        something depends on time.
     """
     check_controller(controller)
     play, seed = adversary_of(adversary), whole("seed", seed, least=0)
     start = finite_array("q0", q0)
-    controller.safe_inputs(start, 0)  # raises where there is nothing to simulate
+    controller.safe_inputs(start, 0)  # raises NotAdmissible
     seen: list[tuple[float, FloatArray, FloatArray]] = []
     held: list[tuple[int, int]] = []
     began: list[float] = []
@@ -205,30 +205,30 @@ def monte_carlo(
     sensing: Sensing | None = None,
     progress: bool | None = None,
 ) -> Report:
-    """Run the closed loop many times, from states drawn uniformly from the tube of step 0.
+    """Simulate many runs of the closed loop, from states drawn uniformly from the tube of step 0.
 
     Parameters
     ----------
     controller, runs : Controller, int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
     walls, steps
-        As for `simulate`. An adversary of yours is called from one thread, the named ones from several.
-    sensing : Sensing, played against: by default what the table was solved for; see `sdhj.simulation.sensed`
-    seed : int, of which each has one report, whatever the number of threads
+        As for `simulate`. An adversary of your own is called from one thread, the built-in ones from several.
+    sensing : Sensing, the errors and delays to simulate; by default those that the table was solved for
+    seed : int; the same seed gives the same report, whatever the number of threads
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
     Raises
     ------
     ValueError
-        For an option that does not fit, or where the tube of step 0 is empty.
+        For an invalid option, or where the tube of step 0 is empty.
     """
     check_controller(controller)
     play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
     require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
-    seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # a stream for each chunk: threads change nothing
+    seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # one stream for each chunk, whichever thread runs it
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -257,13 +257,13 @@ def monte_carlo(
 
 
 def play_length(controller: Controller, steps: int | None) -> int | None:
-    """How many steps to play, asked as of step 0; None: those of the table, one after the other."""
+    """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
     table = controller.table
     if steps is None and table.details.get("endless"):
         return FOREVER_PLAYED if table.problem.stays else table.steps
     if steps is not None and not table.problem.timeless:
         raise ValueError(
-            f"runs follow the {table.steps} steps of the table, as something depends on time; leave out steps"
+            f"steps must be left out: something depends on time, so runs follow the table's {table.steps} steps"
         )
     return None if steps is None else whole("steps", steps, least=1)
 
@@ -273,7 +273,7 @@ def named(option: object) -> str:
 
 
 def check_controller(given: Any) -> None:
-    """Raise ValueError for what cannot play, a table for example."""
+    """Raise ValueError if `given` is not a Controller, but a table for example."""
     if not isinstance(given, Controller):
         raise ValueError(f"controller must be a Controller, for example Controller(table), got {type(given).__name__}")
 
@@ -293,7 +293,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     Raises
     ------
     ValueError
-        Where next to nothing of the grid is admissible.
+        If hardly any state of the grid is admissible.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []
@@ -303,7 +303,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
         inside = inside[~controller.problem.refuted(inside, 0, steps)]
-        if controller.problem.sensing:  # to be known to be admissible
+        if controller.problem.sensing:  # admissible for every measurement of the state
             inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)
         missing -= len(inside)
@@ -311,8 +311,8 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
             return np.concatenate(found)
     raise ValueError(
         f"the tube of step 0 within {steps} steps is empty or tiny (its share of the grid is "
-        f"{controller.table.fraction(start=0, within=steps):.2g}), so there is nothing to start from; use more steps "
-        "or nodes, or a larger target"
+        f"{controller.table.fraction(start=0, within=steps):.2g}), so no run can start from it; use more steps or "
+        "nodes, or a larger target"
     )
 
 
@@ -327,9 +327,9 @@ def rollouts(
     steps: int | None = None,
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Run the closed loop from each start (M, ndim); outcome (M,), a place in OUTCOMES, and intervals taken (M,).
+    """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
 
-    `steps` as `play_length` returns them.
+    `steps` is what `play_length` returns.
     """
     problem, last = controller.problem, controller.problem.steps if steps is None else steps
     if sensing := problem.sensing if sensing is None else sensing:

@@ -1,14 +1,14 @@
-"""Closed-loop simulation of a robot that measures with an error, acts late, and whose instants jitter.
+"""Closed-loop simulation of a robot with measurement errors, a delay, and jitter of its sampling times.
 
-The adversary then has three things to choose, and may choose them together: the disturbance, at every substep; the
-error of every measurement; when the next input starts. A run begins when the first input starts, in a state that is
-known to within the box E of `sdhj.problem.sensing`. It ends as in `sdhj.simulation.runs`, but for this: reached is what
-the controller knows to be reached, its prediction has no steps to go and the state is truly in the target.
+The adversary then makes three choices: the disturbance, at every substep; the error of every measurement; and when the
+next input starts. A run begins when the first input starts, from a state that the controller has measured up to an
+error in the box E of `sdhj.problem.sensing`. Runs end as in `sdhj.simulation.runs`, with one difference: a run counts
+as reached only when the prediction has no steps to go and the state is in the true target.
 
-An adversary that is a function of a `Moment` chooses the disturbance alone. One that has methods `mislead(sight)`,
-which returns the errors (M, ndim), and `shift(moment)`, which returns -1, 0 or 1 (M,) for the next input to start
-early, on time or late by all the jitter, chooses these too; for the named ones `MISLEAD` and `SHIFTING` do, and for
-other functions those of "worst".
+An adversary that is a plain function of a `Moment` chooses the disturbance only. An adversary may also have the methods
+`mislead(sight)`, which returns the errors (M, ndim), and `shift(moment)`, which returns for each run (M,) -1, 0 or 1:
+the next input starts early, on time or late, by the full jitter. The built-in adversaries take them from `MISLEAD` and
+`SHIFTING`; functions without these methods use those of "worst".
 """
 
 from collections.abc import Callable
@@ -31,24 +31,24 @@ LOST = np.finfo(np.float64).max  # worse than any level-set value
 
 @dataclass(frozen=True)
 class Sight:
-    """What an adversary sees when M states are measured.
+    """What an adversary sees before it chooses the measurement errors of M runs.
 
     Attributes
     ----------
     problem : ReachAvoidProblem
-        The robot's, with the sensing that is played.
+        The robot's problem, with the simulated sensing.
     states : (M, ndim) array
-        Where each run is.
+        The current state of each run.
     box : (ndim,) array
-        The most by which the answer may be off.
+        The bounds on the measurement error.
     step : int
-        The instant that it is for.
+        The step that the measurement is for.
     starting : (M, ndim) array
-        Where each run will be when the input starts, without a disturbance.
+        The state of each run when the next input starts, without a disturbance.
     ask : callable (errors (M, ndim)) -> inputs, steps to go
-        What the controller would choose, both (M,) int; -1 where it had no answer.
+        The controller's choice under these errors, both (M,) int; -1 where it has no answer.
     tube : callable (points (M, ndim), steps to go (M,)) -> (M,)
-        Level-set value of the predictions from which they can be kept, one step later.
+        Level-set value of the tube of predictions, one step later.
     rng : numpy.random.Generator
     """
 
@@ -63,7 +63,7 @@ class Sight:
 
 
 def pushes(moment: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
-    """Displacements by each vertex of the adversary's box over a span (M,) of time: (vertices, M, ndim)."""
+    """Displacements by each vertex of the disturbance box over a time span (M,): (vertices, M, ndim)."""
     interval = moment.problem.interval(moment.step)
     gain, bounds = interval.gain(states, inputs, t), interval.bounds(inputs, t)
     signs = np.array(list(product((-1.0, 1.0), repeat=bounds.shape[1])))
@@ -71,7 +71,7 @@ def pushes(moment: Moment | Sight, states: FloatArray, inputs: FloatArray, t: fl
 
 
 def mislead_worst(sight: Sight) -> FloatArray:
-    """The vertex of the box, or nothing, after which the input that is chosen leaves the true state worst off."""
+    """The measurement error, a vertex of the box or 0, for which the controller's input is worst for the true state."""
     problem, count = sight.problem, len(sight.states)
     corners = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
     best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
@@ -79,9 +79,9 @@ def mislead_worst(sight: Sight) -> FloatArray:
     for corner in np.concatenate([np.zeros((1, len(sight.box))), corners]):
         errors = np.tile(corner, (count, 1))
         inputs, to_go = sight.ask(errors)
-        held = np.maximum(inputs, 0)
-        velocity = problem.interval(sight.step).undisturbed(sight.starting, held, t)
-        ends = sight.starting + span[:, None] * velocity + pushes(sight, sight.starting, held, t, span)
+        applied = np.maximum(inputs, 0)
+        velocity = problem.interval(sight.step).undisturbed(sight.starting, applied, t)
+        ends = sight.starting + span[:, None] * velocity + pushes(sight, sight.starting, applied, t, span)
         score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
         score = np.where(inputs < 0, LOST, score)
         best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
@@ -89,7 +89,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
 
 
 def shift_worst(moment: Moment) -> FloatArray:
-    """The end of the interval, of the three, at which the adversary can bring the robot farthest out of its tube."""
+    """The end of the interval, of the three, at which the adversary can push the state farthest out of its tube."""
     velocity, scores = moment.interval.undisturbed(moment.states, moment.inputs, moment.time), []
     for late in (-1, 0, 1):
         span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
@@ -123,8 +123,8 @@ class _Runs:
         sensing: Sensing,
         ever: bool,
     ) -> None:
-        self.ever = ever  # asked as of step 0 throughout: nothing depends on time
-        name = next((name for name, known in ADVERSARIES.items() if known is play and name in MISLEAD), "worst")
+        self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
+        name = next((name for name, other in ADVERSARIES.items() if other is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
         self.shift = getattr(play, "shift", SHIFTING[name])
         self.controller, self.play, self.rng = controller, play, rng
@@ -137,7 +137,7 @@ class _Runs:
         self.predictions = self.measured(0, starts, np.zeros(count, np.int64), self.problem.half_widths[0])
 
     def measured(self, step: int, states: FloatArray, held: FloatArray, box: FloatArray | None = None) -> FloatArray:
-        """What the controller makes of its measurements: predictions (M, ndim). With a box the states have started."""
+        """The controller's predictions (M, ndim) from its measurements; with a `box`, of states where inputs start."""
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
         table, last = self.controller.table, step == self.controller.table.steps
@@ -158,18 +158,18 @@ class _Runs:
         errors_made = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
         off = real_array("the errors that the adversary returns", errors_made, states.shape)
         if not (np.abs(off) <= errors * (1 + 1e-12)).all():
-            raise ValueError(f"the adversary must keep the errors within +-{errors.tolist()}")
+            raise ValueError(f"the adversary must return measurement errors within +-{errors.tolist()}")
         return predict(off)
 
     def following(self, step: int) -> int:
-        """The step that is asked about next."""
+        """The step whose tubes are used next."""
         return 0 if self.ever else step + 1
 
     def begins(self, step: int, offset: int) -> float:
         return self.problem.time(step) + offset * self.problem.sensing.jitter
 
     def decide(self, step: int, alive: FloatArray, last: bool) -> Moment | None:
-        """End what is reached, or has no answer; the others hold an input over the interval that begins."""
+        """End the runs that have reached the target or have no answer; the first moment of the others' interval."""
         problem, states = self.problem, self.states
         batch = self.controller.batch(self.predictions[alive], step)
         reached = np.full(alive.size, problem.stays and last)
@@ -184,13 +184,13 @@ class _Runs:
         rows, to_go, now, table = alive[going], batch.steps_to_go[going], problem.time(step), self.controller.table
         return first_moment(table, problem, states[rows], inputs[going], to_go, step, now, rows, self.rng)
 
-    def hold(self, moment: Moment, own: FloatArray, ends: int, watch: Watch | None, walls: bool) -> None:
-        """Play some runs of a moment over their interval, with the measurement in it; they begin and end alike."""
-        problem, rows = self.problem, moment.runs[own]
+    def hold(self, moment: Moment, some: FloatArray, ends: int, watch: Watch | None, walls: bool) -> None:
+        """Simulate some runs of a moment, whose interval begins and ends alike, with the measurement in it."""
+        problem, rows = self.problem, moment.runs[some]
         begin, end = self.begins(moment.step, self.offsets[rows[0]]), self.begins(moment.step + 1, ends)
         delay, length = problem.sensing.delay, end - begin
         after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
-        states, inputs, to_go = moment.states[own], moment.inputs[own], moment.steps_to_go[own]
+        states, inputs, to_go = moment.states[some], moment.inputs[some], moment.steps_to_go[some]
         begun = first_moment(self.controller.table, problem, states, inputs, to_go, moment.step, begin, rows, self.rng)
         begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
         last = {"v": begun.previous}
@@ -224,13 +224,13 @@ def sensed_rollouts(
     steps: int | None,
     sensing: Sensing,
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sdhj.simulation.runs.rollouts`, of robots that sense so, whatever the table was solved for."""
+    """As `sdhj.simulation.runs.rollouts`, with the given sensing, whatever the table was solved for."""
     runs, jitter = _Runs(controller, starts, play, rng, sensing, ever=steps is not None), sensing.jitter
     last, step = runs.problem.steps if steps is None else steps, 0
     for offset in (-1, 0, 1):
-        own = runs.offsets == offset
-        hit = runs.problem.unsafe_value(starts[own], runs.begins(0, offset)) <= 0
-        runs.outcomes[np.flatnonzero(own)[hit]] = COLLIDED
+        some = runs.offsets == offset
+        hit = runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0
+        runs.outcomes[np.flatnonzero(some)[hit]] = COLLIDED
     for number in range(last + 1):
         alive = np.flatnonzero(runs.outcomes == UNDECIDED)
         moment = runs.decide(step, alive, number == last) if alive.size else None
@@ -243,7 +243,7 @@ def sensed_rollouts(
         ends = ends * (jitter > 0)
         groups = 3 * runs.offsets[moment.runs] + ends
         for group in np.unique(groups):
-            own = np.flatnonzero(groups == group)
-            runs.hold(moment, own, int(ends[own[0]]), watch, walls)
+            some = np.flatnonzero(groups == group)
+            runs.hold(moment, some, int(ends[some[0]]), watch, walls)
     runs.outcomes[runs.outcomes == UNDECIDED] = LATE
     return runs.outcomes, runs.taken

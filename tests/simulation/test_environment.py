@@ -125,5 +125,5 @@ def test_guards() -> None:
 
 def test_what_an_agent_cannot_see_is_refused() -> None:
     problem = replace(toys.interval_problem(), sensing=sdhj.Sensing(0.01))
-    with pytest.raises(ValueError, match="an agent sees the state exactly"):
+    with pytest.raises(ValueError, match="an agent observes the exact state"):
         ReachAvoidEnv(sdhj.solve(problem, progress=False))
