@@ -196,11 +196,11 @@ def test_a_case_study_of_another_version_needs_its_problem(arm_table, tmp_path):
     arm_table.save(path)
     with forged(path) as (told, _):
         told["recipe"] = {"builder": "three_link_arm", "arguments": {}}
-    with pytest.raises(sdhj.TableFileError, match=r"own problem 'arm_case_study'|own problem .*problem="):
+    with pytest.raises(sdhj.TableFileError, match=r"user-defined problem 'arm_case_study'.*problem="):
         sdhj.load(path)
     with forged(path) as (told, _):
         told["recipe"] = {"builder": "arm_case_study", "arguments": {"wheels": 4}}
-    with pytest.raises(sdhj.TableFileError, match=r"not a look-up table that can be read.*disagree about"):
+    with pytest.raises(sdhj.TableFileError, match=r"not a look-up table that can be read.*differ in the arguments"):
         sdhj.load(path)
 
 

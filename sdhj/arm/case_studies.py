@@ -1,8 +1,8 @@
 """The paper's case studies as instances of `ReachAvoidProblem` (Sec. 5 and 6.1).
 
-The state is q = (q1, q2, px, py): the arm's joint angles and the centre of an agent nobody controls. The agent pursues
-the arm in `arm_case_study` and flees from its end-effector in `evader_case_study`. Metres, radians, seconds; every
-level-set function is in metres.
+The state is q = (q1, q2, px, py): the arm's joint angles and the centre of an agent that the adversary controls. The
+agent pursues the arm in `arm_case_study` and flees from its end-effector in `evader_case_study`. Units are metres,
+radians and seconds; every level-set function is in metres.
 """
 
 import inspect
@@ -26,9 +26,9 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.table.files import TableFileError
 
 AXES = ("q1", "q2", "px", "py")
-JOINTS = (0, 1)  # the axes that known obstacles and the known target depend on
+JOINTS = (0, 1)  # the axes that the obstacles OBS(t) and the target TAR(t) depend on
 ALL_AXES = (0, 1, 2, 3)
-MOST = 1_000_000  # of anything that is counted
+MOST = 1_000_000  # the largest value of `nodes` and `steps`
 BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
@@ -45,28 +45,28 @@ def _in_blocks(function: Callable[[FloatArray], FloatArray], points: FloatArray)
     return np.concatenate([function(block) for block in blocks]) if blocks else np.empty(0)
 
 
-@lru_cache(maxsize=64)  # questions come in numbers for few times
+@lru_cache(maxsize=64)  # many queries are for few different times
 def _placed(disks: tuple[Disk, ...], t: float) -> tuple[FloatArray, FloatArray]:
-    """Centres (D, 2) and radii (D,) of disks at a time."""
+    """Centres (D, 2) and radii (D,) of the disks at time t."""
     return np.array([disk.centre(t) for disk in disks]), np.array([disk.radius for disk in disks])
 
 
 @dataclass(frozen=True)
 class ArmScene:
-    """What stands and moves in the workspace: enough to draw it, and the source of the problem's level sets.
+    """The workspace of a case study: the arm and the disks around it, from which the level sets are computed.
 
     Attributes
     ----------
     arm : Arm
     obstacles : tuple of Disk
-        The known obstacles OBS(t).
+        The obstacles OBS(t), whose motion is given.
     agent : {"pursuer", "evader"}
     agent_radius : float
         Radius of the disk about (px, py), m.
     agent_box : float
         The agent's centre stays in [-agent_box, agent_box]^2, m.
     target : Disk or None
-        The known target TAR(t); None where the evader is the target.
+        The target TAR(t), whose motion is given; None where the evader is the target.
     """
 
     arm: Arm
@@ -78,7 +78,7 @@ class ArmScene:
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
-        elbow, tip = self.arm.joints(q)  # once for all obstacles: the costly part
+        elbow, tip = self.arm.joints(q)  # the expensive part, computed once for all obstacles
         return skeleton_clearance(elbow, tip, *_placed(self.obstacles, t)) - self.arm.half_width
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -87,25 +87,25 @@ class ArmScene:
         return np.minimum.reduce(gaps) - self.arm.half_width
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Clearance of the thick arm to the pursuer's disk in states (M, 4); shape (M,), m. The same at every t."""
+        """Clearance of the thick arm to the pursuer's disk in states (M, 4), at any time t; shape (M,), m."""
         gap = self.agent_radius + self.arm.half_width
         return _in_blocks(lambda block: self.arm.distance(block[:, :2], block[:, 2:]) - gap, states)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector at joint angles q (M, 2) to the edge of the known target; shape (M,), m."""
+        """Signed distance of the end-effector at joint angles q (M, 2) to the edge of the target; shape (M,), m."""
         assert self.target is not None
         return np.linalg.norm(self.arm.tip(q) - self.target.centre(t), axis=1) - self.target.radius
 
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector to the edge of the evader in states (M, 4); shape (M,), m."""
+        """Signed distance of the end-effector to the edge of the evader in states (M, 4); shape (M,), m."""
 
         def value(block: FloatArray) -> FloatArray:
             return np.linalg.norm(self.arm.tip(block[:, :2]) - block[:, 2:], axis=1) - self.agent_radius
 
         return _in_blocks(value, states)
 
-    def known_unsafe(self) -> tuple[UnsafeSet, ...]:
-        """G1 of App. A.3: the known obstacles, a set of joint angles alone; nothing where there are no obstacles."""
+    def obstacle_sets(self) -> tuple[UnsafeSet, ...]:
+        """G1 of App. A.3: the obstacles as one unsafe set of joint angles; an empty tuple if there are no obstacles."""
         if not self.obstacles:
             return ()
         rate = max(disk.speed for disk in self.obstacles)
@@ -130,9 +130,9 @@ def arm_case_study(
     target: Disk | Mapping[str, Any] = TARGET,
     obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
 ) -> ReachAvoidProblem:
-    """The robot arm of Sec. 5: reach a moving target, avoid known moving obstacles and a pursuer.
+    """The robot arm of Sec. 5: reach a moving target while avoiding moving obstacles and a pursuer.
 
-    The paper leaves most of the numbers open; the defaults are this library's canonical ones.
+    The paper does not state most of the numbers; the defaults are this library's choice.
 
     Parameters
     ----------
@@ -141,37 +141,37 @@ def arm_case_study(
     steps : int
         N, the number of sampling intervals.
     view_time : {"swept", "sampled", "instantaneous"}
-        How the moving obstacles enter the game of one interval; see `ReachAvoidProblem`.
+        How the moving obstacles are treated within an interval; see `ReachAvoidProblem`.
     kinematics : {"relative", "printed"}
-        The textbook arm, or Eq. (8) to the letter; see `Arm`.
+        The textbook arm, or Eq. (8) exactly as printed; see `Arm`.
     delta : float
         Sampling interval, s.
     lengths, half_width : (float, float), float
-        The links' lengths and half their thickness, m.
+        The lengths of the two links, and half their thickness, m.
     u_max, v_d_max, v_p_max : float
         Bounds of each component of the input u and the disturbance v_d (rad/s, Eq. 9) and of the pursuer's velocity
         v_p (m/s, Eq. 10).
     input_levels : int
-        Samples of each input component from -u_max to u_max; L is its square, the first component slowest.
+        Samples of each input component from -u_max to u_max. Their square is L, the number of inputs, which are ordered
+        with the first component slowest.
     pursuer_radius, pursuer_box : float
-        The pursuer's radius, and half the side of the square its centre stays in, m.
+        The pursuer's radius, and half the side of the square that its centre stays in, m.
     target : Disk
-        The end-effector has to be in it at a sampling time.
+        The end-effector has to be in this disk at a sampling time.
     obstacles : sequence of Disk
-        Known obstacles.
 
     Raises
     ------
     ValueError
-        One line naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     MemoryError
-        Where there is no room for that many nodes.
+        If there is not enough memory for that many nodes.
     """
-    recipe = _recipe("arm_case_study", locals())  # nothing but the arguments exists yet
+    recipe = _recipe("arm_case_study", locals())  # locals() holds only the arguments here
     scene = _scene(recipe)
     pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
     goal = TargetSet(JOINTS, scene.target_value)
-    return _problem(recipe, goal, (*scene.known_unsafe(), pursuer))
+    return _problem(recipe, goal, (*scene.obstacle_sets(), pursuer))
 
 
 def evader_case_study(
@@ -191,34 +191,34 @@ def evader_case_study(
     evader_box: float = 0.36,
     obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
 ) -> ReachAvoidProblem:
-    """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, past the known obstacles.
+    """The evading target of Sec. 6.1: bring the end-effector into a disk that flees, while avoiding the obstacles.
 
-    The evader is the target set, in the joint space; only the known obstacles are unsafe (the arm may touch the
-    evader). The paper gives no numbers: the evader has radius 0.06 m and velocity components up to 0.1 m/s, and all
-    else is as in `arm_case_study`. Its centre stays in [-0.36, 0.36]^2, beyond the arm's reach, so it can get away.
-    Method "projected" wins nothing here but the target itself: what is in the target wherever the evader is along an
-    axis that is dropped, is nothing. Use "hji".
+    The target set is the evader, so it depends on all four axes; only the obstacles are unsafe, and the arm may touch
+    the evader. The paper gives no numbers: the evader has radius 0.06 m and velocity components up to 0.1 m/s, and
+    everything else is as in `arm_case_study`. The evader's centre stays in [-0.36, 0.36]^2, which is larger than the
+    arm's reach, so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because
+    no state is in the target for every position of the evader along a dropped axis.
 
     Parameters
     ----------
     v_e_max : float
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
-        The evader's radius, and half the side of the square its centre stays in, m.
+        The evader's radius, and half the side of the square that its centre stays in, m.
 
     The others are those of `arm_case_study`.
 
     Raises
     ------
     ValueError
-        One line naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     MemoryError
-        Where there is no room for that many nodes.
+        If there is not enough memory for that many nodes.
     """
-    recipe = _recipe("evader_case_study", locals())  # nothing but the arguments exists yet
+    recipe = _recipe("evader_case_study", locals())  # locals() holds only the arguments here
     scene = _scene(recipe)
     goal = TargetSet(ALL_AXES, scene.evader_value, name="evader")
-    return _problem(recipe, goal, scene.known_unsafe())
+    return _problem(recipe, goal, scene.obstacle_sets())
 
 
 BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
@@ -228,12 +228,12 @@ BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build again the problem whose `recipe` this is; its digest is the same.
+    """Build the problem that has this `recipe`; its digest is that of the original.
 
     Raises
     ------
     ValueError
-        Where the builder is unknown, or its arguments are not the ones this version of the library takes.
+        If the builder is unknown, or its arguments are not those of this version of the library.
     """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
@@ -242,42 +242,42 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
 def problem_of_file(
     path: str | os.PathLike[str], head: Mapping[str, Any], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem given, or the case study that a table tells of."""
+    """`problem` if it is given, else the case study that the head of a table's file describes."""
     if problem is not None:
         return problem
     if str(head["recipe"].get("builder")) not in BUILDERS:
         raise TableFileError(
-            f"{path} was solved for your own problem {head['problem']!r}: give it as load(path, problem=...)"
+            f"{path} was solved for the user-defined problem {head['problem']!r}: use load(path, problem=...)"
         )
     built: ReachAvoidProblem = rebuild(head["recipe"])
     return replace(built, sensing=head["sensing"]) if head["sensing"] else built
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study: arm, obstacles, target and agent, to draw or to measure in.
+    """The workspace of a case study: arm, obstacles, target and agent, to draw or to measure distances in.
 
     Raises
     ------
     ValueError
-        Where the problem was not built by a case study.
+        If the problem was not built by a case study.
     """
     if not problem.recipe:
-        raise ValueError(f"the problem {problem.name!r} has no workspace to draw: no case study built it")
+        raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe, if its builder and all its arguments are known."""
+    """The recipe; ValueError if its builder or one of its arguments is unknown."""
     if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
         raise ValueError(f"a recipe must be {{'builder': name, 'arguments': {{...}}}}, got {recipe!r}")
     builder, arguments = recipe["builder"], recipe["arguments"]
     if builder not in BUILDERS:
-        raise ValueError(f"unknown builder {builder!r}; this version knows {', '.join(BUILDERS)}")
+        raise ValueError(f"unknown builder {builder!r}; this version has {', '.join(BUILDERS)}")
     odd = set(arguments) ^ set(inspect.signature(BUILDERS[builder]).parameters)
     if odd:
         raise ValueError(
-            f"the recipe and {builder} disagree about {', '.join(sorted(odd))}: it was written by another version; "
-            "solve the problem again with this one"
+            f"the recipe and {builder} differ in the arguments {', '.join(sorted(odd))}: the recipe was written by "
+            "another version; solve the problem again with this one"
         )
     return recipe
 

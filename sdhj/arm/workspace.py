@@ -1,8 +1,8 @@
-"""The planar workspace of the case study: a two-link arm and disks that move on known paths (Sec. 5.2 and 5.3).
+"""The planar workspace of the case study: a two-link arm, and disks that move on given paths (Sec. 5.2 and 5.3).
 
-NumPy, short compiled loops, and nothing about grids. Lengths in metres, angles in radians, times in seconds. Distances
-are from the arm's *skeleton* (its two links as segments) to a point or to the trace of a moving point; an arm of
-half-width w is clear of a disk of radius r where ``distance - r - w > 0``.
+Lengths are in metres, angles in radians, times in seconds. Distances are measured from the arm's *skeleton* (its two
+links as line segments) to a point or to the trace of a moving point; an arm of half-width w is clear of a disk of
+radius r where ``distance - r - w > 0``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,13 +33,13 @@ def _norm(a: FloatArray) -> FloatArray:
 
 
 def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
-    """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` is a point."""
+    """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` has no length."""
     square = _dot_product(along, along)
     return _dot_product(points - start, along) / np.where(square > POINT, square, np.inf)
 
 
 def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Distance from points (..., 2) to the segments start-end (..., 2), shapes broadcast; a segment may be a point."""
+    """Distance from points (..., 2) to the segments start-end (..., 2), broadcast; start and end may be equal."""
     along = end - start
     s = np.clip(_foot(start, along, points), 0.0, 1.0)
     return _norm(start + s[..., None] * along - points)
@@ -63,8 +63,8 @@ def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: Flo
 def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
     """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks; shape (M,).
 
-    Their centres are (D, 2), or (M, D, 2) where each row has its own; radii (D,). The distance to a centre is the
-    smaller `point_segment_distance` to the last bit, in one pass: runs spend most of their time here.
+    The disks have radii (D,) and centres (D, 2), or (M, D, 2) for different centres in each row. The distance to a
+    centre is bit-for-bit the smaller `point_segment_distance`; one compiled pass, as simulations spend most time here.
     """
     out = np.empty(len(elbow))
     skeleton_distances(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
@@ -185,7 +185,7 @@ PATH_KINDS: dict[str, type] = {"still": Still, "line": Line, "circle": Circle}
 
 @dataclass(frozen=True)
 class Disk:
-    """A disk of `radius` (m, zero for a point) whose centre moves on `path`."""
+    """A disk of `radius` (m; zero for a point) whose centre moves along `path`, a Still, Line or Circle."""
 
     path: Path
     radius: float
@@ -211,12 +211,12 @@ class Disk:
 
     @classmethod
     def of(cls, disk: "Disk | Mapping[str, Any]") -> "Disk":
-        """A Disk from itself or from what `describe` returned.
+        """Return `disk` itself if it is a Disk, else the Disk that a dictionary from `describe` stands for.
 
         Raises
         ------
         ValueError
-            Where the description is not one.
+            If `disk` is neither.
         """
         if isinstance(disk, cls):
             return disk
@@ -242,9 +242,9 @@ class Arm:
     half_width : float
         Each link is its segment thickened by this much on each side and at its ends, m.
     kinematics : {"relative", "printed"}
-        "relative" is the textbook arm: the second link, of length l2, stands at the angle q1 + q2. "printed" is
-        Eq. (8) to the letter, whose second term is (l1 + l2) (cos q2, sin q2). There the second link is taken from the
-        same elbow, l1 (cos q1, sin q1), to that tip: a link of length l1 + l2 at the absolute angle q2.
+        "relative" is the textbook arm: the second link has length l2 and the angle q1 + q2. "printed" is Eq. (8)
+        exactly as printed, with the second term (l1 + l2) (cos q2, sin q2): the second link then begins at the same
+        elbow, l1 (cos q1, sin q1), and has length l1 + l2 and the absolute angle q2.
     """
 
     lengths: tuple[float, float] = (0.15, 0.15)
@@ -258,7 +258,7 @@ class Arm:
             raise ValueError(f"kinematics must be one of {', '.join(KINEMATICS)}, got {self.kinematics!r}")
 
     def joints(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Elbow and tip, each of shape (..., 2), at joint angles q (..., 2)."""
+        """Positions of elbow and tip, each of shape (..., 2), at joint angles q (..., 2)."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
@@ -285,9 +285,9 @@ class Arm:
         return skeleton_clearance(elbow, tip, points[..., None, :], np.zeros(1))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
-        """Distance from the skeleton at q (M, 2) to everywhere a point on `path` is during [t0, t1]; shape (M,), m.
+        """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]; shape (M,), m.
 
-        The infimum over all times, not a sample of them (Sec. 6.2.1): exact up to rounding for every kind of path.
+        It is the infimum over all times, not over samples (Sec. 6.2.1), and exact up to rounding for every `path`.
         """
         if not t0 <= t1:
             raise ValueError(f"an interval needs t0 <= t1, got [{t0}, {t1}]")
@@ -296,9 +296,9 @@ class Arm:
         return np.minimum(path.swept_distance(base, elbow, t0, t1), path.swept_distance(elbow, tip, t0, t1))
 
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
-        """Outline of the space R(q) the arm occupies in one configuration q (2,), for drawing.
+        """Outline of the region R(q) that the arm occupies at the joint angles q (2,), for drawing.
 
-        A closed polygon (V, 2) inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
+        It is a closed polygon (V, 2), inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
         """
         try:
             from shapely import LineString  # only drawing needs it
