@@ -1,4 +1,4 @@
-"""Pictures of problems, tables and runs: `draw_*(axes, data, **choices)`. They need the extra `plot`.
+"""Figures of problems, tables and runs: functions `draw_*(axes, data, **options)`. They need the extra `plot`.
 
     with plotting.style():
         figure = plotting.new_figure(5, 4)
@@ -6,21 +6,21 @@
         plotting.save(figure, "results", "tubes")
 
 ===================  ===============================================================================================
-of any robot         `draw_tubes`, `draw_constraints` and `draw_labels` (what of a tube is certified), on a slice along
-                     two axes through a state; `draw_run` and `draw_path`, a run on a slice. Whatever else is to be
-                     drawn on a slice: its states are `plane(grid, through).points`, a set on it `draw_set`
-of the arm           `draw_workspace`, `draw_arm`; `draw_moment` of a run
+for any robot        `draw_tubes`, `draw_constraints` and `draw_labels` (the certified part of a tube), on a slice along
+                     two axes through a state; `draw_run` and `draw_path`, a run on a slice. For other drawings on a
+                     slice, `plane(grid, through).points` gives its states, and `draw_set` draws a set
+for the arm          `draw_workspace`, `draw_arm`; `draw_moment`, one instant of a run
 ===================  ===============================================================================================
 
-A function only draws: it computes no table, reads no clock and keeps no state, so a slider can call it again on cleared
-axes. What stands for a set or a run carries an identifier (`artist.get_gid()`), by which tests and readers of an SVG
-file find it. Draw inside `with style():` to get the project's look. Nothing here uses `matplotlib.pyplot`.
+These functions only draw: they compute no table and keep no state, so a slider can call them again on cleared axes. The
+artist of a set or a run has an identifier (`artist.get_gid()`) by which it is found in tests and in SVG files. Draw
+inside `with style():` to get the project's style. Nothing here uses `matplotlib.pyplot`.
 """
 
 import importlib.util
 
 if importlib.util.find_spec("matplotlib") is None:
-    raise ImportError('pictures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
+    raise ImportError('figures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
 
 from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, write
 from sdhj.plotting.scenes import draw_arm, draw_workspace

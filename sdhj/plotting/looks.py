@@ -1,7 +1,7 @@
 """Colours, the shared style file, and writing figures to disk.
 
-Nothing here uses `matplotlib.pyplot`: figures have no window and no global state, so they can be made in a service or a
-widget alike. What a colour says in grey is said again by lightness, a hatch or a line style.
+Nothing here uses `matplotlib.pyplot`: figures have no window and no global state, so they can be made in a service as
+well as in a widget. Colours also differ by lightness, hatch or line style, so figures can be read in greyscale.
 """
 
 import io
@@ -23,7 +23,7 @@ from sdhj.table.files import probed, replaced_whole, unwritable
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
 FORMATS = ("pdf", "svg", "png")
-UNDATED: dict[str, dict[str, Any]] = {  # the same data give the same file on any day
+UNDATED: dict[str, dict[str, Any]] = {  # metadata without a date, so that equal figures give equal files
     "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},
     "svg": {"Date": None, "Creator": "sdhj"},
     "png": {"Software": "sdhj"},
@@ -44,41 +44,41 @@ LOOKS: dict[str, Looks] = {
     "target": TARGET_LOOKS,
     "evader": TARGET_LOOKS,
 }
-OUTCOME_INK = "#c44e00"  # the run itself, on blue tubes
+OUTCOME_INK = "#c44e00"  # a run, on blue tubes
 
 
 def style() -> AbstractContextManager[None]:
-    """Context in which figures are drawn and saved in the project's style."""
+    """A context manager in which figures are drawn and saved in the project's style."""
     return mpl.style.context(STYLE_FILE)
 
 
 def look(name: str) -> Looks:
-    """How a set of that name is drawn; one the library does not know is drawn as unsafe."""
+    """Matplotlib's keywords for the set `name`; a name without a style of its own is drawn as an unsafe set."""
     return LOOKS.get(name, UNSAFE_LOOKS)
 
 
 def step_colours(steps: int) -> list[Any]:
-    """One colour for each number of steps to go, 0 to `steps`: dark is near the target, lightness falls evenly."""
+    """One colour for each number of steps to go, 0 to `steps`, from dark to light in even steps of lightness."""
     return [mpl.colormaps["YlGnBu_r"](0.06 + 0.84 * n / max(steps, 1)) for n in range(steps + 1)]
 
 
 def patch(name: str, label: str) -> Patch:
-    """What a legend shows for a set of that name."""
+    """A legend entry, with the text `label`, for the set `name`."""
     return Patch(**look(name), label=label)
 
 
 def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
-    """A figure of that many inches whose parts make room for each other."""
+    """A figure of this size, in inches, with Matplotlib's constrained layout; `options` as for its `Figure`."""
     return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
 
 
 def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder, made where it does not exist; checked before long work whose result goes there.
+    """Create the folder if it does not exist, and check before long work that files can be written there.
 
     Raises
     ------
     OSError
-        Where it cannot be made or written to, with what to do about it.
+        If the folder cannot be created or written to; the message says what to do.
     """
     folder = Path(folder)
     try:
@@ -92,21 +92,21 @@ def writable_folder(folder: str | os.PathLike[str]) -> Path:
 def save(
     figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png")
 ) -> list[Path]:
-    """Write `figure` as folder/name.format for each format; the same figure gives the same bytes.
+    """Write `figure` as folder/name.format for each format and return the paths; equal figures give equal files.
 
     Raises
     ------
     ValueError
-        For an unknown format.
+        If a format is none of pdf, svg, png.
     OSError
-        Where the folder cannot be written.
+        If the folder cannot be written to.
     """
     unknown = set(formats) - set(FORMATS)
     if unknown:
         raise ValueError(f"formats must be among {', '.join(FORMATS)}, got {', '.join(sorted(unknown))}")
     folder = writable_folder(folder)
     files = [folder / f"{name}.{form}" for form in formats]
-    logging.getLogger("fontTools").setLevel(logging.ERROR)  # it complains that an undated file has no date
+    logging.getLogger("fontTools").setLevel(logging.ERROR)  # it warns that the file has no date
     with style():
         for file in files:
             write(figure, file)
@@ -114,9 +114,9 @@ def save(
 
 
 def write(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write `figure` in the format that the name ends with, whole or not at all.
+    """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
-    It is drawn in memory first: what draws a PDF on a disk that is full dies of something else than that.
+    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.
     """
     drawn, form = io.BytesIO(), Path(path).suffix[1:].lower()
     figure.savefig(drawn, format=form, metadata=UNDATED[form])
@@ -125,6 +125,6 @@ def write(figure: Figure, path: str | os.PathLike[str]) -> None:
 
 
 def grey(rgb: Iterable[Any]) -> Any:
-    """Perceived lightness (Rec. 709 luma) of colours (..., 3 or 4) in [0, 1]: what a grey copy shows."""
+    """Perceived lightness (Rec. 709 luma) of colours (..., 3 or 4), in [0, 1]: their grey level in a grey copy."""
     array = np.asarray(list(rgb), dtype=np.float64)
     return array[..., :3] @ np.array([0.2126, 0.7152, 0.0722])

@@ -1,4 +1,4 @@
-"""The workspace: the arm, the known disks, the agent (Figs. 1, 9a and 12a)."""
+"""The workspace: the arm, the obstacles, the target and the agent (Figs. 1, 9a and 12a)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,14 +12,14 @@ from sdhj.arm.workspace import Disk
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, look
 
-ARROW_SECONDS = 0.8  # a velocity arrow is as long as the way made in this time
+ARROW_SECONDS = 0.8  # a velocity arrow is as long as the distance travelled in this time
 FRAME_MARGIN = 0.02
 
-# Patches enter by `add_artist`: `frame_workspace` sets the limits, so nobody need look for those of each curve.
+# `add_artist`, not `add_patch`: `frame_workspace` sets the limits, so Matplotlib need not compute them from each patch.
 
 
 def frame_workspace(ax: Axes, scene: ArmScene) -> None:
-    """Equal axes over the square in which arm and agent move, in metres."""
+    """Set equal axes that show the square in which arm and agent move, in metres."""
     half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
     limits = (-half_side, half_side)
     ax.set(xlim=limits, ylim=limits, aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")
@@ -28,7 +28,7 @@ def frame_workspace(ax: Axes, scene: ArmScene) -> None:
 def draw_arm(
     ax: Axes, scene: ArmScene, q: Sequence[float] | FloatArray, *, alpha: float = 1.0, zorder: float = 5.0
 ) -> None:
-    """The thick links at joint angles q (2,), with base, elbow and end-effector."""
+    """Draw the arm at joint angles q (2,): the thick links, base, elbow and end-effector."""
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
     ax.add_artist(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
@@ -38,7 +38,7 @@ def draw_arm(
 
 
 def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray) -> None:
-    """A white arrow with a dark outline; nothing where it would have no length."""
+    """Draw a white arrow with a dark outline, if it has a length."""
     if np.allclose(start, end):
         return
     ax.add_artist(
@@ -59,7 +59,7 @@ def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray) -> None:
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
-    """Faint outlines of a moving disk at some times, and the line its centre follows."""
+    """Draw faint outlines of a moving disk at the given times, and the path of its centre."""
     if disk.speed == 0.0:
         return
     plain = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "linestyle": "-"}
@@ -78,23 +78,23 @@ def draw_workspace(
     trail: FloatArray | None = None,
     arrows: bool = True,
 ) -> None:
-    """Obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
+    """Draw obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
 
     Parameters
     ----------
     state : (4,) array, optional
-        Joint angles and the agent's centre; nothing of either is drawn without it.
+        Joint angles and the agent's centre; arm and agent are left out without it.
     time : float
-        Where the known disks are, s.
+        The time at which obstacles and target are drawn, s.
     trail : (K,) array, optional
-        Times at which the moving disks are outlined faintly, s.
+        Further times at which the moving disks are outlined faintly, s.
     arrows : bool
-        Draw the velocities of the known disks, as the way made in 0.8 s.
+        Whether to draw the velocities of obstacles and target, as the distance travelled in 0.8 s.
     """
-    known = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
+    disks = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
     if scene.target is not None:
-        known.append((scene.target, TARGET_LOOKS, "target"))
-    for disk, looks, gid in known:
+        disks.append((scene.target, TARGET_LOOKS, "target"))
+    for disk, looks, gid in disks:
         if trail is not None:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
         ax.add_artist(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))

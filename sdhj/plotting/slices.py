@@ -1,4 +1,4 @@
-"""Two-dimensional slices of state space: sets, tubes, and paths across the periodic seam (Figs. 9b, 10, 11, 13)."""
+"""Two-dimensional slices of state space: sets, tubes, and paths cut at periodic ends (Figs. 9b, 10, 11, 13)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ AXIS_LABELS = {
     "px": "pursuer $p_x$ (m)",
     "py": "pursuer $p_y$ (m)",
 }
-LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`, apart in grey too
+LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 State = Sequence[float] | FloatArray  # one state (ndim,)
 QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
@@ -42,9 +42,9 @@ QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 
 @dataclass(frozen=True)
 class Plane:
-    """A slice: coordinates `x` (X,) and `y` (Y,), and the states `points` (Y * X, ndim) there.
+    """A slice along two axes: its coordinates `x` (X,) and `y` (Y,), and the states `points` (Y * X, ndim) on it.
 
-    A periodic axis is closed: its last coordinate is its upper end, the same states as its first.
+    A periodic axis includes its upper end, where the states are the same as at its lower end.
     """
 
     axes: tuple[int, int]
@@ -53,21 +53,21 @@ class Plane:
     points: FloatArray
 
     def shaped(self, values: FloatArray) -> FloatArray:
-        """Values (Y * X,) at `points` as the (Y, X) array that contour functions take."""
+        """Reshape values (Y * X,) at `points` to (Y, X), as contour functions need them."""
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Grid values interpolated onto the slice, (Y, X): `Table.contains` answers with their sign."""
+        """Interpolate values on the grid at the points of the slice, shape (Y, X)."""
         return self.shaped(grid.interpolate(values, self.points))
 
 
 def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
-    """The slice along two axes through the state `through` (its entries at those two axes are ignored).
+    """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
 
     Raises
     ------
     ValueError
-        Where `through` is not a state, or lies off a bounded axis, or `axes` are not two axes.
+        If `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
     """
     state = np.asarray(through, dtype=np.float64)
     if state.shape != (grid.ndim,):
@@ -87,9 +87,9 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
 
 
 def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str, zorder: float = 2.0) -> None:
-    """Fill and outline {values <= 0}; `values` (Y, X). An empty set draws nothing.
+    """Fill and outline the set {values <= 0}, with `values` (Y, X) on the slice; an empty set draws nothing.
 
-    The filled artist carries the identifier `gid`, the outline `gid` + "-edge".
+    The filled artist has the identifier `gid`, the outline `gid` + "-edge".
     """
     low, high = float(values.min()), float(values.max())
     if low > 0.0:
@@ -123,7 +123,7 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
 
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
-    """Limits, ticks and labels (with units) of a slice."""
+    """Set the limits, ticks and labels (with units) of a slice."""
     for axis, name in zip(axes, "xy", strict=True):
         low, high = grid.lower[axis], grid.upper[axis]
         getattr(ax, f"set_{name}lim")(low, high)
@@ -131,7 +131,7 @@ def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
         getattr(ax, f"set_{name}label")(AXIS_LABELS.get(label, label))
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
             getattr(ax, f"set_{name}ticks")(QUARTERS, QUARTER_LABELS)
-    for spine in ax.spines.values():  # a slice is a box; what runs off one side of a periodic axis enters at the other
+    for spine in ax.spines.values():  # the full frame: a path that leaves a periodic axis enters at its other end
         spine.set_visible(True)
     if all(grid.periodic[axis] for axis in axes):
         ax.set_aspect("equal")
@@ -147,10 +147,10 @@ def draw_constraints(
     parts: Sequence[str] | None = None,
     resolution: int = 2 * RESOLUTION - 1,
 ) -> None:
-    """The true target and unsafe sets at time step * delta on a slice, no grid involved (Fig. 9b).
+    """Draw the true target and unsafe sets at time step * delta on a slice, without interpolation (Fig. 9b).
 
-    Unsafe sets are red and hatched, the target blue, capture by the pursuer a bold dotted contour. `parts` chooses
-    some of them by name.
+    Unsafe sets are red and hatched, the target is blue, and the set of captures by the pursuer has a bold dotted
+    contour. `parts` selects some of them by name.
     """
     where = plane(problem.grid, through, axes, resolution)
     t = step * problem.delta
@@ -174,10 +174,10 @@ def draw_tubes(
     unsafe: bool = True,
     resolution: int = RESOLUTION,
 ) -> None:
-    """The nested tubes with 0 to `within` steps to go from step `start`, on a slice (Figs. 10 and 11).
+    """Draw the nested tubes with 0 to `within` steps to go from step `start`, on a slice (Figs. 10 and 11).
 
-    Dark is near the target. The tube with n steps to go carries the identifier "tube-n". `unsafe` outlines the true
-    unsafe sets at the start.
+    Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n". With `unsafe` the true
+    unsafe sets at step `start` are outlined.
     """
     grid, most = table.grid, table.steps - whole("start", start, least=0, most=table.steps)
     within = most if within is None else min(within, most)
@@ -196,9 +196,9 @@ def draw_tubes(
 
 
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
-    """A path (T, 2) on a slice, with a row of NaN wherever it crosses the seam of a periodic axis.
+    """The path of states (T, ndim) on a slice, (R, 2), wrapped, with a row of NaN where it crosses a periodic end.
 
-    Both pieces reach the seam: the crossing point is put on either side of it.
+    Both pieces extend to the end of the axis: the crossing point is added on either side.
     """
     path = np.asarray(states, dtype=np.float64)[:, list(axes)].copy()
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
@@ -209,9 +209,9 @@ def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> F
     for before, after in pairwise(path):
         jump = np.where(periodic, np.round((after - before) / span), 0.0)
         if jump.any():
-            near = after - jump * span  # the next state, seen from this side
-            wall = np.where(jump < 0, low + span, low)
-            shares = np.where(jump != 0, (wall - before) / np.where(near != before, near - before, 1.0), np.inf)
+            near = after - jump * span  # the next state, not wrapped
+            end = np.where(jump < 0, low + span, low)
+            shares = np.where(jump != 0, (end - before) / np.where(near != before, near - before, 1.0), np.inf)
             exit_point = before + np.clip(shares.min(), 0.0, 1.0) * (near - before)
             rows += [exit_point, np.full(2, np.nan), exit_point + jump * span]
         rows.append(after)
@@ -221,7 +221,7 @@ def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> F
 def draw_path(
     ax: Axes, grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1), marks: FloatArray | None = None, **line: Any
 ) -> None:
-    """A run on a slice, cut where it crosses a seam; `marks` (K, ndim) are states to dot, the sampling times say."""
+    """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes; dots at the `marks` (K, ndim)."""
     path = unwrapped(grid, states, axes)
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
     ax.plot(*path.T, **looks)
@@ -248,7 +248,7 @@ def draw_labels(
     axes: Sequence[int] = (0, 1),
     resolution: int = RESOLUTION,
 ) -> None:
-    """What of a tube is certified, in the colours of `LABELS`, with the outline of the table's own tube."""
+    """Colour a slice by `LABELS`, which part of the table's tube is certified, and outline the table's tube."""
     within = table.steps - start if within is None else within
     where = plane(table.grid, through, axes, resolution)
     found = where.shaped(labels(table, certified, where.points, start=start, within=within))
@@ -262,6 +262,6 @@ def draw_labels(
 
 
 def label_legend() -> list[Patch]:
-    """Legend entries of `draw_labels`."""
+    """The legend entries of `draw_labels`."""
     looks: Looks = {"edgecolor": INK, "linewidth": 0.6}
     return [Patch(facecolor=c, label=label, **looks) for c, label in zip(LABEL_COLOURS, LABELS, strict=True)]

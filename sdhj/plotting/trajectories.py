@@ -1,4 +1,4 @@
-"""Closed-loop runs: on a slice, of any robot; in the workspace, of the arm (Fig. 12 has more of them)."""
+"""Figures of closed-loop runs: on a slice, for any robot; in the workspace, for the arm (as in Fig. 12)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,15 +14,15 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table
 
-LIVE = 97  # points along each side of a slice of which an animation shows many
+LIVE = 97  # points along each side of the slices of an animation, fewer than elsewhere for speed
 THEN_LOOKS = TARGET_LOOKS | {"facecolor": "none", "linestyle": (0, (3, 1.5))}  # a target at a later time
 WAY: dict[str, Any] = {"linestyle": "-", "linewidth": 1.5, "color": OUTCOME_INK}
 
 
 def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (0, 1)) -> None:
-    """A run on a slice: tube, target and unsafe sets at its start, and the target outlined at its end (Fig. 12b).
+    """Draw a run on a slice: tube, target and unsafe sets at its start, and the target at its end outlined (Fig. 12b).
 
-    The identifier of the outline is that of the target and "-then-edge".
+    The identifier of the outline is the target's name + "-then-edge".
     """
     problem = table.problem
     where = plane(problem.grid, run.states[0], axes)
@@ -36,23 +36,23 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
 
 
 def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
-    """The workspace at one moment of a run, with the end-effector's way so far."""
+    """Draw the workspace at the instant `index` of a run of the arm, with the end-effector's path so far."""
     view = scene(problem)
     draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]), arrows=False)
     ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)
 
 
 def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) -> None:
-    """One moment of a run: workspace on the left, C-space with the tube in force on the right. Clears the figure."""
+    """Redraw the figure for one instant of a run: the workspace on the left, the next tube on a slice on the right."""
     figure.clear()
     problem = table.problem
     left, right = figure.subplots(1, 2)
     draw_frame(left, problem, run, index=index)
     step, n, goal = 0, 0, (0, 0)
-    if len(run.inputs):  # a run that starts in the target holds none
+    if len(run.inputs):  # a run that starts in the target has no inputs
         step = min(int(run.times[index] / problem.delta + 1e-6), len(run.inputs) - 1)
         n = int(run.steps_to_go[step])
-        goal = (step + 1, max(n - 1, 0))  # where the interval has to end
+        goal = (step + 1, max(n - 1, 0))  # the tube in which the interval has to end
     state = run.states[index]
     where = plane(problem.grid, state, resolution=LIVE)
     values = where.of(problem.grid, table.values(start=goal[0], within=goal[1]))
