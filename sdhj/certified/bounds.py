@@ -40,17 +40,17 @@ Ends = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class LipschitzBounds:
-    """How fast functions can change that intervals cannot be followed through. A promise: proofs rest on it.
+    """Bounds on how fast functions change that interval arithmetic cannot evaluate. Proofs assume that they hold.
 
     Parameters
     ----------
     dynamics : (ndim, ndim) array, optional
         dynamics[i, k] >= |d/dx_k (drift_i + sum_d gain_id v_d)| everywhere, for every input and |v_d| <= bounds_d.
     sets : mapping from the name of a set to a sequence of float
-        For the target or an unsafe set: a bound on |d(level set)/dx| for each of its axes.
+        For the target or an unsafe set: a bound on |d(level set)/dx| for each of the axes that the set depends on.
     time : (ndim,) array, optional
         time[i] >= |d/dt (drift_i + sum_d gain_id r_d bounds_d)| everywhere, for every input and |r_d| <= 1: a bound on
-        |d velocity/dt| for each axis. Not needed (zero) where the dynamics do not depend on time.
+        |d velocity/dt| for each axis. It is not needed (zero) where the dynamics do not depend on time.
     """
 
     dynamics: FloatArray | None = None

@@ -73,22 +73,22 @@ MEASURED = 0.03  # of the intervals, for an estimate
 
 @dataclass(frozen=True)
 class Certified:
-    """The method that proves what it says: every answer holds for every state, adversary and time.
+    """The method with a proof: its sets hold for every state of a cell, every disturbance and every time (Theorem 2).
 
     Parameters
     ----------
     cells : sequence of int, optional
-        About how many cells each axis gets; the number is moved to one whose cells are aligned with the inputs and the
-        disturbance where there is one. More cells, a larger certified set. By default (419, 419, 72, 72) for the arm.
+        The approximate number of cells on each axis; it is adjusted so that cells align with the displacements of one
+        interval, where possible. More cells certify a larger set. By default 64 each, for the arm (419, 419, 72, 72).
     bounds : LipschitzBounds, optional
-        For those functions of a problem of your own that intervals cannot be followed through: how fast they change.
+        How fast those functions of a user-defined problem change that interval arithmetic cannot evaluate.
     parts : int
-        Into how many parts the interval is cut, for the fastest input, to bound the tube.
+        The number of parts into which a sampling interval is cut to bound the tube, for the fastest input.
 
     Raises
     ------
     ValueError
-        Where an option does not fit; in `sets` also where it does not fit the problem, or a bound is missing.
+        If an option is invalid; from `sets` also if it does not fit the problem, or a bound is missing.
     """
 
     cells: Sequence[int] | None = None

@@ -1,4 +1,4 @@
-"""The look-up table whose every answer is proved."""
+"""The look-up table of the certified method, whose every answer is proved."""
 
 import math
 import os
@@ -31,22 +31,22 @@ PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 @dataclass(frozen=True, repr=False)
 class CertifiedTable(Table):
-    """Every certified S_k^n, packed; used like a `LookupTable`. Made by `sdhj.solve` with the method `Certified`.
+    """All certified tubes S_k^n, as sets of cells; made by `sdhj.solve` with the method `Certified`.
 
-    The level-set function of S_k^n that it reports is the number of steps in which the target is certified to be
-    reached, N - k + 1 where it is not, minus n: whole numbers, <= 0 inside.
+    It is used like a `LookupTable`. The level-set function of S_k^n is the number of steps within which the target is
+    certified to be reached (N - k + 1 if it is not) minus n: a whole number, <= 0 inside.
 
     Attributes
     ----------
     proof : ArmProof or GeneralProof
-        What one interval does to the cells.
+        The reach sets and swept tubes of the cells over one interval.
     index : (entries, rows) uint32
-        For each (start, within) and each cell of the leading axes, which block of the pool holds its cells. Where
-        nothing depends on time for each `within` alone, or for all the last.
+        For each (start, within) and each cell of the leading axes, the block of `pool` that contains its cells. Where
+        nothing depends on time, there is one entry for each `within` only, or the last one alone.
     pool : (blocks, words) uint64
-        Blocks of packed cells of the remaining axes; block 0 is empty.
+        Blocks of the cells of the remaining axes, one bit for each cell; block 0 is empty.
     details : mapping
-        How it was computed.
+        The options, the time taken, and other facts about the solve.
     """
 
     proof: ArmProof | GeneralProof
@@ -66,36 +66,36 @@ class CertifiedTable(Table):
 
     @cached_property
     def cells(self) -> Cells:
-        """The cells as arrays for compiled code."""
+        """The edges and the layout of the cells, as arrays for compiled code."""
         return cells_of(self.axes, self.proof.rows)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many cells each axis has."""
+        """The number of cells on each axis."""
         return tuple(axis.count for axis in self.axes)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the sets and what proves them take in memory."""
+        """Bytes that the sets and the proof's data take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def place(self, start: int, within: int | None) -> int:
-        """Which row of the index (start, within) has."""
+        """The row of `index` for the entry (start, within)."""
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
-        """How many of the sets at the places first..last in the index do not hold each of the states (M, ndim)."""
+        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,)."""
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
         fewest_steps(states, self.cells, self.index[first : last + 1], self.pool, out)
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """Fewest steps certified from each row of `states` (M, ndim) at a step, N - step + 1 where none are: (M,).
+        """The fewest steps certified from states (M, ndim) at a step, N - step + 1 where none is certified: (M,).
 
-        Without a target 0 where it is certified that the state stays clear for all that are left.
+        Without a target it is 0 where the state is certified to stay clear for all steps that are left.
         """
         last = self.place(step, self.steps)
         if self.problem.stays:
@@ -112,7 +112,7 @@ class CertifiedTable(Table):
         return out
 
     def _around(self, states: FloatArray) -> FloatArray:
-        """Places (M, V, ndim) in all cells that may be measured in states (M, ndim)."""
+        """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
             width, x = float(own.width), states[:, axis, None]
@@ -127,10 +127,10 @@ class CertifiedTable(Table):
         return self.grid.clipped(found, "wall", "unsafe")
 
     def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether all, and whether any, of each box of states (M, ndim) is certified: bool (2, M).
+        """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
 
-        A box that is wholly certified may stick out of the cells by STATE_SLACK and by what three steps may drift. What
-        crosses the end of an axis, a periodic one too, is not wholly certified, and may be in part.
+        A box counts as wholly certified even if it exceeds the cells by STATE_SLACK plus the drift of three steps. A
+        box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
         """
         cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
         known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
@@ -147,7 +147,7 @@ class CertifiedTable(Table):
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
         """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
 
-        For a state in a certified cell there is at least one, but for within = 0; for any other state there is none.
+        A state in a certified cell has at least one such input, except for within = 0; any other state has none.
         """
         place, within = self.place(step, within), min(within, self.steps - step)
         if within == 0:
@@ -155,7 +155,7 @@ class CertifiedTable(Table):
         return self.proof.inputs(self, states, step, (place, self.place(step + 1, within - 1)))
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 where certified."""
+        """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 inside."""
         start, within = self.clipped(start, within)
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
@@ -174,11 +174,11 @@ class CertifiedTable(Table):
         return self.proof.hazards(self, states, step)
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """As `Table.batch`, of certified inputs only.
+        """As `Table.batch`; only certified inputs are safe.
 
-        The margin is the steps to go that the undisturbed successor has, minus those it may have; at most 0 for a
-        certified input, and the lower, the sooner the target; +inf for the others. From the target there may be no
-        input that is proved to bring the state back into it one step later.
+        The margin of a certified input is the steps to go of the undisturbed successor minus those that are allowed, at
+        most 0; lower margins reach the target sooner. It is +inf for other inputs. In the target there may be no input
+        that is proved to bring the state back into it one step later.
         """
         return super().batch(states, step, within)
 
@@ -199,12 +199,12 @@ class CertifiedTable(Table):
         batch.best[rows] = np.where(safe.any(axis=1), margins.argmin(axis=1), NOT_ADMISSIBLE)
 
     def bits(self, *, start: int, within: int) -> FloatArray:
-        """The set as bool, one for each cell; shape `shape`. Large: 900 million for the case study."""
+        """Which cells are in the set S_start^within, bool of shape `shape`: 900 million for the arm by default."""
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
         return to_bits(self.pool[self.index[self.place(start, within)]], packed).reshape(self.shape)
 
     def _share(self, start: int, within: int) -> float:
-        """Of cells, not of nodes; with `Sensing` of 2^18 states drawn evenly for which `contains` says so."""
+        """The share of the cells' volume; with `Sensing`, of 2^18 random states, those for which `contains` is True."""
         if self.problem.sensing:
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
@@ -223,15 +223,15 @@ class CertifiedTable(Table):
 
     @cached_property
     def losing(self) -> "CertifiedTable":
-        """Cells from which the adversary surely wins (`sdhj.certified.losing`): ask its bits, `contains`, `fraction`.
+        """Cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction`.
 
-        Of a problem of one's own, by intervals of its functions; computed when it is asked for. ValueError where
-        intervals cannot follow a function, as those of the arm's case study.
+        It is computed at the first access, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
+        evaluate a function of the problem, as for the arm's case study.
         """
         return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the volume of the state space of which neither is proved: what more cells can still gain."""
+        """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
 
     def save(self, path: str | os.PathLike[str]) -> None:

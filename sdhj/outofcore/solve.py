@@ -84,10 +84,10 @@ class StoreEstimate(NamedTuple):
 
 
 def estimate(problem: ReachAvoidProblem, method: Any = "hji", *, memory: int | None = None) -> StoreEstimate:
-    """What `sdhj.solve(problem, method, store=..., memory=memory)` will take, without writing a store.
+    """Estimate the memory, disk space and time of `sdhj.solve(problem, method, store=..., memory=memory)`.
 
-    Slabs, memory and disk are counted; the time is that of one slab of each kind, solved here in a folder of `TMPDIR`,
-    with the goal of two steps, times how many there are. Equal tubes and compression make it less.
+    The number of slabs, memory and disk space are computed; compression saves disk space. The time is extrapolated from
+    one slab of each kind, which is solved now in a temporary folder; a solve in which tubes are equal takes less.
 
     Raises
     ------

@@ -63,9 +63,9 @@ def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None 
 
 
 class StoredTable(Table):
-    """Every tube of a problem, in a store: a `Table` that reads what is asked for.
+    """A look-up table on disk that reads only the chunks a query needs; for tables larger than memory.
 
-    Made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its methods answer as those of a `LookupTable` do.
+    It is made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its answers equal those of a `LookupTable`.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class StoredTable(Table):
     Raises
     ------
     TableFileError
-        Where the store is not finished; of any method where a chunk that it asks for is damaged or missing.
+        If the store is not finished; any method raises it if a chunk that it needs is damaged or missing.
     """
 
     def __init__(self, problem: ReachAvoidProblem, store: TableStore) -> None:
@@ -91,17 +91,17 @@ class StoredTable(Table):
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the arrays would take in memory."""
+        """Bytes that the whole table would take in memory."""
         return sum(math.prod(array.shape) * array.dtype.itemsize for array in self.store.arrays.values())
 
     # ---- whole tubes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Level-set function of a tube on the whole grid, shape grid.shape."""
+        """The level-set function of a tube on the whole grid, shape grid.shape; MemoryError if it does not fit."""
         return self._whole("tubes", start, within)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe and make progress at each node: bool, grid.shape + (L,)."""
+        """Which inputs are safe and make progress at each node, bool grid.shape + (L,); MemoryError if too large."""
         count = len(self.problem.inputs)
         require(count * self.grid.size, "the marks of all nodes", "ask for the states of interest with batch()")
         bits = np.unpackbits(self._whole("masks", start, within), axis=0, count=count, bitorder="little")
@@ -115,7 +115,7 @@ class StoredTable(Table):
         return total
 
     def loaded(self) -> LookupTable:
-        """The table in memory; MemoryError where there is no room for it."""
+        """The table as a `LookupTable` in memory; MemoryError if it does not fit."""
         require(self.nbytes, "the table", "leave it in its store")
         avoid_axes = [self.avoid_axes[kind] for kind in KINDS]
         grids = [self.grid, self.grid, *(self.grid.subgrid(axes) if axes else None for axes in avoid_axes)]
@@ -128,7 +128,7 @@ class StoredTable(Table):
         return LookupTable(self.problem, self.method, self.index, tubes, masks, avoid, self.details)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """As `LookupTable.save`: one file in place of the store, for a table that fits into memory."""
+        """Write the table to one file, as `LookupTable.save` does; MemoryError if it does not fit into memory."""
         self.loaded().save(path)
 
     def _whole(self, name: str, start: int, within: int | None) -> FloatArray:
