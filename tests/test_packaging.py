@@ -245,11 +245,22 @@ def test_a_missing_extra_is_named(missing: str, extra: str, line: str) -> None:
     assert run.stderr.splitlines()[-1].startswith("ImportError: ") and f"sdhj[{extra}]" in run.stderr.splitlines()[-1]
 
 
-def test_citation_and_changelog_have_the_version() -> None:
+def test_citation_changelog_and_contributing_have_the_version() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^version: (\S+)$", citation, re.MULTILINE) == [sdhj.__version__]
+    assert f"git tag v{sdhj.__version__} &&" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     changes = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert changes[0] == sdhj.__version__
+
+
+@pytest.mark.slow
+def test_what_would_be_published_runs_the_readmes_car(tmp_path: Path) -> None:
+    tracked_files()  # skips where there is nothing to clone
+    done = subprocess.run([ROOT / ".ci" / "package", tmp_path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    built = {path.name for path in tmp_path.iterdir()}
+    assert built == {f"sdhj-{sdhj.__version__}.tar.gz", f"sdhj-{sdhj.__version__}-py3-none-any.whl"}
+    assert all(f"{name}: passed" in done.stdout for name in built)
 
 
 def test_top_level_holds_what_it_should() -> None:

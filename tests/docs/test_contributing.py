@@ -48,7 +48,7 @@ def run(arguments: list[str], folder: Path, **environment: str) -> str:
 
 def test_every_heading_has_code() -> None:
     sections = re.split(r"^## ", TEXT, flags=re.MULTILINE)[1:]
-    assert len(sections) == 7
+    assert len(sections) == 8
     assert all("```" in section for section in sections)
 
 
@@ -76,13 +76,16 @@ def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:
 
 def test_the_method_agrees_with_the_exact_one(names: dict[str, Any]) -> None:
     """Corners and samples see less than the Hopf-Lax formula does, so their tubes hold as much and a little more."""
-    own, exact = names["own"], sdhj.solve(names["problem"], sdhj.HopfLax(interpolation="linear"), progress=False)
-    assert own.method == "corners"
+    corners, exact = (
+        names["corners"],
+        sdhj.solve(names["problem"], sdhj.HopfLax(interpolation="linear"), progress=False),
+    )
+    assert corners.method == "corners"
     for within in range(9):
-        mine, theirs = (table.fraction(start=0, within=within) for table in (own, exact))
+        mine, theirs = (table.fraction(start=0, within=within) for table in (corners, exact))
         assert theirs <= mine <= theirs + 0.005
-    assert own.fraction(start=0, within=8) > 2 * own.fraction(start=0, within=0)
-    assert sdhj.monte_carlo(sdhj.Controller(own), runs=100, adversary="random", seed=0, progress=False)
+    assert corners.fraction(start=0, within=8) > 2 * corners.fraction(start=0, within=0)
+    assert sdhj.monte_carlo(sdhj.Controller(corners), runs=100, adversary="random", seed=0, progress=False)
 
 
 @pytest.mark.slow  # another package, so everything is compiled anew
