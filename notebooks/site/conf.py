@@ -116,8 +116,14 @@ def put_frames(outputs: list[Any], widget: Any) -> None:
 
 def as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are prose and not reStructuredText: |v_d| is a size and *shape an unpacking."""
+    example = False
     for number, line in enumerate(lines):
-        bullet, text = re.match(r"(\s*(?:\* )?)(.*)", line).groups()
+        example = line.lstrip().startswith(">>>") or (example and bool(line.strip()))  # to the next empty line
+        if example:
+            continue
+        bullet, text = re.match(r"(\s*(?:\* |:returns: )?)(.*)", line).groups()
+        if ":returns:" in bullet:
+            text = text.removeprefix("*").removesuffix("*")  # a type, which napoleon sets in italics
         pieces = text.split("`")  # what stands between backticks is code
         pieces[::2] = [re.sub(r"(?<!\\)([*|])", r"\\\1", piece) for piece in pieces[::2]]
         lines[number] = bullet + "`".join(pieces)

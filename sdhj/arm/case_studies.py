@@ -199,14 +199,14 @@ def evader_case_study(
     arm's reach, so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because
     no state is in the target for every position of the evader along a dropped axis.
 
+    All other parameters are those of `arm_case_study`.
+
     Parameters
     ----------
     v_e_max : float
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
         The evader's radius, and half the side of the square that its centre stays in, m.
-
-    The others are those of `arm_case_study`.
 
     Raises
     ------

@@ -89,6 +89,16 @@ class Certified:
     ------
     ValueError
         If an option is invalid; from `sets` also if it does not fit the problem, or a bound is missing.
+
+    Examples
+    --------
+    The more cells, the larger the share of the states that is proved:
+
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=2)
+    >>> methods = [sdhj.Certified(cells=cells) for cells in ((64, 64, 24, 24), (84, 84, 36, 36))]
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=2), 2) for method in methods]
+    [0.08, 0.1]
     """
 
     cells: Sequence[int] | None = None

@@ -94,14 +94,31 @@ class Dynamics:
     bounds : (D,) array, or function of (u, t) -> (D,)
         Half-widths of the box of disturbances. Without an adversary: bounds [0.0] and a gain of zeros (ndim, 1).
 
-    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. Without `points` it
-    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
-    grid before a function is called.
-
     Raises
     ------
     ValueError
         If a shape, a number or a function does not fit.
+
+    Notes
+    -----
+    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. Without `points` it
+    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
+    grid before a function is called.
+
+    Examples
+    --------
+    A cart drives at 1 m/s, turns at -1 or 1 rad/s, and is pushed about by up to 0.1 m/s:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> dynamics = sdhj.Dynamics(
+    ...     inputs=[[-1.0], [1.0]],
+    ...     drift=lambda q, u: np.stack([np.cos(q[:, 2]), np.sin(q[:, 2]), np.full(len(q), u[0])], axis=1),
+    ...     gain=np.eye(3)[:, :2],
+    ...     bounds=[0.1, 0.1],
+    ... )
+    >>> dynamics.drift(np.zeros((1, 3)), dynamics.inputs[1])
+    array([[1., 0., 1.]])
     """
 
     inputs: FloatArray

@@ -53,6 +53,19 @@ class Grid:
     ------
     ValueError
         If an argument does not fit; the message names the axis and the value.
+
+    Examples
+    --------
+    A position and an angle:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> grid = sdhj.Grid([0.0, -np.pi], [2.0, np.pi], [5, 8], periodic=[False, True])
+    >>> grid.nodes(0)
+    array([0. , 0.5, 1. , 1.5, 2. ])
+    >>> values = grid.points()[:, 0].reshape(grid.shape)  # the position at each node
+    >>> grid.interpolate(values, np.array([[0.75, 3.0], [9.0, 0.0]]))
+    array([0.75,  inf])
     """
 
     lower: tuple[float, ...]

@@ -81,6 +81,23 @@ class ReachAvoidProblem:
     ------
     ValueError
         If shapes, options or numbers do not fit, or if no grid node is both in the target and safe at any step.
+
+    Examples
+    --------
+    A robot that is to stay between the two ends of its track for ever, so without a target:
+
+    >>> import sdhj
+    >>> speeds = [[-1.0], [1.0]]  # m/s
+    >>> problem = sdhj.ReachAvoidProblem(
+    ...     grid=sdhj.Grid([-1.0], [1.0], [41]),
+    ...     dynamics=sdhj.Dynamics(inputs=speeds, drift=speeds, gain=[[1.0]], bounds=[0.2]),
+    ...     target=None,
+    ...     unsafe=[],
+    ...     delta=0.1,
+    ...     steps=None,
+    ... )
+    >>> sdhj.solve(problem).contains([[0.0], [0.99]], start=0)
+    array([ True, False])
     """
 
     grid: Grid

@@ -76,6 +76,17 @@ class Sensing:
     ------
     ValueError
         If a value is not a number, or negative; `ReachAvoidProblem` checks that the values fit the problem.
+
+    Examples
+    --------
+    The arm knows its angles to 0.02 rad, the pursuer to 5 mm, and acts 10 ms late:
+
+    >>> from dataclasses import replace
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=15, steps=3)
+    >>> sensed = replace(problem, sensing=sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01))
+    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed)]
+    [0.19, 0.07]
     """
 
     error: Any = 0.0

@@ -50,7 +50,19 @@ class UnsafeSet:
         enlarge the set by less than a cell and never shrink it. "cell" is the conservative option: a lower bound over
         all cells that touch the node, so no thin part is missed, but the set grows by a cell.
 
+    Notes
+    -----
     Coordinates on periodic axes are wrapped into the grid before a function is called.
+
+    Examples
+    --------
+    A disk of radius 0.5 m that moves along the first axis at 0.2 m/s:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5, rate=0.2)
+    >>> disk.level_set(np.array([[0.0, 0.0], [1.0, 0.0]]), 1.0)
+    array([-0.3,  0.3])
     """
 
     axes: tuple[int, ...]
@@ -134,7 +146,18 @@ class UnsafeSet:
 
 @dataclass(frozen=True)
 class TargetSet:
-    """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t."""
+    """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t.
+
+    Examples
+    --------
+    A disk of radius 0.5 m about the origin:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> target = sdhj.TargetSet((0, 1), lambda points, t: np.hypot(points[:, 0], points[:, 1]) - 0.5)
+    >>> target.level_set(np.array([[0.0, 0.0], [0.0, 2.0]]), 0.0)
+    array([-0.5,  1.5])
+    """
 
     axes: tuple[int, ...]
     level_set: StaticLevelSet

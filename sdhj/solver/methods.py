@@ -36,6 +36,16 @@ class HJI:
     games : {"decomposed", "joint"}
         Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. The joint PDE has no moving frame, because
         obstacles would move differently in it for each input, so it is as inaccurate as `Scheme(frame="fixed")`.
+
+    Examples
+    --------
+    The share of the states from which the target is reached within 3 steps, by the games apart and by the joint one:
+
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
+    >>> methods = sdhj.HJI(), sdhj.HJI(games="joint")
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
+    [0.18, 0.16]
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -69,6 +79,16 @@ class HopfLax:
     interpolation : {"limited", "linear"}
         How functions are interpolated between nodes: to third order, or linearly (`sdhj.solver.hopf_lax`).
     dtype : {"float32", "float64"}
+
+    Examples
+    --------
+    Linear interpolation loses states on a coarse grid:
+
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
+    >>> methods = sdhj.HopfLax(), sdhj.HopfLax(interpolation="linear")
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
+    [0.19, 0.14]
     """
 
     interpolation: str = "limited"

@@ -296,6 +296,16 @@ class Projected:
         (`default_subspaces`); in the case studies these are the paper's (0, 1, 2) and (0, 1, 3).
     inner : HJI or HopfLax, optional
         The method that solves the games on the subspaces.
+
+    Examples
+    --------
+    Beside the games on the whole grid, which take longer and win more:
+
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
+    >>> methods = sdhj.HJI(), sdhj.Projected()
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
+    [0.18, 0.16]
     """
 
     subspaces: Sequence[Sequence[int]] | None = None

@@ -74,6 +74,16 @@ class Scheme:
         component of the disturbance moves several axes. Applies if the drift is constant and along periodic axes only.
         "fixed", and otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
+
+    Examples
+    --------
+    Differences of first and of second order; on a coarse grid the first lose states:
+
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
+    >>> methods = [sdhj.HJI(sdhj.Scheme(order=order)) for order in (1, 2)]
+    >>> [round(sdhj.solve(problem, method).fraction(start=0, within=3), 2) for method in methods]
+    [0.17, 0.18]
     """
 
     flux: str = "godunov"

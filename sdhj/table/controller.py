@@ -24,7 +24,17 @@ CLOCK = 1e-9  # rounding of times, s
 
 
 class NotAdmissible(ValueError):
-    """The state is in no tube of the table, so no safe way to the target in time is known."""
+    """The state is in no tube of the table, so no safe way to the target in time is known.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> controller = sdhj.Controller(sdhj.solve(sdhj.arm_case_study(nodes=13, steps=3)))
+    >>> controller.select([-2.2, -0.9, 0.19, 0.22], 0)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    sdhj.table.controller.NotAdmissible: state [...] is not admissible at step 0: ...
+    """
 
 
 @dataclass(frozen=True)
@@ -182,6 +192,16 @@ class Controller:
     ------
     ValueError
         If the rule is unknown, or `table` is not a table.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> controller = sdhj.Controller(sdhj.solve(sdhj.arm_case_study(nodes=13, steps=3)))
+    >>> state = [0.9, 0.8, -0.3, -0.3]  # rad, rad, m, m
+    >>> controller.steps_to_go(state, 0), len(controller.safe_inputs(state, 0))
+    (2, 2)
+    >>> controller.problem.inputs[controller.select(state, 0)]  # rad/s
+    array([-1.5,  3. ])
     """
 
     last: "Action | None" = None  # the last answer of `step`

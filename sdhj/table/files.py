@@ -50,7 +50,16 @@ locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 
 class TableFileError(ValueError):
-    """A file is not a complete look-up table of a supported version, or belongs to another problem."""
+    """A file is not a complete look-up table of a supported version, or belongs to another problem.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> sdhj.load(sdhj.__file__)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    sdhj.table.files.TableFileError: ...
+    """
 
 
 # ---- files, complete or absent

@@ -103,6 +103,15 @@ class LookupTable(Table):
     avoid : AvoidTubes
     details : mapping
         Options of the method and statistics of the solve.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> table = sdhj.solve(sdhj.arm_case_study(nodes=13, steps=3))
+    >>> table.values(start=0, within=3).shape, table.inputs(start=0, within=3).shape
+    ((13, 13, 13, 13), (13, 13, 13, 13, 25))
+    >>> [round(table.fraction(start=0, within=n), 2) for n in range(4)]
+    [0.02, 0.06, 0.1, 0.18]
     """
 
     problem: ReachAvoidProblem

@@ -3,7 +3,10 @@
 Skipped without what `pip install -e '.[docs]'` brings; the browser's part also without Chromium or Playwright.
 """
 
+import builtins
+import inspect
 import json
+import pydoc
 import re
 import shutil
 import subprocess
@@ -20,6 +23,8 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
+
+import sdhj
 
 ROOT = Path(__file__).parent.parent.parent
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -140,6 +145,44 @@ def test_no_link_leads_nowhere(site: Path) -> None:
                 dead.append(f"{path.name}: {target}")
     assert dead == []
     assert [picture for links in read.values() for picture in links.unnamed_pictures] == []
+
+
+EXCEPTIONS = {*dir(builtins), *sdhj.__all__}
+
+
+def entries(site: Path) -> Iterator[tuple[str, Any]]:
+    """Of every page the objects that it describes: the name of each, and its entry."""
+    soup = pytest.importorskip("bs4").BeautifulSoup  # which the theme brings
+    for path in pages(site):
+        for entry in soup(path.read_text("utf-8"), "html.parser").select("dl.py > dt[id]"):
+            yield entry["id"], entry.parent
+
+
+def test_each_parameter_shown_is_one(site: Path) -> None:
+    """Prose below parameters would be read as their names; of an exception, or an attribute, as well."""
+    seen, wrong = 0, []
+    for name, entry in entries(site):
+        (owner, _, attribute), described = name.rpartition("."), pydoc.locate(name)
+        if described is None:  # a field, or what __init__ sets
+            source = inspect.getsource(pydoc.locate(owner))
+            wrong += [] if re.search(rf"(?m)^    {attribute}: |self\.{attribute}\b.* = ", source) else [name]
+        for title in entry.select(":scope > dd > dl.field-list > dt"):
+            names = {strong.text for strong in title.find_next_sibling("dd").select("strong")} - {", "}
+            right = inspect.signature(described).parameters if "Parameters" in title.text else EXCEPTIONS
+            wrong += [f"{name}: {title.text} {other}" for other in names.difference(right)]
+            seen += len(names)
+    assert wrong == [] and seen > 100
+
+
+def test_all_that_the_package_offers_has_an_entry_and_each_class_one_example(site: Path) -> None:
+    """Which doctest runs, and which is shown as it is written."""
+    shown = dict(entries(site))
+    for name in set(sdhj.__all__) - {"__version__"}:
+        entry, given = shown[f"sdhj.{name}"], getattr(sdhj, name)
+        if inspect.isclass(given):
+            (title,) = entry.find_all("p", class_="rubric", string="Examples")
+            example = title.find_next("div", class_="doctest").text
+            assert example.strip().startswith(">>> ") and "\\" not in example, name
 
 
 @contextmanager
