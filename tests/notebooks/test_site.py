@@ -78,6 +78,13 @@ CUT = """() => {
 # Blocks of code, and of what it printed, that have to be scrolled sideways.
 SIDEWAYS = """() => [...document.querySelectorAll('main pre')].filter(pre => pre.scrollWidth > pre.clientWidth)
     .map(pre => pre.textContent.slice(0, 80))"""
+# What is wider than where it stands, the page itself among it, but for code, formulas and tables in boxes of their own.
+TOO_WIDE = """() => [...document.querySelectorAll('html, body *')].filter(node => {
+    const style = getComputedStyle(node);
+    const clips = node.tagName === 'HTML' || !['visible', 'clip'].includes(style.overflowX);
+    const may = node.closest('pre, .math, mjx-container, .pst-scrollable-table-container, .indextable');
+    return clips && !may && style.textOverflow !== 'ellipsis' && node.scrollWidth > node.clientWidth + 1;
+}).map(node => `${node.tagName}.${node.className}`)"""
 
 pytestmark = [
     pytest.mark.slow,
@@ -268,6 +275,22 @@ def test_no_glyph_of_a_formula_is_cut_off(measured: dict[int, list[tuple[str, An
 @pytest.mark.parametrize("width", [width for width in WIDTHS if width >= 1280])
 def test_code_need_not_be_scrolled_sideways(measured: dict[int, list[tuple[str, Any, Any]]], width: int) -> None:
     assert [(name, code) for name, _, wide in measured[width] for code in wide] == []
+
+
+@pytest.mark.browser
+def test_no_page_is_wider_than_a_telephone(site: Path) -> None:
+    with served(site) as address, chromium() as page:
+        page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
+        wide, tables = {}, 0
+        for path in pages(site):
+            page.goto(f"{address}/{path.relative_to(site)}", wait_until="load")
+            page.wait_for_function(SETTLED)
+            wide[path.name] = page.evaluate(TOO_WIDE)
+            tables += page.locator("main table").count()
+        assert {name: found for name, found in wide.items() if found} == {} and tables > 20
+        for look, found in (("", ["HTML."]), ("class='pst-scrollable-table-container' style='overflow: auto'", [])):
+            page.set_content(f"<main><div {look}><table style='width: 600px'><tr><td>x</table></div></main>")
+            assert page.evaluate(TOO_WIDE) == found
 
 
 @pytest.mark.browser
