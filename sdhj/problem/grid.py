@@ -190,7 +190,7 @@ class Grid:
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.rim, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (shape `shape`) at the two nodes of every edge along an axis, two views of one shape."""
+        """Values (shape `shape`) at the first and the second node of every edge along an axis: two arrays."""
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
         behind = (slice(None),) * axis

@@ -55,7 +55,7 @@ MOST_SAMPLED = 1_000_000  # steps of a problem
 
 @dataclass(frozen=True)
 class ReachAvoidProblem:
-    """Reach the target within N steps and never touch the unsafe sets, whatever the adversary does (Definition 1).
+    """The task to reach a target within N steps and never touch an unsafe set, against any adversary (Definition 1).
 
     Parameters
     ----------

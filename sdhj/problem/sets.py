@@ -137,7 +137,7 @@ class UnsafeSet:
         return union
 
     def lowering(self, t0: float, t1: float, view_time: str) -> float:
-        """How far `over` is lowered for the times between samples, which are at most half a gap from one of them."""
+        """How much `over` subtracts for the times between samples, which are at most half a gap from one of them."""
         if not self.moving or view_time != "swept" or self.swept is not None:
             return 0.0
         times = np.linspace(t0, t1, SUBSAMPLES)

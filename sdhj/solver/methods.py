@@ -63,7 +63,7 @@ class HJI:
         return {"games": self.games} | vars(self.scheme)
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
-        """The games on some axes of a problem, by default all."""
+        """The solver of the games of one interval, on some axes of a problem, by default all."""
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
@@ -105,7 +105,7 @@ class HopfLax:
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
-        """The games on some axes of a problem, by default all."""
+        """The solver of the games of one interval, on some axes of a problem, by default all."""
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:

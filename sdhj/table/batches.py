@@ -177,8 +177,9 @@ class Table:
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """Steps to go, safe inputs and margins of states (M, ndim) at one step, computed on all cores.
 
-        Inputs are judged by the tube of the fewest steps to go, or of `within` if that is more. With within = N - step,
-        safe are all inputs after which the target can still be reached. Without a target, N - step is always used.
+        An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
+        that make progress, with within = N - step all after which the target can still be reached. Without a target,
+        N - step is used.
 
         Raises
         ------
@@ -296,7 +297,7 @@ class Table:
         """Level-set values of the tubes (step, within[m]) at points (M, V, ndim), as computed: (M, V).
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
-        `within` (M,) is clipped to 0 to N - step.
+        `within` (M,) is clipped to the range from 0 to N - step.
         """
         points, step = real_array("points", points), whole("step", step, least=0, most=self.steps)
         within = np.clip(within, 0, self.steps - step)
