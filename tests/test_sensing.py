@@ -344,7 +344,7 @@ def test_a_prediction_is_the_measurement_moved_on():
         ({"delay": 0.6}, "delay must be at most delta, 0.5 s"),
         ({"jitter": 0.3}, "jitter must be at most half of delta, 0.25 s"),
         ({"delay": 0.4, "jitter": 0.1}, "delay \\+ 2 jitter must be at most delta"),
-        ({"error": 0.6}, "known only to within \\[0.6\\], "),
+        ({"error": 0.6}, "known to within \\[0.6\\] only"),
         ({"delay": 0.1, "rest": 3}, "rest must be a whole number from 0 to 2"),
     ],
 )

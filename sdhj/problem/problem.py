@@ -404,7 +404,7 @@ def check_sensing(problem: ReachAvoidProblem) -> None:
     goals = (problem.goal(step) for step in steps)
     if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):
         raise ValueError(
-            f"the state is known only to within {np.round(problem.half_widths[0], 6).tolist()}, and no box of twice "
+            f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no box of twice "
             "that around a grid node is in the target and safe; reduce error or delay, or enlarge the target"
         )
 
