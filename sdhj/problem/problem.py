@@ -157,7 +157,7 @@ class ReachAvoidProblem:
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty if nothing is unsafe, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.stays and self.grid.has("safe"):
-            raise ValueError('"safe" ends need a problem without a target: a state that has left there reaches none')
+            raise ValueError('"safe" ends need a problem without a target: a state that leaves there cannot reach one')
         if self.stays and not unsafe and not self.grid.has("unsafe"):
             raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
