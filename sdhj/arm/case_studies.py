@@ -130,7 +130,9 @@ def arm_case_study(
     target: Disk | Mapping[str, Any] = TARGET,
     obstacles: Sequence[Disk | Mapping[str, Any]] = OBSTACLES,
 ) -> ReachAvoidProblem:
-    """The robot arm of Sec. 5: reach a moving target while avoiding moving obstacles and a pursuer.
+    """The robot arm of the paper (Kleff & Li 2020, Sec. 5), as a `ReachAvoidProblem` to be given to `sdhj.solve`.
+
+    Its base is at the origin. It has to reach a moving target while both links avoid moving obstacles and a pursuer.
 
     The paper does not state most of the numbers; the defaults are this library's choice.
 
@@ -143,7 +145,7 @@ def arm_case_study(
     view_time : {"swept", "sampled", "instantaneous"}
         How the moving obstacles are treated within an interval; see `ReachAvoidProblem`.
     kinematics : {"relative", "printed"}
-        The textbook arm, or Eq. (8) exactly as printed; see `Arm`.
+        The textbook arm, with q2 measured from the first link, or Eq. (8) exactly as printed.
     delta : float
         Sampling interval, s.
     lengths, half_width : (float, float), float
@@ -159,6 +161,11 @@ def arm_case_study(
     target : Disk
         The end-effector has to be in this disk at a sampling time.
     obstacles : sequence of Disk
+        What neither link may touch.
+
+    Returns
+    -------
+    ReachAvoidProblem
 
     Raises
     ------

@@ -140,12 +140,14 @@ class Grid:
         return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
 
     def points(self) -> FloatArray:
-        """Coordinates of all nodes, shape (size, ndim); the last axis varies fastest.
+        """Coordinates of all nodes, (size, ndim) float64 in the axes' units, the last axis varying fastest.
+
+        `values.reshape(grid.shape)` gives a function of them its shape on the grid.
 
         Raises
         ------
         MemoryError
-            If they, and functions of them, do not fit into memory.
+            If they do not fit into memory together with some arrays of the same size.
         """
         self.require_room(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
@@ -176,7 +178,7 @@ class Grid:
             yield from [piece] if some else piece.pieces(most, overlap, axis + 1)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
-        """The grid of the chosen axes, in the order given (the projection of this grid, App. A.4)."""
+        """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""
 
         def pick(field: tuple[Any, ...]) -> list[Any]:
             return [field[axis] for axis in axes]
@@ -217,9 +219,10 @@ class Grid:
 
         Parameters
         ----------
-        values : (shape) array
+        values : array of shape `grid.shape`
+            The function at the nodes.
         points : (M, ndim) array
-            Periodic axes are wrapped. Off the grid, and at NaN, the result is +inf, which is outside every set.
+            Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
 
         Returns
         -------

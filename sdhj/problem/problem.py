@@ -173,11 +173,11 @@ class ReachAvoidProblem:
 
     @property
     def inputs(self) -> FloatArray:
-        """The quantised inputs u_j, shape (L, m)."""
+        """The inputs u_j that the robot can choose from, (L, m): one in each row, as they were given to `Dynamics`."""
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """Time at which the input of step k starts, s: t_k plus the delay of the sensing."""
+        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`."""
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:

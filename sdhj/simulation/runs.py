@@ -143,21 +143,30 @@ def simulate(
     walls: bool = True,
     steps: int | None = None,
 ) -> Trajectory:
-    """Simulate one run of the closed loop from the state q0 at step 0.
+    """Simulate one run of the closed loop from the state q0 at step 0, until it reaches the target or is lost.
 
     Parameters
     ----------
     controller : Controller
     q0 : (ndim,) array
+        The true state at step 0.
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        See `sdhj.simulation.adversaries`; a function of your own is called at every substep.
+        Who chooses the D components of the disturbance, at each of 20 substeps of an interval. "worst" takes the corner
+        of its box that leads farthest out of the tube by the interval's end, "aggressive" the one that brings an unsafe
+        set nearer fastest; "random" draws one for each interval. For a function of your own see
+        `sdhj.simulation.adversaries`.
     seed : int
+        Of the random numbers: the same seed gives the same run.
     walls : bool
-        Whether the simulated robot stops at the walls of the grid; with False it can pass them, and is then lost.
+        Whether the simulated robot stops at ends of the grid that are walls; with False it can pass them and is lost.
     steps : int, optional
-        The number of steps to simulate, more or fewer than the table has, where nothing depends on time: each step then
-        uses the tubes of step 0. By default the steps of the table in order. A table solved with steps=None is always
-        used at step 0; without a target the default is `FOREVER_PLAYED` = 100 steps.
+        How many steps to simulate, if nothing depends on time: all of them then use the tubes of step 0. By default the
+        steps of the table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
+
+    Returns
+    -------
+    Trajectory
+        Times, states, inputs, disturbances and the outcome.
 
     Raises
     ------
@@ -205,23 +214,33 @@ def monte_carlo(
     sensing: Sensing | None = None,
     progress: bool | None = None,
 ) -> Report:
-    """Simulate many runs of the closed loop, from states drawn uniformly from the tube of step 0.
+    """Simulate many runs of the closed loop, and count how they end.
+
+    Runs begin at step 0, in states drawn uniformly from the tube of all steps.
 
     Parameters
     ----------
     controller, runs : Controller, int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+        As for `simulate`, for M runs at once. One of your own is called from one thread, the built-in ones from several.
+    seed : int
+        The same seed gives the same report, whatever the number of threads.
     walls, steps
-        As for `simulate`. An adversary of your own is called from one thread, the built-in ones from several.
-    sensing : Sensing, the errors and delays to simulate; by default those that the table was solved for
-    seed : int; the same seed gives the same report, whatever the number of threads
+        As for `simulate`.
+    sensing : Sensing
+        The errors and delays to simulate; by default those that the table was solved for.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
+
+    Returns
+    -------
+    Report
+        The outcome of each run and their counts; `print` shows them with their rates, `report.rate("collided")` is one.
 
     Raises
     ------
     ValueError
-        For an invalid option, or where the tube of step 0 is empty.
+        If an option is invalid, an adversary exceeds its bounds, or no state can be drawn because the tube is empty.
     """
     check_controller(controller)
     play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)

@@ -130,13 +130,17 @@ class Table:
         return f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
 
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
-        """Simulate runs from the whole tube and count those that are lost: see `sdhj.simulation.played.played`."""
+        """Simulate runs from the whole tube and count those that are lost: a `sdhj.simulation.played.Played`.
+
+        Its `str()` says how many were lost, in which way, and what would help. `adversary`, `seed` and `steps` are
+        those of `sdhj.monte_carlo`.
+        """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
     # ---- sets
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """start and within, checked; None, and values above N - start, become N - start."""
+        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
         start = whole("start", start, least=0, most=self.steps)
         left = self.steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
@@ -146,9 +150,28 @@ class Table:
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Whether each of the points (M, ndim) is in a tube: bool (M,). With `Sensing`, all its predictions must be.
+        """Whether each of some states is in the tube (start, within): from it the target can be reached, safely.
 
-        States in the true unsafe set are in no tube, nor, with within = 0, states outside the true target.
+        Parameters
+        ----------
+        points : (M, ndim) array
+            States, in the units of the grid's axes. If the problem has a `Sensing`, they are measurements, and True
+            means that the state is in the tube wherever the errors allow it to be.
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take. Default, and at most: all that are left, N - start.
+
+        Returns
+        -------
+        (M,) bool
+            False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
+            whatever is interpolated between nodes.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `start` or `within` does not fit.
         """
         points, (start, within) = np.atleast_2d(real_array("points", points)), self.clipped(start, within)
         if points.ndim != 2 or points.shape[1] != self.grid.ndim:
@@ -161,7 +184,10 @@ class Table:
         return found
 
     def fraction(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the grid's volume in a tube, counted by nodes; for a certified table by cells."""
+        """Share of the state space that is in the tube (start, within), from 0 to 1; see `contains` for the two.
+
+        It is the share of the grid's volume, counted by nodes, or by cells for a certified table.
+        """
         return self._share(*self.clipped(start, within))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
@@ -175,7 +201,7 @@ class Table:
     # ---- states
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """Steps to go, safe inputs and margins of states (M, ndim) at one step, computed on all cores.
+        """Steps to go, safe inputs and margins of states (M, ndim) at step `step`, from 0 to N, computed on all cores.
 
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
@@ -281,7 +307,7 @@ class Table:
         return {}
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Level-set value of every input's avoid tube at states (M, ndim), over the interval from `step`: (M, L).
+        """Whether each input stays clear over the interval from a step, as a level-set value: (M, L) for states (M, ndim).
 
         <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there are none. A table on
         a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives <= 0 only with proof.
@@ -294,7 +320,9 @@ class Table:
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Level-set values of the tubes (step, within[m]) at points (M, V, ndim), as computed: (M, V).
+        """Level-set values of tubes at V points for each of M states, as computed: (M, V) for points (M, V, ndim).
+
+        For the m-th state the tube is that of step `step` and within[m] steps, <= 0 inside.
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
         `within` (M,) is clipped to the range from 0 to N - step.

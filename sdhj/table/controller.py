@@ -217,36 +217,68 @@ class Controller:
     # ---- one state
 
     def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
-        """Fewest steps in which the target is reached safely from state q (ndim,) at a step; None if not admissible.
+        """Fewest steps in which the target can be reached safely from a state, or None if no tube contains it.
 
-        0 means that q is in the target. Without a target: the number of steps that are left.
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        int, or None
+            0 means that q is in the target. Without a target: the number of steps that are left.
+
+        Raises
+        ------
+        ValueError
+            If q or step does not fit.
         """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
 
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
-        """Indices into problem.inputs of the inputs that are safe and make progress from q (ndim,) at a step.
+        """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
-        If q is in the target, they lead back into it one step later. All have been checked with the true sets
-        (`Table.passes`). The result is empty at the last step, and may be next to the boundary of a tube; `select` then
-        returns the best input.
+        Each leads into the tube of one step less, or from the target back into it. `q` and `step` are those of
+        `steps_to_go`.
+
+        Returns
+        -------
+        (K,) int
+            Indices into problem.inputs. None at the last step, and sometimes none just inside the boundary of a tube,
+            where the grid promises too much.
 
         Raises
         ------
         NotAdmissible
-            If q is in no tube.
+            If no tube of this step contains q.
+        ValueError
+            If q or step does not fit.
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None) -> int:
-        """Index into problem.inputs of the safe input that the rule prefers; if none is safe, of the best one.
+        """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
+
+        Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
+        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`.
+
+        Returns
+        -------
+        int
+            Index into problem.inputs.
 
         Raises
         ------
         NotAdmissible
-            If q is in no tube; for a certified table also in the target, if no input is proved to lead back into it.
+            If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
+            is proved to lead back into it.
         ValueError
-            At the last step, because no interval is left, and if the rule does not return a number for each candidate.
+            If q or step does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
+            does not return a number for each safe input.
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
@@ -260,7 +292,11 @@ class Controller:
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
-        """The input that stays clear of the unsafe sets best, for any state q (ndim,): see `Fallback`."""
+        """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
+
+        For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
+        the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
+        """
         return fallback(self.table, q, self._at(step))
 
     def _at(self, step: int | None) -> int:
@@ -333,7 +369,10 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """Steps to go and safe inputs of states (M, ndim) at one step, on all cores: see `Table.batch`."""
+        """Steps to go and safe inputs of many states (M, ndim) at one step, on all cores: a `sdhj.table.batches.Batch`.
+
+        `step` is that of `steps_to_go`.
+        """
         return self.table.batch(states, self._at(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
@@ -357,7 +396,7 @@ class Controller:
         return take_least(self.table, batch, self._scores(candidates))
 
     def checked(self, batch: Batch) -> FloatArray:
-        """Which inputs of a batch are safe and pass `Table.passes`: bool (M, L)."""
+        """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()
         safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.left[rows])

@@ -87,20 +87,24 @@ def entries(steps: int) -> FloatArray:
 
 @dataclass(frozen=True, repr=False)
 class LookupTable(Table):
-    """All reach-avoid tubes S_k^i on the grid, and the inputs that are safe and make progress in them (Fig. 8).
+    """A solved problem on a grid: all tubes, and the inputs that are safe and make progress in them (Fig. 8).
 
-    Made by `sdhj.solve` or `sdhj.load`. The tube S_k^i is written (start=k, within=n), with n = N - i steps to go;
-    equal tubes are stored once.
+    `sdhj.solve` and `sdhj.load` make one; nobody else needs to. The tube (start=k, within=n), S_k^{N-n} in the paper,
+    holds the states from which the target is reached safely in at most n of the steps that are left at step k, that is
+    with n from 0 to N - k. `start` and `within` select such a tube, by default that of all steps from 0.
 
     Attributes
     ----------
+    problem, method : ReachAvoidProblem, str
+        What was solved, and by which method.
     index : (entries,) int64
-        For each (start, within), in the order of `entry`, the number of its stored tube, from 0 to T - 1.
+        For each (start, within), one row k after the other, the number of its stored tube: equal ones are stored once.
     tubes : (T, *grid.shape)
-        Their level-set functions.
-    masks : (T, bytes, size) uint8
-        Their marked inputs at each node: bit j % 8 of byte j // 8 stands for u_j.
+        The level-set functions of the T stored tubes, <= 0 inside.
+    masks : (T, ceil(L / 8), nodes) uint8
+        The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
+        For each input the states from which it stays clear of the unsafe sets over one interval.
     details : mapping
         Options of the method and statistics of the solve.
 
@@ -182,7 +186,9 @@ class LookupTable(Table):
         return True
 
     def settled(self, last: int) -> "LookupTable":
-        """The table up to a step or, without a target, of the set that is safe for ever only (`cells_inside`).
+        """A solve without a number of steps, ended: the table of its first `last` steps.
+
+        Without a target it is the table of the one set that is safe for ever (`cells_inside`).
 
         Inputs of that set are those marked in all of the last steps.
         """
