@@ -101,11 +101,10 @@ class Dynamics:
 
     Notes
     -----
-    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. They
-    are matched by these names; one of another name gets the first that is left, as `q` gets the points in `drift(q, u)`.
-    The time t is in s, from step 0 on. Without `points` a function
-    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
-    grid before a function is called.
+    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. They are matched by
+    these names; one of another name gets the first that is left, as `q` gets the points in `drift(q, u)`. The time t is
+    in s, from step 0 on. Without `points` a function returns one value for all states, without the leading dimension M.
+    Coordinates on periodic axes are wrapped into the grid before a function is called.
 
     Examples
     --------

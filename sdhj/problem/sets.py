@@ -27,28 +27,35 @@ SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
 
 @dataclass(frozen=True)
 class UnsafeSet:
-    """A part of the unsafe set G (Eq. 3), as a level-set function of some of the axes (App. A.3).
+    """A set that the robot must not touch, given by a level-set function: a part of G (Eq. 3).
 
     Parameters
     ----------
     axes : sequence of int
-        The axes of the grid that the set depends on, ascending. Fewer axes make the avoid game cheaper.
+        The axes of the grid that the function depends on, numbered from 0, ascending. The fewer, the faster the solve.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance to the
+        Coordinates on these axes, and the time in s, to values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance to the
         set. A function that is 0 in the whole set also works if it grows like a distance outside.
     swept : callable (points, t0, t1) -> (M,), optional
         Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
-    rate : float, optional
-        Upper bound on how fast the level-set function changes in time, per second. Required for a moving set; 0
-        (default) means a static one. Without `swept`, the minimum over 20 times, lowered by rate * gap / 2, is used.
+    rate : float
+        Upper bound on how fast the level-set function changes in time, per second: at least the speed of a set that
+        moves, and 0 for one that does not. It bounds the function between the 20 times of an interval at which it is
+        sampled where there is no `swept`.
     name : str
+        For messages and pictures.
     slope : float, optional
         Upper bound on the change of the level-set function per unit of distance, for method "certified".
     sampling : {"nodes", "steep", "cell"}
-        The value that a node of the grid gets. "nodes": the function's value there. "steep": the same, multiplied by 10
-        (`STEEP`) inside the set, so that errors of differences and interpolation, worst in sets one or two nodes thick,
-        enlarge the set by less than a cell and never shrink it. "cell" is the conservative option: a lower bound over
-        all cells that touch the node, so no thin part is missed, but the set grows by a cell.
+        The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
+        cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
+        nodes thick is not worn away by the scheme; it grows by less than a cell. "cell" is the conservative option: a
+        lower bound over all cells that touch the node, so no thin part is missed, but the set grows by a cell.
+
+    Raises
+    ------
+    ValueError
+        If an argument does not fit, here or when the set is given to a problem.
 
     Notes
     -----

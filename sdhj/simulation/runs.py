@@ -222,7 +222,7 @@ def monte_carlo(
     ----------
     controller, runs : Controller, int
     adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        As for `simulate`, for M runs at once. One of your own is called from one thread, the built-in ones from several.
+        As for `simulate`, for M runs at once. One of your own is called from one thread only.
     seed : int
         The same seed gives the same report, whatever the number of threads.
     walls, steps

@@ -307,9 +307,9 @@ class Table:
         return {}
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Whether each input stays clear over the interval from a step, as a level-set value: (M, L) for states (M, ndim).
+        """Whether each input stays clear over the interval from a step, as a level-set value: (M, L).
 
-        <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there are none. A table on
+        For states (M, ndim) <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there are none. A table on
         a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)

@@ -376,12 +376,29 @@ class Controller:
         return self.table.batch(states, self._at(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
-        """The wanted input if it is safe, else the safe input nearest to it, else the fallback: see `Filtered`.
+        """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if the target can still be reached by the last step after it, not only in the fewest
-        steps. For one state (ndim,) or many (M, ndim); `wanted` is an index or a command (m,) for one state, (M,)
-        indices or (M, m) commands for many. Distances are Euclidean. ValueError at the last step, or if `wanted` does
-        not fit.
+        An input is safe here if after it the target can still be reached by the last step, not only in the fewest.
+
+        Parameters
+        ----------
+        q : (ndim,) or (M, ndim) array
+            One state, or many.
+        step : int, optional
+            As for `steps_to_go`.
+        wanted : int or (m,) array, or (M,) int or (M, m) arrays
+            What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
+            is that of least Euclidean distance.
+
+        Returns
+        -------
+        Filtered
+            What to apply, whether that differs, and whether it is promised.
+
+        Raises
+        ------
+        ValueError
+            At the last step, or if an argument does not fit.
         """
         return filtered(self.table, q, self._at(step), wanted)
 
