@@ -34,8 +34,9 @@ class UnsafeSet:
     axes : sequence of int
         The axes of the grid that the function depends on, numbered from 0, ascending. The fewer, the faster the solve.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Coordinates on these axes, and the time in s, to values <= 0 in the set at time t, its boundary included, and > 0 outside; ideally the signed distance to the
-        set. A function that is 0 in the whole set also works if it grows like a distance outside.
+        Takes coordinates on these axes and the time in s. Values <= 0 in the set at time t, its boundary included, and
+        > 0 outside; ideally the signed distance to the set. A function that is 0 in the whole set also works if it
+        grows like a distance outside.
     swept : callable (points, t0, t1) -> (M,), optional
         Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
     rate : float

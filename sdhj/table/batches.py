@@ -309,8 +309,9 @@ class Table:
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
         """Whether each input stays clear over the interval from a step, as a level-set value: (M, L).
 
-        For states (M, ndim) <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there are none. A table on
-        a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives <= 0 only with proof.
+        For states (M, ndim): <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there
+        are none. A table on a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives
+        <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)
