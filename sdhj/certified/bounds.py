@@ -58,7 +58,7 @@ class LipschitzBounds:
     time: FloatArray | None = None
 
     def checked(self, problem: ReachAvoidProblem) -> "LipschitzBounds":
-        """The same as arrays; ValueError where they do not fit the problem, or a look at the functions refutes them."""
+        """The bounds as arrays; ValueError if they do not fit the problem, or sampled differences exceed them."""
         ndim, parts = problem.grid.ndim, known_sets(problem)
         axes = {part.name: (len(part.axes),) for part in parts}
         given_sets: object = self.sets

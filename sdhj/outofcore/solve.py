@@ -71,7 +71,7 @@ def solve_stored(
 
 
 class StoreEstimate(NamedTuple):
-    """What a solve with a store will take: slabs, bytes of memory at its peak and of disk at most, and seconds."""
+    """The cost of a solve with a store: slabs, peak memory and largest disk space in bytes, and time in seconds."""
 
     slabs: int
     nbytes: int
