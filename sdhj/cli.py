@@ -199,7 +199,7 @@ def _saved(table: Any, output: Path) -> Path:
 def simulate_command(
     table: Path, start: tuple[float, ...] | None, runs: int | None, adversary: str, rule: str, seed: int
 ) -> None:
-    """Simulate the controller of a table against an adversary, with the true geometry."""
+    """Simulate the controller of a table against an adversary."""
     if start is not None and not np.isfinite(start).all():
         raise ValueError(f"--start must be four finite numbers, got {' '.join(map(str, start))}")
     if start is not None and runs is not None:
@@ -266,7 +266,7 @@ def verify_command(
     output: Path | None,
     problem: str | None,
 ) -> None:
-    """Check every claim of a certified table, or compare an interpolated table with a certified one."""
+    """Check a certified table, or compare another table with one."""
     writable_picture(output)
     read = None if problem else loaded(table)
     certain = read is None or read.method == "certified"
@@ -327,7 +327,7 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
 @main.command()
 @plainly
 def warmup() -> None:
-    """Compile every kernel once; later runs read the compiled code from the disk cache."""
+    """Compile every kernel and store it in the disk cache."""
     compile_kernels((*INTERPOLATED, "certified"), click.echo)
 
 
