@@ -24,7 +24,7 @@ PUSHES = ("switching", "to the post", "off the target")
 
 
 @cache
-def solved(sensing=ALL, cells=(60, 60, 57)):
+def solved(sensing=ALL, cells=(48, 48, 45)):
     return sdhj.solve(replace(car(), sensing=sensing), sdhj.Certified(cells=cells, parts=4), progress=False)
 
 
@@ -213,13 +213,16 @@ def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    table, path = solved(ALL, (40, 40, 38)), tmp_path_factory.mktemp("sensing") / "car.h5"
+    """A car of two moves: what cannot be proved is looked at in ever smaller pieces."""
+    problem, path = replace(car(), sensing=ALL), tmp_path_factory.mktemp("sensing") / "car.h5"
+    problem = replace(problem, dynamics=replace(problem.dynamics, inputs=[[0.5, -2.0], [1.0, 2.0]]))
+    table = sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 12), parts=4), progress=False)
     table.save(path)
     return table, path
 
 
 def failed(path, problem):
-    return {claim.name for claim in verify(path, problem, samples=2000, progress=False).claims if claim.failed}
+    return {claim.name for claim in verify(path, problem, samples=500, progress=False).claims if claim.failed}
 
 
 def test_every_claim_is_proved_again(saved):
@@ -239,14 +242,8 @@ def test_predictions_for_less_are_not_proved(saved, sensing):
     assert "predictions are as near as told" in failed(saved[1], replace(saved[0].problem, sensing=sensing))
 
 
-def test_moves_for_a_better_clock_are_not_proved(tmp_path):
-    """Of a car of two moves: what cannot be proved is looked at in ever smaller pieces."""
-    problem = replace(car(), sensing=ALL)
-    problem = replace(problem, dynamics=replace(problem.dynamics, inputs=[[0.5, -2.0], [1.0, 2.0]]))
-    table = sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 12), parts=4), progress=False)
-    table.save(tmp_path / "car.h5")
-    assert failed(tmp_path / "car.h5", problem) == set()
-    assert "moves" in failed(tmp_path / "car.h5", replace(problem, sensing=Sensing(0.005, 0.02, 0.02)))
+def test_moves_for_a_better_clock_are_not_proved(saved):
+    assert "moves" in failed(saved[1], replace(saved[0].problem, sensing=Sensing(0.005, 0.02, 0.02)))
 
 
 def test_more_claimed_of_predictions_is_found(saved, tmp_path):
