@@ -28,6 +28,7 @@ def test_one_solve_is_told(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["again.zarr"]
 
 
+@pytest.mark.slow
 def test_slabs_are_shared_out(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
