@@ -10,8 +10,7 @@ import pytest
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
-from sdhj.kernels.union import add_input
-from sdhj.solver.games import HJIGames
+from sdhj.solver.games import HJIGames, Pieces
 from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
 from sdhj.solver.recursion import InputRows, avoid_tubes
 from sdhj.table.table import AvoidTubes
@@ -201,13 +200,15 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
 
     tubes = AvoidTubes(static, walls(static, count), moving, walls(moving, steps, count))
     rows, tube, mask = InputRows(grid, tubes), random(*grid.shape), np.zeros((2, grid.size), np.uint8)
+    added, everything = tube.copy(), (0, 1, 2, 3)
     expected, reach = tube.astype(float), random(count, *grid.shape)
     member = np.zeros((count, *grid.shape), bool)
     for j in range(count):
         both = naive.intersection(grid.shape, reach[j], [(static, tubes.static[j]), (moving, tubes.moving[1, j])])
         member[j], expected = both <= 0, np.minimum(expected, both)
-        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach[j]), *rows.walls(1, j), np.uint8(1 << j % 8))
-    np.testing.assert_array_equal(tube, expected)  # min and max round nothing
+    for begin, end in ((0, 3), (3, count)):  # of one byte, and of two
+        rows.add(added, mask, Pieces(begin, grid, [reach[begin:end]], [everything]), 1)
+    np.testing.assert_array_equal(added, expected)  # min and max round nothing
     found = np.unpackbits(mask, axis=0, count=count, bitorder="little").reshape(count, *grid.shape)
     np.testing.assert_array_equal(found.astype(bool), member)
 
@@ -300,11 +301,9 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
     # one interval alone, where nothing but the combination differs
     games = projected_games(problem, inner=MONOTONE)
     goal = full.values(start=1, within=1)
+    (united,) = games.reaches(goal, 0)
     pieces = [
-        [
-            problem.grid.lift(piece[j], axes)
-            for axes, piece in zip(games.subspaces, games.reach_pieces(goal, 0), strict=True)
-        ]
+        [problem.grid.lift(piece[j], axes) for axes, piece in zip(united.axes, united.pieces, strict=True)]
         for j in range(3)
     ]
     exact = dict(full_games(problem).reach(goal, 0))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import njit, threading_layer  # type: ignore[attr-defined]
+from numba import get_num_threads, njit, set_num_threads, threading_layer  # type: ignore[attr-defined]
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
 from numba.extending import overload
@@ -27,12 +27,15 @@ except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
 LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
+FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 _listening: list[Listener] = []
 
 
-def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
+
+    least : with parallel=True, how many numbers the largest array must have for loops to be shared out to threads.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
     constant of another file, and with damaged code. Here any change to a file of this folder throws what is kept away,
@@ -53,7 +56,7 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             found._cache_file = code = MachineCode(found._cache_file)
             found._guard_against_spurious_io_errors = _cache_is_optional
             dispatcher.compile = code.by_one_process(dispatcher.compile)
-        return Shared(dispatcher) if options.get("parallel") else dispatcher
+        return Shared(dispatcher, least) if options.get("parallel") else dispatcher
 
     return compiled
 
@@ -160,8 +163,8 @@ class Shared:
     running = threading.RLock()
     lost = False  # whether this process was forked off one whose threads cannot be used here
 
-    def __init__(self, dispatcher: Any) -> None:
-        self.dispatcher = dispatcher
+    def __init__(self, dispatcher: Any, least: int = 0) -> None:
+        self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # which copies ask of one that is still empty
@@ -175,7 +178,14 @@ class Shared:
                 "start processes with multiprocessing.get_context('spawn'), or set NUMBA_THREADING_LAYER=workqueue"
             )
         with Shared.running:
-            return self.dispatcher(*arguments)
+            threads = get_num_threads()
+            if threads == 1 or max([getattr(one, "size", 0) for one in arguments]) >= self.least:
+                return self.dispatcher(*arguments)
+            set_num_threads(1)
+            try:
+                return self.dispatcher(*arguments)
+            finally:
+                set_num_threads(threads)
 
 
 def _forked() -> None:

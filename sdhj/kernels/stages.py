@@ -15,7 +15,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import chosen, inlined, kernel
+from sdhj.kernels.compiling import FEW, chosen, inlined, kernel
 
 REACH = 3  # nodes to each side that the kernels can read
 BLOCKS = 64  # pieces that threads share a stage in
@@ -278,7 +278,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, least=FEW)
 def stage(phi, out, wall, velocities, order, flux, layout, step):
     """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
@@ -299,7 +299,7 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
         _share(phi, out, wall, velocities, (order, flux), layout, step, (np.int64(block), blocks))
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, least=FEW)
 def to_planes(values, out, layout):
     """Copy values (planes, rows, nodes) into `out` (planes, padded rows, width), ghost nodes included."""
     for plane in prange(values.shape[0]):
@@ -309,7 +309,7 @@ def to_planes(values, out, layout):
         _fill_ghosts(out[plane].ravel(), layout, 0, layout.rows)
 
 
-@kernel(parallel=True)
+@kernel(parallel=True, least=FEW)
 def from_planes(phi, out, layout):
     """Copy phi (planes, padded rows, width) into `out` (planes, rows, nodes), without the ghost nodes."""
     for plane in prange(out.shape[0]):

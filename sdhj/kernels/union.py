@@ -1,26 +1,140 @@
-"""One input joins a tube: its reach-avoid set, united with those before, and its marks."""
+"""Inputs join a tube: their reach-avoid sets, united with those before, and their marks.
+
+Rows of the grid are read once for eight inputs, whose marks share a byte. Their reach sets are never written out: they
+are made where they are used, a row at a time, of what `add_inputs` is given.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
-from sdhj.kernels.compiling import kernel
+from sdhj.kernels import FloatArray
+from sdhj.kernels.boxes import Leaves, over_interval
+from sdhj.kernels.compiling import FEW, inlined, kernel
+from sdhj.kernels.stages import raise_to
+
+EIGHT = 8  # inputs at a time
+SPARE = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
+BLOCKS = 64  # pieces that threads share the rows in
+_inlined = inlined()
 
 
-@kernel(parallel=True)
-def add_input(tube, mask, reach, wall, wall_at, level, bit):
-    """tube = min(tube, max(reach, wall, level)); set `bit` of `mask` where that maximum is <= 0. In place.
+class Walls(NamedTuple):
+    """What to avoid: (L, r, B or 1) for each input rows as those of the grid, or with one value for all their nodes.
 
-    tube, mask, reach : (R, B), the grid in rows.
-    wall : (r, B); its row `wall_at[i]` belongs to row i of the grid. level : (R,), one value for each row.
+    Row static_at[i] and row moving_at[i] belong to row i of the grid.
     """
-    for r in prange(tube.shape[0]):
-        _add_row(tube[r], mask[r], reach[r], wall[wall_at[r]], level[r], bit)
+
+    static: FloatArray
+    static_at: FloatArray
+    moving: FloatArray
+    moving_at: FloatArray
+
+
+@_inlined
+def _reach(out, reach, j, row, room):
+    """Write a row of the reach set of input j: see `add_inputs`."""
+    if len(reach) == 5:
+        _least(out, reach, j, row)
+    else:
+        values, parent, which, taps, weight, between, point = reach  # no tuple may stand in another here
+        _moved(out[:-SPARE], values, Leaves(parent, which, taps, weight, between, point), j, row, room)
 
 
 @kernel()
-def _add_row(tube, mask, reach, wall, level, bit):
-    for i in range(reach.size):
-        value = reach[i] if reach[i] > wall[i] else wall[i]
-        value = value if value > level else level
-        mask[i] |= bit if value <= 0 else np.uint8(0)
-        tube[i] = value if value < tube[i] else tube[i]
+def _moved(out, values, leaves, j, row, room):
+    each = values.shape[3] // out.size
+    node, start = row // each, row % each * out.size
+    source = values[leaves.parent[j], node // leaves.taps.shape[1]]
+    over_interval(out, source, start, start + out.size, node % leaves.taps.shape[1], leaves.which[j], leaves, room)
+
+
+@kernel()
+def _least(out, reach, j, row):
+    """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
+    values, begin, at, width, nodes = reach
+    lines, whole = (out.size - SPARE) // nodes, -(-nodes // SPARE) * SPARE
+    for line in range(lines):
+        start, level, flat = np.uint64(line * nodes), values.dtype.type(np.inf), True
+        for piece in range(width.size):
+            value = values[begin[piece, j] + at[piece, row * lines + line] * width[piece]]
+            level = value if width[piece] == 1 and value < level else level
+        for piece in range(width.size):
+            first = np.uint64(begin[piece, j] + at[piece, row * lines + line] * width[piece])
+            if width[piece] > 1 and flat:
+                flat = False
+                for node in range(whole):
+                    i = np.uint64(node)
+                    out[start + i] = values[first + i] if values[first + i] < level else level
+            elif width[piece] > 1:
+                for node in range(whole):
+                    i = np.uint64(node)
+                    out[start + i] = values[first + i] if values[first + i] < out[start + i] else out[start + i]
+        for node in range(nodes if flat else 0):
+            out[start + np.uint64(node)] = level
+
+
+@kernel()
+def _raised(out, wall, level):
+    """Raise a row to that of a wall; where that has one value only, return the greater of it and `level` instead."""
+    if wall.size < out.size:
+        return wall[0] if wall[0] > level else level
+    raise_to(out, wall)
+    return level
+
+
+@_inlined
+def _joined(rest, bit, best, marks, i):
+    """The least value at node i, and marks, with those inputs that are left in `rest`: a row and a level of each."""
+    if len(rest) == 0:
+        return best, marks
+    values, level = rest[0]
+    value = values[i] if values[i] > level else level
+    more = np.int32(marks | (bit if value <= 0 else np.int32(0)))
+    return _joined(rest[1:], np.int32(bit + bit), value if value < best else best, more, i)
+
+
+@kernel()
+def _join(tube, marks, reach, levels):
+    """Add eight inputs to a row; marks in lanes as wide as the values, or the loop would not be vectorised."""
+    inputs = (
+        (reach[0], levels[0]),
+        (reach[1], levels[1]),
+        (reach[2], levels[2]),
+        (reach[3], levels[3]),
+        (reach[4], levels[4]),
+        (reach[5], levels[5]),
+        (reach[6], levels[6]),
+        (reach[7], levels[7]),
+    )
+    for i in range(tube.size):
+        tube[i], found = _joined(inputs, np.int32(1), tube[i], np.int32(0), i)
+        marks[i] |= np.uint8(found)
+
+
+@kernel(parallel=True, least=FEW)
+def add_inputs(tube, marks, reach, count, first, walls):
+    """tube = min(tube, max(reach_j, walls_j)) for `count` inputs j from `first` on, and their marks where that is <= 0.
+
+    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place. reach, of the inputs from `first` on:
+        (values, *leaves), as `maximum_of_intervals` takes them, rows being parts of what lies behind its axis;
+        (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
+        piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
+        values, and of them at[p, i] belong to line i of the grid.
+    """
+    rows, size = tube.shape
+    blocks = min(rows, BLOCKS)
+    for block in prange(blocks):
+        found, room = np.empty((EIGHT, size + SPARE), tube.dtype), np.empty(size, tube.dtype)
+        levels = np.empty(EIGHT, tube.dtype)
+        for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
+            for byte in range(first // EIGHT, (first + count + EIGHT - 1) // EIGHT):
+                for q in range(EIGHT):
+                    j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
+                    if first <= j < first + count:
+                        _reach(found[q], reach, j - first, row, room)
+                        line, level = found[q, :size], tube.dtype.type(-np.inf)
+                        level = _raised(line, walls.static[j, walls.static_at[row]], level)
+                        levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], level)
+                _join(tube[row], marks[byte, row], found, levels)

@@ -23,7 +23,6 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.stages import REACH
-from sdhj.kernels.union import add_input
 from sdhj.outofcore.store import CACHE_BYTES, Runs, TableStore
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -270,9 +269,8 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     moving = store.cached("avoid_moving", task.step, plan.runs(task.slab, axes[1]))[None]
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))
-    for j, phi in games.reach(values, task.step):
-        reach = np.ascontiguousarray(phi)
-        add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *rows.walls(0, j), np.uint8(1 << j % 8))
+    for some in games.reaches(values, task.step):
+        rows.add(tube, mask, some, 0)
     if problem.stays:
         np.maximum(tube, before, out=tube)
     store.write("masks", task.place, runs, mask)

@@ -4,6 +4,7 @@ On a grid the maximum over a box is taken axis by axis: over the two ends of the
 the nodes between them (`sdhj.solver.hopf_lax` says how, and what for).
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -11,39 +12,31 @@ from typing import NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.boxes import maximum_of_intervals
+from sdhj.kernels.boxes import Leaves, maximum_of_intervals
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid, Window
 
 Nodes = Sequence[slice]  # of each axis
 INTERPOLATIONS = ("linear", "limited")
-SHORT = 100  # fewer nodes than this behind an axis: turning the array, so that loops are long, pays
-
-
-class Intervals(NamedTuple):
-    """The interval [x + low, x + high] for every node x of one axis, as the kernel reads it.
-
-    taps : (n, 2, 4) nodes around the two ends: before, left, right, behind
-    weight : (n, 2, 2) share of the right node; factor of the limited second difference
-    between : (n, 2) first node within the interval and the one behind the last, periodic axes unwrapped
-    point : whether the two ends are one
-    """
-
-    taps: FloatArray
-    weight: FloatArray
-    between: FloatArray
-    point: bool
+EIGHT = 8  # boxes at a time: inputs whose marks share a byte
+TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
 @lru_cache(maxsize=256)  # the recursion asks for the same few intervals hundreds of times
 def intervals(
-    nodes: int, periodic: bool, low: float, high: float, limited: bool, dtype: str, some: tuple[int, int] | None = None
-) -> Intervals:
-    """The intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it: its first node, how many.
+    nodes: int,
+    periodic: bool,
+    spans: tuple[tuple[float, float], ...],
+    limited: bool,
+    dtype: str,
+    some: tuple[int, int] | None = None,
+) -> tuple[FloatArray, ...]:
+    """What `Leaves` say of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
 
-    To the last bit it does not matter which: what is farther off than the window's ends is taken from there.
+    some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
+        off than the window's ends is taken from there.
     """
-    x = np.arange(nodes)[:, None] + np.array([low, high])
+    x = np.arange(nodes)[:, None] + np.array(spans)[:, None]  # (intervals, nodes, 2)
     if not periodic:
         x = np.clip(x, 0.0, nodes - 1.0)
     left = np.floor(x) if periodic else np.minimum(np.floor(x), nodes - 2)
@@ -52,66 +45,151 @@ def intervals(
     bend = t * (t - 1) / 2 * limited
     if not periodic:  # no second difference reaches across a wall
         bend = np.where((taps[..., 0] < 0) | (taps[..., 3] >= nodes), 0.0, bend)
-    between = np.stack([np.ceil(x[:, 0]), np.floor(x[:, 1]) + 1], axis=1).astype(np.int64)
+    between = np.stack([np.ceil(x[..., 0]), np.floor(x[..., 1]) + 1], axis=-1).astype(np.int64)
     if periodic:  # once around is enough
-        between[:, 1] = np.minimum(between[:, 1], between[:, 0] + nodes)
+        between[..., 1] = np.minimum(between[..., 1], between[..., 0] + nodes)
     weight = np.stack([t, bend], axis=-1).astype(dtype)
+    point = np.array([low == high for low, high in spans])
     if some is None:
-        return Intervals(taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, low == high)
+        return taps % nodes if periodic else np.clip(taps, 0, nodes - 1), weight, between, point
     first, count = some
     places = (first + np.arange(count)) % nodes
     shift = (np.arange(count) - places)[:, None]
-    taps = np.clip(taps[places] + shift[..., None], 0, count - 1)
-    return Intervals(taps, weight[places], np.clip(between[places] + shift, 0, count), low == high)
+    taps = np.clip(taps[:, places] + shift[..., None], 0, count - 1)
+    return taps, weight[:, places], np.clip(between[:, places] + shift, 0, count), point
+
+
+class Maxima(NamedTuple):
+    """Maxima of functions over boxes, done but for one axis: what `maximum_of_intervals` makes of them.
+
+    first, number : the boxes they are of.
+    values : (functions, *shape)
+    axis : which axis of the shape is left.
+    leaves : of the boxes, for `maximum_of_intervals`.
+    """
+
+    first: int
+    number: int
+    values: FloatArray
+    axis: int
+    leaves: Leaves
+
+    @property
+    def split(self) -> FloatArray:
+        """The values, and which axes lie before and behind the one that is left: (functions, A, n, B)."""
+        count, *shape = self.values.shape
+        before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
+        return self.values.reshape(count, before, shape[self.axis], behind)
+
+    def of(self, some: slice = slice(None), raised: FloatArray | None = None) -> FloatArray:
+        """The maxima over some of the boxes, (boxes, *shape); `raised`, if given, is raised to them in place."""
+        leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
+        shape = [len(leaves.parent), *self.values.shape[1:]]
+        shape[1 + self.axis] = leaves.taps.shape[1]
+        out = np.empty(shape, self.values.dtype) if raised is None else raised
+        split = self.split
+        maximum_of_intervals(
+            split, leaves, raised is not None, out.reshape(len(out), split.shape[1], -1, split.shape[3])
+        )
+        return out
 
 
 def maximum_over_interval(
     grid: Grid, values: FloatArray, axis: int, low: float, high: float, interpolation: str
 ) -> FloatArray:
     """max over y in [x + low, x + high] along one axis of `values`, which on other axes may have some nodes only."""
+    leaves = _leaves(grid, axis, ((low, high),), interpolation, values.dtype.str, (0,), (0,))
+    return Maxima(0, 1, np.asarray(values)[None], axis, leaves).of()[0]
+
+
+def _leaves(
+    grid: Grid,
+    axis: int,
+    spans: Sequence[tuple[float, float]],
+    interpolation: str,
+    dtype: str,
+    parent: Sequence[int],
+    which: Sequence[int],
+    wanted: slice = slice(None),
+) -> Leaves:
     n, spacing = grid.shape[axis], grid.spacing[axis]
-    limited = interpolation == "limited"
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
-    some = None if some == (0, nodes) else some
-    where = intervals(nodes, grid.periodic[axis], low / spacing, high / spacing, limited, values.dtype.str, some)
-    after = int(np.prod(values.shape[axis + 1 :]))
-    view = np.asarray(values).reshape(-1, n, after)
-    turned = after < SHORT
-    if turned:
-        view = np.moveaxis(view, 1, 0).reshape(1, n, -1)
-    view = np.ascontiguousarray(view)
-    out = np.empty_like(view)
-    maximum_of_intervals(view, *where, out)
-    if turned:
-        out = np.ascontiguousarray(np.moveaxis(out.reshape(n, -1, after), 0, 1))
-    return out.reshape(values.shape)
+    cells, limited = tuple((low / spacing, high / spacing) for low, high in spans), interpolation == "limited"
+    found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
+    taps, weight, between = (np.ascontiguousarray(one[:, wanted]) for one in found[:3])
+    return Leaves(np.array(parent), np.array(which), taps, weight, between, found[3])
+
+
+class Level(NamedTuple):
+    """Maxima along an axis over `spans`: leaf i is made of function parent[i] and spans[which[i]]."""
+
+    axis: int
+    spans: tuple[tuple[float, float], ...]
+    parent: tuple[int, ...]
+    which: tuple[int, ...]
+
+
+@lru_cache(maxsize=64)
+def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
+    """How to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
+
+    corners : (count, ndim, 2) float64. The axes with the fewest different intervals go first. Returns for runs of boxes
+    the first and the levels: runs of eights, so long that no more than `most` functions stand before the last level.
+    """
+    spans = np.frombuffer(corners).reshape(count, -1, 2)
+    different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
+    *others, last = sorted(range(len(different)), key=lambda axis: (bool(spans[:, axis].any()), different[axis]))
+    before = np.column_stack([np.zeros(count), spans[:, others].reshape(count, 2 * len(others))])
+    kinds = np.unique(before, axis=0, return_inverse=True)[1].reshape(-1)
+    runs, first = [], 0
+    for end in range(EIGHT, count, EIGHT):
+        if len(set(kinds[first : end + EIGHT].tolist())) > most:
+            runs.append((first, end))
+            first = end
+    runs.append((first, count))
+    found = []
+    for begin, end in runs:
+        levels, node = [], np.zeros(end - begin, np.int64)
+        for axis in (*others, last):
+            some = np.column_stack([node, spans[begin:end, axis]])
+            leaves, node = np.unique(some, axis=0, return_inverse=True) if axis != last else (some, node)
+            node = node.reshape(-1)
+            if axis == last or leaves[:, 1:].any():
+                kinds_here, which = np.unique(leaves[:, 1:], axis=0, return_inverse=True)
+                parent = tuple(leaves[:, 0].astype(int).tolist())
+                pairs = tuple((low, high) for low, high in kinds_here.tolist())
+                levels.append(Level(axis, pairs, parent, tuple(which.reshape(-1).tolist())))
+        found.append((begin, tuple(levels)))
+    return tuple(found)
+
+
+def maxima(
+    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
+) -> Iterator[Maxima]:
+    """The maxima of `values` over the boxes [x + low_j, x + high_j], for the rows j of low, high (L, ndim) in turn.
+
+    Where only some nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
+    """
+    corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
+    for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        done = {level.axis for level in levels}
+        rest = [slice(None) if axis in done or not wanted else wanted[axis] for axis in range(grid.ndim)]
+        found = np.ascontiguousarray(values[tuple(rest)])[None]
+        for axis, spans, parent, which in levels:
+            some = wanted[axis] if wanted else slice(None)
+            leaves = _leaves(grid, axis, spans, interpolation, values.dtype.str, parent, which, some)
+            whole = Maxima(first, len(parent), found, axis, leaves)
+            found = whole.of() if axis != levels[-1].axis else found
+        yield whole
 
 
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim).
-
-    Boxes that agree on an axis share the work: the axes with the fewest different intervals go first. Where only some
-    nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
-    """
-    spans = [[(float(low[j, axis]), float(high[j, axis])) for j in range(len(low))] for axis in range(grid.ndim)]
-    order = sorted(range(grid.ndim), key=lambda axis: len(set(spans[axis])))
-
-    def descend(values: FloatArray, depth: int, members: Sequence[int]) -> Iterator[tuple[int, FloatArray]]:
-        if depth == grid.ndim:
-            yield from ((j, values) for j in members)
-            return
-        axis = order[depth]
-        for span in dict.fromkeys(spans[axis][j] for j in members):
-            chosen = [j for j in members if spans[axis][j] == span]
-            same = span == (0.0, 0.0)
-            moved = values if same else maximum_over_interval(grid, values, axis, *span, interpolation)
-            if wanted:
-                moved = moved[(slice(None),) * axis + (wanted[axis],)]
-            yield from descend(moved, depth + 1, chosen)
-
-    yield from descend(out_of_danger(grid, np.asarray(values)), 0, range(len(low)))
+    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j: see `maxima`."""
+    for some in maxima(grid, values, low, high, interpolation, wanted):
+        for begin in range(0, some.number, EIGHT):
+            yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
 
 @lru_cache(maxsize=64)

@@ -10,16 +10,18 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 (Prop. 1) instead; the two agree up to scheme error.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Protocol
+from functools import cache, cached_property, reduce
+from itertools import groupby
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.boxes import maximum_over_boxes
+from sdhj.problem.boxes import EIGHT, Maxima, maxima
 from sdhj.problem.dynamics import INSTANTS, Velocities
+from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
@@ -42,6 +44,47 @@ class Games(Protocol):
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
+
+
+@runtime_checkable
+class ManyGames(Games, Protocol):
+    """Games whose reach sets come some inputs at a time, and need not be written out."""
+
+    def reaches(self, values: FloatArray, step: int) -> "Iterator[Maxima | Pieces]": ...
+
+
+class Pieces(NamedTuple):
+    """Level-set functions of the reach sets of inputs from `first` on, each the least of pieces on some axes.
+
+    pieces : of each (inputs, *subgrid)
+    axes : the axes that each depends on.
+    """
+
+    first: int
+    grid: Grid
+    pieces: Sequence[FloatArray]
+    axes: Sequence[Axes]
+
+    @property
+    def number(self) -> int:
+        return len(self.pieces[0])
+
+    def of(self, some: slice = slice(None)) -> FloatArray:
+        """Those of some of the inputs on the whole grid: (inputs, *grid.shape)."""
+        return np.stack([united(self.grid, found, self.axes) for found in zip(*self.pieces, strict=True)][some])
+
+
+def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
+    """Back-project functions on subspaces and unite their sets: the minimum, on the whole of `grid`."""
+    lifted = [grid.lift(piece, keep) for piece, keep in zip(pieces, axes, strict=True)]
+    return np.ascontiguousarray(np.broadcast_to(reduce(np.minimum, lifted), grid.shape))
+
+
+def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
+    """Reach sets that come one by one, (j, values), together with those next to them whose marks share a byte."""
+    for _, run in groupby(enumerate(reach), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
+        inputs, values = zip(*(found for _, found in run), strict=True)
+        yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
 
 
 @dataclass(frozen=True)
@@ -89,17 +132,31 @@ class _OnAxes:
         """The nodes of some axes of which something is asked."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+        """As `reach`, of some inputs after one another at a time."""
+        raise NotImplementedError
+
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
+        for some in self.reaches(values, step):
+            for begin in range(0, some.number, EIGHT):
+                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
+
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
         return self.tubes(Wall.of(self.problem, part, self.problem.avoid_axes(part)), step)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
-        nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
-        tubes = np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
+        tubes = self.no_tubes(wall)
         for j, tube in self.each_tube(wall, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
+
+    def no_tubes(self, wall: Wall) -> FloatArray:
+        """As `tubes`, of nothing to stay clear of."""
+        nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
+        return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, a part of the tube of u_j), on the subgrid of wall.axes: the tube is the maximum of its parts."""
@@ -128,15 +185,15 @@ class HJIGames(_OnAxes):
             return False
         return not np.any(np.asarray(dynamics.drift)[:, self.axes][:, ~periodic])
 
-    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+        """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
         if self.moving_frame and not self.early:  # else each end that it may have is another shift
             still = self._evolve(values, 0, step, drift=False)
             shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
-            yield from maximum_over_boxes(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
+            yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
         else:
-            for j in range(self.count):
-                yield j, self._evolve(values, j, step)[self.wanted_on(self.axes)]
+            wanted = self.wanted_on(self.axes)
+            yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
@@ -154,13 +211,24 @@ class HJIGames(_OnAxes):
         """
         return self.moving_frame and not self.problem.dynamics.couples(axes)
 
+    @cached_property
+    def formula(self) -> "HopfLaxGames":
+        """The same games by the Hopf-Lax formula."""
+        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes)
+
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """As `_OnAxes.tubes`."""
+        if not self.by_formula(wall.axes):
+            return super().tubes(wall, step)
+        self.formula.wanted = self.wanted
+        return self.formula.tubes(wall, step)
+
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
         problem = self.problem
         if self.by_formula(wall.axes):
-            formula = HopfLaxGames(problem, SHIFT, self.dtype, self.axes)
-            formula.wanted = self.wanted
-            yield from formula.each_tube(wall, step)
+            self.formula.wanted = self.wanted
+            yield from self.formula.each_tube(wall, step)
             return
         grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.wall_at(wall, step, steps)
@@ -224,8 +292,8 @@ class JointGames(HJIGames):
 
     joint = True
 
-    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j(t_k)), the level-set functions of the reach-avoid sets (Definition 4)."""
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+        """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.grid
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
@@ -240,10 +308,14 @@ class JointGames(HJIGames):
 
         obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
         keywords: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
-        for j in range(self.count):
-            self.solved += 1
-            velocities = self.velocities(j, self.axes, step)
-            yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **keywords)
+
+        def solved() -> Iterator[tuple[int, FloatArray]]:
+            for j in range(self.count):
+                self.solved += 1
+                velocities = self.velocities(j, self.axes, step)
+                yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **keywords)
+
+        yield from in_eights(grid, solved())
 
 
 class HopfLaxGames(_OnAxes):
@@ -272,16 +344,32 @@ class HopfLaxGames(_OnAxes):
                 raise too_restless(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
 
-    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `HJIGames.reach`."""
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+        """As `_OnAxes.reaches`."""
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
         boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
-        values = np.asarray(values, self.dtype)
-        yield from maximum_over_paths(self.grid, values, boxes, self.interpolation, self.wanted_on(self.axes))
+        values, wanted = np.asarray(values, self.dtype), self.wanted_on(self.axes)
+        if self.early:
+            yield from in_eights(self.grid, maximum_over_paths(self.grid, values, boxes, self.interpolation, wanted))
+        else:
+            yield from maxima(self.grid, values, boxes[0, 0], boxes[0, 1], self.interpolation, wanted)
+
+    def tubes(self, wall: Wall, step: int) -> FloatArray:
+        """As `_OnAxes.tubes`."""
+        tubes = self.no_tubes(wall)
+        for some in self._tube_maxima(wall, step):
+            some.of(raised=tubes[some.first : some.first + some.number])
+        return tubes
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`; each piece of the interval takes the box that holds all states of its duration."""
+        """As `_OnAxes.each_tube`."""
+        for some in self._tube_maxima(wall, step):
+            for begin in range(0, some.number, EIGHT):
+                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
+
+    def _tube_maxima(self, wall: Wall, step: int) -> Iterator[Maxima]:
+        """Each piece of the interval takes the box that holds all states of its duration."""
         problem, axes, wanted = self.problem, list(wall.axes), self.wanted_on(wall.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
@@ -291,7 +379,7 @@ class HopfLaxGames(_OnAxes):
             ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
             boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
             low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-            yield from maximum_over_boxes(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
+            yield from maxima(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

@@ -24,23 +24,18 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import get_num_threads, set_num_threads
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Wall
+from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
 from sdhj.table.table import LookupTable
-
-FEW = 2**16  # nodes of a subspace
 
 
 class ProjectionWarning(UserWarning):
@@ -120,23 +115,18 @@ class ProjectedGames:
         dropped = tuple(axis for axis in range(self.problem.grid.ndim) if axis not in axes)
         return values.max(axis=dropped)
 
-    def reach_pieces(self, values: FloatArray, step: int) -> list[FloatArray]:
-        """Phi_j(t_k) on each subspace for each input, each (L, *subgrid)."""
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+        """As `HJIGames.reaches`: on the whole grid, inside the true reach sets."""
         pieces = []
         for axes in self.subspaces:
-            grid = self.problem.grid.subgrid(axes)
-            piece = np.empty((len(self.problem.inputs), *grid.shape), self.dtype)
-            with _threads_for(grid.size):
-                for j, phi in self.on(axes).reach(self.inner_projection(values, axes), step):
-                    piece[j] = phi
-            pieces.append(piece)
-        return pieces
+            some = self.on(axes).reaches(self.inner_projection(values, axes), step)
+            pieces.append(np.concatenate([one.of() for one in some]))
+        yield Pieces(0, self.problem.grid, pieces, self.subspaces)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `HJIGames.reach`: on the whole grid, inside the true reach sets."""
-        pieces = self.reach_pieces(values, step)
-        for j in range(len(self.problem.inputs)):
-            yield j, _unite(self.problem.grid, [piece[j] for piece in pieces], self.subspaces)
+        """As `HJIGames.reach`."""
+        for some in self.reaches(values, step):
+            yield from enumerate(some.of())
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
         """As `HJIGames.avoid`: inside the true avoid tubes, shape (L, *subgrid of problem.avoid_axes).
@@ -147,8 +137,7 @@ class ProjectedGames:
         axes = problem.avoid_axes(part)
         grid = problem.grid.subgrid(axes)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            with _threads_for(grid.size):
-                return self.on(tuple(range(problem.grid.ndim))).avoid(part, step)
+            return self.on(tuple(range(problem.grid.ndim))).avoid(part, step)
         wall, kept = Wall.of(problem, part, axes), self._kept(axes)
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
@@ -164,10 +153,9 @@ class ProjectedGames:
         tubes = []
         for keep in kept:
             own = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
-            with _threads_for(problem.grid.subgrid(keep).size):
-                tubes.append(self.on(keep).tubes(own, step))
+            tubes.append(self.on(keep).tubes(own, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
-        return np.stack([_unite(grid, [tube[j] for tube in tubes], local) for j in range(len(problem.inputs))])
+        return np.stack([united(grid, [tube[j] for tube in tubes], local) for j in range(len(problem.inputs))])
 
     def _kept(self, axes: Axes) -> list[Axes]:
         """What the subspaces keep of some axes; what is part of another is left out, because it is only looser."""
@@ -256,28 +244,8 @@ class ProjectedSets(GridSets):
         return found
 
 
-@contextmanager
-def _threads_for(size: int) -> Iterator[None]:
-    """One thread for kernels on few nodes: sharing them out costs more than it saves, most of all on a busy machine."""
-    before = get_num_threads()
-    if size < FEW:
-        set_num_threads(1)
-    try:
-        yield
-    finally:
-        set_num_threads(before)
-
-
 def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
     return " and ".join(names[axis] for axis in axes)
-
-
-def _unite(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """Back-project functions on subspaces and unite their sets: the minimum, on the whole of `grid`."""
-    total = grid.lift(pieces[0], axes[0])
-    for piece, keep in zip(pieces[1:], axes[1:], strict=True):
-        total = np.minimum(total, grid.lift(piece, keep))
-    return np.ascontiguousarray(np.broadcast_to(total, grid.shape))
 
 
 @dataclass(frozen=True)

@@ -9,19 +9,21 @@ Without a target, the entry (k, n) contains the states that can stay clear of G 
 clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not united with them; the sets shrink with n.
 """
 
+import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import add_input
+from sdhj.kernels.union import SPARE, Walls, add_inputs
+from sdhj.problem.boxes import Maxima
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Games
+from sdhj.solver.games import KEPT, Axes, Games, ManyGames, Pieces, in_eights
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, AvoidTubes, LookupTable
@@ -112,46 +114,71 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-class InputRows:
-    """Avoid tubes as `add_input` reads them: the grid in rows of its last axes, of which each tube has all or none.
+def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
+    """The avoid tubes where there is nothing to avoid."""
+    count = len(problem.inputs)
+    return AvoidTubes((), np.full(count, -np.inf, dtype), (), np.full((problem.most_steps, count), -np.inf, dtype))
 
-    What a tube says of a row is then one value, or a row of its own that other rows of the grid may share.
+
+class InputRows:
+    """Inputs join tubes that stay clear of avoid tubes: the grid as `add_inputs` reads it.
+
+    Rows are of the last axes, so many that whatever does not depend on all nodes of a row depends on none: what it says
+    of a row is then one value, or a row that other rows of the grid may share.
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        axes, self.last = [set(tubes.static_axes), set(tubes.moving_axes)], 1
-        for last in range(2, max(1, grid.ndim // 2) + 1):
-            trailing = set(range(grid.ndim - last, grid.ndim))
-            if all(trailing <= own or not trailing & own for own in axes):
-                self.last = last
-        self.size, leading = int(np.prod(grid.shape[-self.last :])), grid.shape[: grid.ndim - self.last]
-        self.at, self.wide, self.tubes = [], [], tubes
-        for own in axes:
-            shape = [n if axis in own else 1 for axis, n in enumerate(leading)]
-            places = np.arange(np.prod(shape, dtype=np.int64)).reshape(shape)
-            # a copy: `add_input` would be compiled once more for a view, which may not be written to
-            self.at.append(np.broadcast_to(places, leading).flatten())
-            self.wide.append(grid.ndim - 1 in own)
+        self.grid, self.tubes, last = grid, tubes, 1
+        axes = tubes.static_axes, tubes.moving_axes
+        for more in range(2, max(1, grid.ndim // 2) + 1):
+            trailing = set(range(grid.ndim - more, grid.ndim))
+            if all(trailing <= set(own) or not trailing & set(own) for own in axes):
+                last = more
+        self.size = math.prod(grid.shape[-last:])
+        self.wide = [self.size if grid.ndim - 1 in own else 1 for own in axes]
+        self._known_lines: dict[tuple[Axes, ...], tuple[FloatArray, FloatArray]] = {}
+        self.static_at, self.moving_at = (self._places(own, last) for own in axes)
 
-    def of(self, values: FloatArray) -> FloatArray:
-        return values.reshape(-1, self.size)
+    def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
+        """Values on the grid, or behind `lead` other axes, in rows."""
+        return values.reshape(*values.shape[:lead], -1, self.size)
 
-    def nothing(self, dtype: Any) -> tuple[FloatArray, ...]:
-        """wall, wall_at and level of `add_input` where there is nothing to avoid."""
-        rows = len(self.at[0])
-        return np.full((1, self.size), -np.inf, dtype), np.zeros(rows, np.int64), np.full(rows, -np.inf, dtype)
+    def _places(self, axes: Axes, last: int = 1) -> FloatArray:
+        """Which part of a function on some axes belongs to each part of the grid that is made of so many last axes."""
+        leading = self.grid.shape[: self.grid.ndim - last]
+        shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
+        places = np.arange(math.prod(shape)).reshape(shape)
+        # a copy: `add_inputs` would be compiled once more for a view, which may not be written to
+        return np.broadcast_to(places, leading).flatten()
 
-    def walls(self, step: int, j: int) -> tuple[FloatArray, ...]:
-        """wall, wall_at and level of `add_input`."""
-        wall, wall_at, level = self.nothing(self.tubes.static.dtype)
-        for tube, at, wide in zip((self.tubes.static[j], self.tubes.moving[step, j]), self.at, self.wide, strict=True):
-            if not wide:
-                level = np.maximum(level, tube.reshape(-1)[at])
-            elif len(wall) == 1:
-                wall, wall_at = self.of(tube), at
-            else:
-                wall, wall_at = np.maximum(wall[wall_at], self.of(tube)[at]), np.arange(len(at))
-        return wall, wall_at, level
+    def _lines(self, axes: tuple[Axes, ...]) -> tuple[FloatArray, FloatArray]:
+        """For pieces on some axes which line of each belongs to each line of the grid, and how many values it has."""
+        if axes not in self._known_lines:
+            widths = [self.grid.shape[-1] if self.grid.ndim - 1 in some else 1 for some in axes]
+            self._known_lines[axes] = np.stack([self._places(some) for some in axes]), np.array(widths)
+        return self._known_lines[axes]
+
+    def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int) -> None:
+        """Unite a tube with the reach-avoid sets of some inputs, and mark these; in place. See `add_inputs`."""
+        behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
+        if isinstance(reach, Maxima) and behind % self.size:
+            reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
+        if isinstance(reach, Maxima):
+            found: tuple[Any, ...] = (reach.split, *reach.leaves)
+        else:
+            parts, inputs = list(reach.pieces), np.arange(reach.number)
+            ends = np.cumsum([0, *(piece.size for piece in parts)])
+            begin = [end + piece[0].size * inputs for end, piece in zip(ends[:-1], parts, strict=True)]
+            flat = np.concatenate([*(piece.reshape(-1) for piece in parts), np.zeros(SPARE, tube.dtype)])
+            found = (flat, np.stack(begin), *self._lines(tuple(reach.axes)), self.grid.shape[-1])
+        static, moving = self.tubes.static, self.tubes.moving[step]
+        walls = Walls(
+            static.reshape(len(static), -1, self.wide[0]),
+            self.static_at,
+            moving.reshape(len(moving), -1, self.wide[1]),
+            self.moving_at,
+        )
+        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls)
 
 
 class GridSets:
@@ -188,8 +215,8 @@ class GridSets:
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
-        self.joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
-        self.rows = InputRows(problem.grid, tubes)
+        joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
+        self.rows = InputRows(problem.grid, nothing(problem, dtype) if joint else tubes)
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
 
@@ -207,14 +234,21 @@ class GridSets:
         played, values = self.problem.rimmed.grid, shrunk(self.problem, table.value_array(step + 1, within - 1))
         if played is not self.problem.grid:
             values = np.pad(values, played.rim, "edge")
-        for j, phi in self.games.reach(values, step):
-            reach = shrunk(self.problem, phi[played.inner])
-            walls = rows.nothing(tube.dtype) if self.joint else rows.walls(step, j)
-            add_input(rows.of(tube), rows.of(mask[j // 8]), rows.of(reach), *walls, np.uint8(1 << j % 8))
+        for some in self._reaches(values, step):
+            rows.add(tube, mask, some, step)
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
         if endless:
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
+
+    def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+        """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
+        problem, played = self.problem, self.problem.rimmed.grid
+        if played is problem.grid and not problem.sensing and isinstance(self.games, ManyGames):
+            yield from self.games.reaches(values, step)
+        else:
+            reach = self.games.reach(values, step)
+            yield from in_eights(problem.grid, ((j, shrunk(problem, phi[played.inner])) for j, phi in reach))
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:

@@ -224,18 +224,18 @@ def test_measured_are_both_schemes_and_what_is_measured_is_said(monkeypatch):
 def test_measured_updates_are_those_that_solving_makes(monkeypatch, kind):
     """By the usual flux, which need not be compiled for this: how many nodes are written does not depend on it."""
     problem, counted = sdhj.arm_case_study(nodes=9, steps=2), []
-    stage, add_input, usual = schemes.stage, recursion.add_input, choice(HAMILTONIANS, "godunov")
+    stage, add_inputs, usual = schemes.stage, recursion.add_inputs, choice(HAMILTONIANS, "godunov")
 
     def staged(source, out, wall, terms, order, flux, layout, steps):
         counted.append(len(layout.near) * layout.rows * layout.nodes)
         stage(source, out, wall, terms, order, usual, layout, steps)
 
-    def added(tube, *rest):
-        counted.append(tube.size)
-        add_input(tube, *rest)
+    def added(tube, marks, reach, inputs, *rest):
+        counted.append(inputs * tube.size)
+        add_inputs(tube, marks, reach, inputs, *rest)
 
     monkeypatch.setattr(schemes, "stage", staged)
-    monkeypatch.setattr(recursion, "add_input", added)
+    monkeypatch.setattr(recursion, "add_inputs", added)
     sdhj.solve(problem, fig14_timing.SCHEMES["paper's scheme"][kind], progress=False)
     spaces = [(0, 1, 2, 3)] if kind == "hji" else [(0, 1, 2), (0, 1, 3)]
     assert fig14_timing.node_updates(problem, spaces) == sum(counted)
