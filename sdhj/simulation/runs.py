@@ -53,7 +53,7 @@ class Trajectory:
     states : (T, ndim) array
         Coordinates of periodic axes are not wrapped, so the path has no jumps.
     inputs : (K,) int array
-        Index into problem.inputs of the input held over each interval.
+        Index into problem.inputs of the input held over each of the K intervals that began.
     steps_to_go : (K,) int array
         The steps to go at the start of each interval.
     disturbances : (T - 1, D) array

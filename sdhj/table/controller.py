@@ -24,7 +24,7 @@ CLOCK = 1e-9  # rounding of times, s
 
 
 class NotAdmissible(ValueError):
-    """The state is in no tube of the table, so no safe way to the target in time is known.
+    """No tube of this step contains the state: no safe way to the target in the steps that are left is known.
 
     Examples
     --------
@@ -248,8 +248,8 @@ class Controller:
         Returns
         -------
         (K,) int
-            Indices into problem.inputs. None at the last step, and sometimes none just inside the boundary of a tube,
-            where the grid promises too much.
+            Indices into problem.inputs. Empty at the last step, and sometimes just inside the boundary of a tube, where
+            the grid promises too much.
 
         Raises
         ------
@@ -335,11 +335,30 @@ class Controller:
     # ---- in a control loop: predictions from measurements, and an answer at every sampling time, late ones included
 
     def predict(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> FloatArray:
-        """Predict where states measured at step k will be when the next input starts, one delay later.
+        """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
-        `measurement` is (ndim,) or (M, ndim), and so is the result; `previous` is the index of the input held until
-        then, or (M,) of them, by default the rest input; `step` may be omitted if nothing depends on time. The true
-        state is then within `problem.half_widths[0]` of the prediction on each axis.
+        With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j.
+
+        Parameters
+        ----------
+        measurement : (ndim,) or (M, ndim) array
+            One measured state, or many.
+        previous : int or (M,) int, optional
+            Index into problem.inputs of the input that acts until then; by default `Sensing.rest`, which acts before
+            the first.
+        step : int, optional
+            k; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        array of the shape of `measurement`
+            The true state will be within `problem.half_widths[0]` of it on each axis.
+
+        Raises
+        ------
+        ValueError
+            If an argument does not fit.
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
         given = plain_array("previous", self.problem.sensing.rest if previous is None else previous)
