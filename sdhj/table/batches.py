@@ -130,10 +130,15 @@ class Table:
         return f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
 
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
-        """Simulate runs from the whole tube and count those that are lost: a `sdhj.simulation.played.Played`.
+        """Simulate runs from the whole tube, to see how many of the table's promises are broken.
 
-        Its `str()` says how many were lost, in which way, and what would help. `adversary`, `seed` and `steps` are
-        those of `sdhj.monte_carlo`.
+        `runs`, `adversary`, `seed` and `steps` are those of `sdhj.monte_carlo`.
+
+        Returns
+        -------
+        sdhj.simulation.played.Played
+            `print` shows how many runs were lost, in which way, and what would help: more nodes on a certain axis, for
+            example.
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
@@ -307,11 +312,20 @@ class Table:
         return {}
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Whether each input stays clear over the interval from a step, as a level-set value: (M, L).
+        """Which inputs stay clear of the unsafe sets over the interval from a step, as level-set values.
 
-        For states (M, ndim): <= 0 if the input stays clear of the unsafe sets whatever the adversary does, -inf if there
-        are none. A table on a grid interpolates, and beyond a wall uses the value at the wall; a certified table gives
-        <= 0 only with proof.
+        Parameters
+        ----------
+        states : (M, ndim) array
+        step : int
+            k, from 0 to N - 1.
+
+        Returns
+        -------
+        (M, L) array
+            For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
+            -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall uses the value at the
+            wall; a certified table gives <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)

@@ -388,9 +388,23 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """Steps to go and safe inputs of many states (M, ndim) at one step, on all cores: a `sdhj.table.batches.Batch`.
+        """`steps_to_go` and `safe_inputs` of many states at once, on all cores.
 
-        `step` is that of `steps_to_go`.
+        Parameters
+        ----------
+        states : (M, ndim) array
+        step : int, optional
+            The one step k at which they all are; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        sdhj.table.batches.Batch
+            With `choose`, the inputs to apply.
+
+        Raises
+        ------
+        ValueError
+            If a state has a NaN or an infinity, or if shape or step do not fit.
         """
         return self.table.batch(states, self._at(step))
 

@@ -214,10 +214,15 @@ class LookupTable(Table):
     # ---- at the nodes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Level-set function of the states that reach the target within `within` steps from step `start`.
+        """The level-set function of a tube at the nodes of the grid, to draw or to measure it.
 
-        Shape grid.shape, <= 0 inside; a read-only view. These are the computed values, which are interpolated between
-        the nodes; `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
+        `start` and `within` select the tube, as in `contains`.
+
+        Returns
+        -------
+        array of shape grid.shape
+            <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
+            `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
         """
         return sealed(self.value_array(start, within))
 
