@@ -1,8 +1,9 @@
 """What the figures share: tables that are solved once, a run, and a command line for each script.
 
 A script `figNN_*.py` or `extra_*.py` has a function `draw(context)` that returns a Matplotlib figure, and its docstring
-says in a line what that shows. Where it has `also(context, folder)`, that writes further files, an animation for
-example. One with `STUDY = True` solves many problems of its own and is no part of the main job.
+says in a sentence what that shows. Where it draws data, `value(context)` is a number, or some, that the figure shows,
+and that the tests compare. Where it has `also(context, folder)`, that writes further files, an animation for example.
+One with `STUDY = True` solves many problems of its own and is no part of the main job.
 """
 
 import importlib

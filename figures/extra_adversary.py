@@ -1,4 +1,4 @@
-"""The stronger the adversary, the smaller the victory domain, until nothing is left (Sec. 6.1)."""
+"""The stronger the adversary is, the smaller is the victory domain, until nothing is left (Sec. 6.1)."""
 
 import warnings
 from collections.abc import Sequence

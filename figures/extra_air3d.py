@@ -1,4 +1,4 @@
-"""Two aircraft: what sampling costs the one that evades, beside the collision tube of continuous time.
+"""Of two aircraft the one that evades is safe in fewer states if it acts at sampling times only.
 
 Mitchell, Bayen & Tomlin, *A time-dependent Hamilton-Jacobi formulation of reachable sets for continuous dynamic games*,
 IEEE Transactions on Automatic Control 50(7), 2005, Sec. IV; `hj_reachability.systems.Air3d`. Nothing is to be reached:

@@ -1,4 +1,4 @@
-"""What is certified: against the number of cells, and in a slice."""
+"""The more cells there are, the larger is the share of the states that is certified."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

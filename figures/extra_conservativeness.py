@@ -1,4 +1,4 @@
-"""What projecting costs: volume ratio and Hausdorff distance of every tube.
+"""Projected tubes are smaller than full ones: this is by what volume and by what Hausdorff distance.
 
 For every (start, within): the volumes of both tubes as shares of the grid, the volume of the inner tube that lies
 outside the reference and the largest level-set value of the reference there (both nothing but scheme error where one
@@ -126,6 +126,11 @@ def distance_to(grid: Grid, inside: FloatArray) -> FloatArray:
     distance = distance_transform_edt(~wrapped, sampling=grid.spacing)
     middle = tuple(slice(m, m + n) for (m, _), n in zip(margin, grid.shape, strict=True))
     return distance[middle]
+
+
+def value(context: Context) -> float:
+    """The volume of the largest projected tube by that of the full one."""
+    return compare(context.table("hji"), context.table("projected"), [])[context.problem.steps].ratio
 
 
 def draw(context: Context) -> Figure:

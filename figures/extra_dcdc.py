@@ -1,4 +1,4 @@
-"""A voltage converter that two switch positions keep within its limits for ever.
+"""A voltage converter stays within its limits for ever by switching between two positions.
 
 The boost converter of Girard, Pola & Tabuada, *Approximately bisimilar symbolic models for incrementally stable
 switched systems*, IEEE Transactions on Automatic Control 55(1), 2010, as in SCOTS's example `dcdc`: the inductor's

@@ -1,4 +1,4 @@
-"""An evading target takes no other method, but cannot be projected (Sec. 6.1)."""
+"""A target that flees needs no other method, but it cannot be projected (Sec. 6.1)."""
 
 import warnings
 from collections.abc import Mapping, Sequence

@@ -1,10 +1,15 @@
-"""Share of C inside against the steps to go, by method."""
+"""The share of the states from which the target is reached grows with the steps to go, by every method."""
 
 from charts import draw_fractions
 from common import Context, command_of
 from matplotlib.figure import Figure
 
 from sdhj import plotting
+
+
+def value(context: Context) -> list[float]:
+    """The shares of C by the Hopf-Lax formula, by the steps to go."""
+    return context.shares("lax")
 
 
 def draw(context: Context) -> Figure:

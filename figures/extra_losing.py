@@ -1,4 +1,4 @@
-"""What is proved to be won, what is proved to be lost, and the layer between of which nothing is known.
+"""Cells are proved to be won or proved to be lost, and of those between nothing is known.
 
 Left the README's car at one heading, right the arm with the pursuer at one place, on cells as coarse as a picture
 needs. The arm's functions are written in plain NumPy here, which intervals go through; `sdhj.arm` has compiled ones.

@@ -1,4 +1,4 @@
-"""What it costs to measure with an error, to act late and at uneven times: the share of C that is still promised.
+"""The share of the states that is promised shrinks with the error of measurement, the delay and the jitter.
 
 The arm's case study and the car of the README, by grids and certified. What is promised to states (W of
 `sdhj.problem.sensing`), within all steps, against one uncertainty while the other two are zero. Jitter asks for a

@@ -1,4 +1,4 @@
-"""Five worked problems of which the paper says that they can be done.
+"""Five problems are worked out of which the paper says that they can be done.
 
 Joint limits and self-collision of the arm (Sec. 6.1); a robot with extent among obstacles in three dimensions
 (Sec. 3.2, Eq. 4); a pursuer whose configurations are not the workspace (Sec. 5.2); an obstacle of any shape on any path

@@ -1,4 +1,4 @@
-"""Fig. 1: the problem: a robot arm, known moving disks, an unpredictable agent."""
+"""Fig. 1: An arm is to reach a target among disks whose motion is known and an agent that nobody can predict."""
 
 import numpy as np
 from common import SHOWN_STATE, Context, command_of
@@ -8,6 +8,11 @@ from matplotlib.figure import Figure
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene
 from sdhj.plotting.looks import INK
+
+
+def value(context: Context) -> float:
+    """How far the robot shown is from what is unsafe, m."""
+    return float(context.problem.unsafe_value(np.array([SHOWN_STATE]), 0.0)[0])
 
 
 def draw(context: Context) -> Figure:

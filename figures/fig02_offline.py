@@ -1,4 +1,4 @@
-"""Fig. 2: offline stage: games, recursion, look-up table."""
+"""Fig. 2: Offline, a game is solved for each interval and input, and a recursion fills the look-up table."""
 
 from common import Context, command_of
 from diagrams import ADVERSE, ROBOT_SIDE, Board

@@ -1,4 +1,4 @@
-"""Fig. 3: online stage: control synthesis at each sampling step."""
+"""Fig. 3: Online, the controller measures the state every delta and looks up which inputs are viable."""
 
 from common import Context, command_of
 from diagrams import ROBOT_SIDE, STORED, Board

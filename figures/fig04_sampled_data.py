@@ -1,4 +1,4 @@
-"""Fig. 4: sampled-data model: a continuous state, measured and controlled at times t_k."""
+"""Fig. 4: The state moves all the time, but it is measured, and the input chosen, at the times t_k only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,6 +60,13 @@ def sampled_run(
     states.append(q)
     times = np.linspace(0.0, intervals * delta, len(states))
     return SampledRun(times, np.array(states), np.array(held), levels, delta)
+
+
+def value(context: Context) -> float:
+    """How far a state gets from the last that was measured, m."""
+    run = sampled_run()
+    known = run.states[np.arange(len(run.times) - 1) // PARTS * PARTS]
+    return float(np.hypot(*(run.states[1:] - known).T).max())
 
 
 def draw(context: Context) -> Figure:

@@ -1,4 +1,4 @@
-"""Fig. 5: who acts on the joint configuration."""
+"""Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer."""
 
 from common import Context, command_of
 from diagrams import ADVERSE, ROBOT_SIDE, STORED, Board

@@ -1,10 +1,16 @@
-"""Fig. 6: reach set of S under one input."""
+"""Fig. 6: From the reach set of S one input leads into S, whatever the adversary does."""
 
 from boat import STARTS, draw_one_step, one_step_legend, play, shown_game
 from common import Context, command_of
 from matplotlib.figure import Figure
 
 from sdhj import plotting
+
+
+def value(context: Context) -> float:
+    """Share of the plane in the reach set."""
+    game = shown_game()
+    return game.problem.grid.fraction(game.reach <= 0)
 
 
 def draw(context: Context) -> Figure:

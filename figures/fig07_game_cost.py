@@ -1,4 +1,4 @@
-"""Fig. 7: reach-avoid set, the cost's zero level, defeating adversaries."""
+"""Fig. 7: The optimal cost is at most 0 in the reach-avoid set; outside, some adversary defeats the input."""
 
 import numpy as np
 from boat import STARTS, OneStepGame, draw_lake, draw_one_step, one_step_legend, play, shown_game
@@ -10,6 +10,12 @@ from sdhj import plotting
 from sdhj.plotting.looks import FULL_LOOKS, INK
 
 LEVELS = (-0.1, 0.1, 0.2, 0.3, 0.4, 0.5)  # m; the zero level is drawn apart
+
+
+def value(context: Context) -> float:
+    """Share of the plane in the reach-avoid set."""
+    game = shown_game()
+    return game.problem.grid.fraction(game.cost <= 0)
 
 
 def draw(context: Context) -> Figure:

@@ -1,4 +1,4 @@
-"""Fig. 8: the look-up table and a run's way through it."""
+"""Fig. 8: At each step a run is in some sets of the look-up table, and the one of fewest steps to go is used."""
 
 from itertools import pairwise
 
@@ -24,6 +24,11 @@ KEY = (
     "dot: the arm;  frame: the leftmost set of its row that holds it\n"
     "$*$: the same as the last set of its row"
 )
+
+
+def value(context: Context) -> list[int]:
+    """The steps to go of the run, step by step."""
+    return [int(n) for n in context.run.steps_to_go]
 
 
 def draw(context: Context) -> Figure:

@@ -1,10 +1,16 @@
-"""Fig. 9: workspace and configuration space."""
+"""Fig. 9: The disks of the workspace become sets of joint angles in the configuration space."""
 
 import numpy as np
 from common import SHOWN_STATE, Context, command_of, set_legend
 from matplotlib.figure import Figure
 
 from sdhj import plotting
+
+
+def value(context: Context) -> float:
+    """Share of the joint angles that are unsafe at t = 0."""
+    where = plotting.plane(context.problem.grid, SHOWN_STATE)
+    return float((context.problem.unsafe_value(where.points, 0.0) <= 0).mean())
 
 
 def draw(context: Context) -> Figure:

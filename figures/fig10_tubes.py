@@ -1,4 +1,4 @@
-"""Fig. 10: reach-avoid tubes from step 0."""
+"""Fig. 10: The reach-avoid tubes from step 0 grow with the steps to go."""
 
 import numpy as np
 from common import Context, command_of, set_legend
@@ -11,6 +11,11 @@ from sdhj import plotting
 from sdhj.table.batches import Table
 
 PURSUERS = ((-0.27, -0.09), (0.27, -0.09))  # m: where every step to go adds to what is seen
+
+
+def value(context: Context) -> list[float]:
+    """The shares of C that the tubes take up, by the steps to go."""
+    return context.shares("hji")
 
 
 def draw(context: Context) -> Figure:

@@ -1,8 +1,13 @@
-"""Fig. 11: reach-avoid tubes by projections."""
+"""Fig. 11: The reach-avoid tubes that projections give grow likewise, and are smaller."""
 
 from common import Context, command_of
 from fig10_tubes import draw_two_slices
 from matplotlib.figure import Figure
+
+
+def value(context: Context) -> list[float]:
+    """The shares of C that the tubes take up, by the steps to go."""
+    return context.shares("projected")
 
 
 def draw(context: Context) -> Figure:

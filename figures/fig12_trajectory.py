@@ -1,4 +1,4 @@
-"""Fig. 12: a run in workspace and configuration space."""
+"""Fig. 12: A run reaches the target past the obstacles and the pursuer, in workspace and configuration space."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +20,11 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.runs import SUBSTEPS, Trajectory
 from sdhj.table.batches import Table
 from sdhj.table.files import replaced_whole
+
+
+def value(context: Context) -> float:
+    """When the run reaches the target, s."""
+    return float(context.run.times[-1])
 
 
 def draw(context: Context) -> Figure:

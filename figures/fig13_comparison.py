@@ -1,4 +1,4 @@
-"""Fig. 13: full and projected tubes laid over each other."""
+"""Fig. 13: Projected tubes lie inside the full ones, of which they keep the share that stands above each slice."""
 
 from collections.abc import Sequence
 
@@ -12,6 +12,11 @@ from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, PURSUER_LOOKS, UNSAFE_L
 from sdhj.table.batches import Table
 
 PURSUERS = ((0.24, 0.24), (-0.15, 0.21), (-0.27, -0.09), (0.12, -0.21), (0.30, 0.03), (0.03, 0.33))
+
+
+def value(context: Context) -> list[float]:
+    """The shares of the slices that are kept."""
+    return [kept_share(context.table("hji"), context.table("projected"), (0.0, 0.0, *place)) for place in PURSUERS]
 
 
 def draw(context: Context) -> Figure:

@@ -1,4 +1,4 @@
-"""Fig. 13: full and projected tubes over (q1, q2, p_x), and what is lost between them."""
+"""Fig. 13: Over (q1, q2, p_x) the projected tube lies inside the full one, and lacks what is shown at the right."""
 
 import numpy as np
 from common import PURSUER_AT, Context, command_of
@@ -11,6 +11,12 @@ from sdhj.plotting.looks import OUTCOME_INK
 from sdhj.table.batches import Table
 
 COLOURS = {"full": "#6aa6d6", "projected": "#46ab9f", "lost": OUTCOME_INK}
+
+
+def value(context: Context) -> float:
+    """The share of C that is lost."""
+    lost = compared(context.table("hji"), context.table("projected"))["lost"]
+    return context.problem.grid.fraction(lost <= 0)
 
 
 def draw(context: Context) -> Figure:

@@ -1,4 +1,4 @@
-"""Fig. 14: computation times, full against projected, by the paper's scheme and by the default.
+"""Fig. 14: Projections save most of the time by the paper's scheme, and less of it by the default.
 
 Seconds of a processor, in one thread, for what the paper counts: constraints, avoid tubes and recursion. Of the steps
 of the recursion, which are all alike, some are timed, and the quickest is taken as many times as there are steps.
@@ -39,6 +39,12 @@ LOOKS: dict[str, dict[str, Any]] = {
 ENOUGH = 1.0  # seconds of steps of the recursion that are timed, or one step
 LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
+
+
+def value(context: Context) -> float:
+    """How many times as many nodes the full method updates, by the paper's scheme."""
+    whole, parts = [tuple(range(context.problem.grid.ndim))], default_subspaces(context.problem)
+    return node_updates(context.problem, whole) / node_updates(context.problem, parts)
 
 
 def draw(context: Context) -> Figure:

@@ -4,6 +4,7 @@ pip install -e '.[docs]'
 python -m sphinx -c notebooks/site notebooks build/site
 """
 
+import ast
 import html
 import json
 import os
@@ -48,6 +49,7 @@ html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_js_files = ["frames.js"]
 FRAMES = Path(__file__).resolve().parent / "_static" / "frames"
+FIGURES = Path(__file__).resolve().parent.parent.parent / "figures"
 LIVE = "Controls, live where the notebook runs"  # how what a widget says without a kernel begins
 html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
@@ -80,6 +82,17 @@ def as_page(app: Any, docname: str, source: list[str]) -> None:
         if any(is_panel(output) for output in outputs) and (widget := next(told, None)):
             put_frames(outputs, widget)
     source[0] = json.dumps(notebook)
+
+
+def with_figures(app: Any, docname: str, source: list[str]) -> None:
+    """The gallery: of each script of figures/ what its docstring says, and its picture."""
+    if docname != "site/gallery":
+        return
+    for path in (*sorted(FIGURES.glob("fig[0-9]*.py")), *sorted(FIGURES.glob("extra_*.py"))):
+        sentence, _, more = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").partition("\n")
+        heading = " ".join(path.stem.split("_")[1:]).capitalize()
+        picture = f"![{sentence}](../../figures/gallery/{path.stem}.png)"
+        source[0] += "\n\n".join(["", f"## {heading}", f"{sentence} (`{path.name}`)", picture, more.strip(), ""])
 
 
 def link_to_notebook(notebook: Any, name: str) -> None:
@@ -143,4 +156,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", as_plain_text, priority=900)  # after numpydoc's sections are understood
     app.connect("doctree-read", as_written)
     app.connect("source-read", as_page)
+    app.connect("source-read", with_figures)
     return {"parallel_read_safe": True}

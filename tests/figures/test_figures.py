@@ -11,12 +11,14 @@ import fig14_timing
 import numba
 import numpy as np
 import pytest
+import shrink
 from artists import axes, named
 from click.testing import CliRunner
 from common import HERE, NAMES, Context, command_of, draw, script, starts_of_runs, title, write, write_all
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.text import Text
+from PIL import Image
 
 import sdhj
 from sdhj import plotting
@@ -24,6 +26,24 @@ from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.solver import recursion, schemes
 
+# One number of each figure, or a few, that is drawn from data, on a grid of 9 nodes on each axis
+VALUES = {
+    "fig01_problem": 0.15186,
+    "fig04_sampled_data": 0.79599,
+    "fig06_reach_set": 0.05234,
+    "fig07_game_cost": 0.03875,
+    "fig08_lookup_table": [7, 6, 4, 3, 2],
+    "fig09_spaces": 0.14309,
+    "fig10_tubes": [0.03453, 0.03453, 0.0733, 0.12384, 0.15885, 0.20057, 0.24662, 0.28067, 0.31211],
+    "fig11_projected": [0.03453, 0.03453, 0.06732, 0.11468, 0.14728, 0.17867, 0.21952, 0.25559, 0.28072],
+    "fig12_trajectory": 0.5,
+    "fig13_comparison": [0.63436, 0.60423, 0.9285, 0.93663, 0.87181, 0.90312],
+    "fig13_isosurface": 0.03178,
+    "fig14_timing": 2.78845,
+    "extra_conservativeness": 0.89941,
+    "extra_fractions": [0.03453, 0.03453, 0.10098, 0.14294, 0.17245, 0.23023, 0.27894, 0.29991, 0.33362],
+}
+DIAGRAMS = {"fig02_offline", "fig03_online", "fig05_game"}
 STUDIES = {name for name in NAMES if getattr(script(name), "STUDY", False)}
 
 
@@ -78,6 +98,7 @@ def test_every_figure_of_the_paper_is_there():
         said = title(name)
         assert said.startswith(f"Fig. {int(name[3:5])}: ") if name.startswith("fig") else len(said.split()) > 5, said
         assert 'if __name__ == "__main__":\n    command_of(__file__)()\n' in (HERE / f"{name}.py").read_text()
+    assert VALUES.keys() | DIAGRAMS | STUDIES == set(NAMES)
     assert STUDIES == {
         f"extra_{what}"
         for what in "adversary air3d certified dcdc evader input_levels losing rules sensing view_time worked".split()
@@ -91,6 +112,11 @@ def test_figures_are_drawn_whole(context, name):
     figure = draw(name, context)
     assert clipped(figure) == []
     assert figure.axes
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_values(context, name):
+    assert script(name).value(context) == pytest.approx(VALUES[name], abs=5e-4)  # three nodes of 9^4
 
 
 @pytest.mark.parametrize("name", ["fig02_offline", "fig03_online", "fig05_game"])
@@ -156,12 +182,9 @@ def test_projected_tubes_are_the_projected_tables(context):
 
 
 def test_kept_share(context):
-    full, inner = context.table("hji"), context.table("projected")
-    for px, py in fig13_comparison.PURSUERS:
-        kept = fig13_comparison.kept_share(full, inner, (0.0, 0.0, px, py))
-        assert 0.0 <= kept <= 1.0
-        assert fig13_comparison.kept_share(full, full, (0.0, 0.0, px, py)) == 1.0
-    assert np.isnan(fig13_comparison.kept_share(full, inner, (0.0, 0.0, 0.0, 0.0)))  # the pursuer on the arm's base
+    full = context.table("hji")
+    assert fig13_comparison.kept_share(full, full, (0.0, 0.0, *fig13_comparison.PURSUERS[0])) == 1.0
+    assert np.isnan(fig13_comparison.kept_share(full, full, (0.0, 0.0, 0.0, 0.0)))  # the pursuer on the arm's base
 
 
 def test_a_run_starts_in_its_tube(context):
@@ -325,6 +348,18 @@ def test_write_and_refusals(context, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="choose a folder"):
         write("fig09_spaces", context, tmp_path / "file")
+
+
+def test_the_gallery_has_small_pictures_of_all(context, tmp_path, monkeypatch):
+    assert {path.stem for path in (HERE / "gallery").glob("*.png")} > set(NAMES)
+    monkeypatch.setattr(shrink, "HERE", tmp_path)
+    (tmp_path / "gallery").mkdir()
+    (large,) = write("fig09_spaces", context, tmp_path, formats=("png",))
+    shrink.shrink(tmp_path)
+    (small,) = (tmp_path / "gallery").iterdir()
+    with Image.open(small) as image:
+        assert small.name == large.name and image.width == shrink.WIDTH
+    assert 5000 < small.stat().st_size < 40_000
 
 
 @pytest.mark.slow

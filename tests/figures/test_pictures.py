@@ -1,12 +1,10 @@
 """What Figs. 10, 12 and 13 draw, asserted on the artists' data."""
 
-import dataclasses
 import os
 
 import fig10_tubes
 import fig12_trajectory
 import fig13_comparison
-import fig13_isosurface
 import numpy as np
 import pytest
 from artists import axes, named, vertices

@@ -133,6 +133,9 @@ def test_every_chapter_is_in_the_site(site: Path) -> None:
     for page in ("notation", "reading", "syllabus", "solutions", "worked", "promises", "api", "contributing"):
         assert (site / "site" / f"{page}.html").is_file()
     assert "sdhj.solve" in (site / "site" / "api.html").read_text(encoding="utf-8")
+    gallery = (site / "site" / "gallery.html").read_text(encoding="utf-8")
+    scripts = [*(ROOT / "figures").glob("fig[0-9]*.py"), *(ROOT / "figures").glob("extra_*.py")]
+    assert len(scripts) > 25 and all(f"{path.name}</" in gallery and f"/{path.stem}.png" in gallery for path in scripts)
 
 
 def test_no_link_leads_nowhere(site: Path) -> None:
