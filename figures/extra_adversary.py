@@ -61,6 +61,11 @@ def sweep_adversary(bound: str, values: Sequence[float], method: str, **argument
     return Sweep(tuple(values), fractions, won)
 
 
+def value(context: Context) -> list[float]:
+    """The shares of C won against the case study's pursuer and one that is ten times as fast."""
+    return list(sweep_adversary("v_p_max", (0.2, 2.0), "hji", nodes=context.nodes).won)
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.2)
     for ax, (bound, values) in zip(figure.subplots(1, 2, sharey=True), BOUNDS.items(), strict=True):

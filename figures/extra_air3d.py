@@ -22,6 +22,7 @@ from sdhj.table.batches import Table
 
 STUDY = True
 SPEED, RADIUS, HORIZON = 5.0, 5.0, 2.8  # of both aircraft; of the disk; s
+COARSE = (27, 21, 24)
 NODES = (51, 40, 50)
 LOWER, UPPER = (-6.0, -10.0, 0.0), (20.0, 10.0, 2 * np.pi)
 PEER = 0.2714  # the share that hj_reachability 0.7 finds unsafe on these nodes, accuracy "very_high" (WENO5)
@@ -76,8 +77,13 @@ def unsafe_share(table: Table) -> float:
     return 1 - table.fraction(start=0, within=table.steps)
 
 
+def value(context: Context) -> list[float]:
+    """The shares that are unsafe with 2 and with 8 intervals, on a coarse grid."""
+    return [unsafe_share(sdhj.solve(air3d(number, COARSE), METHOD)) for number in (2, 8)]
+
+
 def draw(context: Context) -> Figure:
-    nodes = (27, 21, 24) if context.coarse else NODES
+    nodes = COARSE if context.coarse else NODES
     tables = {}
     for number in INTERVALS:
         context.say(f"two aircraft, {number} intervals")

@@ -48,6 +48,11 @@ def sweep_cells(problem: ReachAvoidProblem, cells: Sequence[Sequence[int]], say:
     return CellSweep(tuple(numbers), tuple(fractions), finest)
 
 
+def value(context: Context) -> list[float]:
+    """The shares of C that are certified with few cells and with more."""
+    return list(sweep_cells(context.problem, CELLS[:2], context.say).fractions)
+
+
 def draw(context: Context) -> Figure:
     sweep = sweep_cells(context.problem, CELLS[:2] if context.coarse else CELLS, context.say)
     peers = {method: context.shares(method)[-1] for method in ("hji", "lax", "projected")}

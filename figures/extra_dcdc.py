@@ -76,6 +76,11 @@ def run(choose: Callable[[FloatArray], int], start: FloatArray, steps: int) -> F
     return np.array(states)
 
 
+def value(context: Context) -> float:
+    """The share of the box in which the converter stays, on a coarse grid."""
+    return sdhj.solve(dcdc(51)).fraction(start=0, within=1)
+
+
 def draw(context: Context) -> Figure:
     context.say("a voltage converter")
     table = sdhj.solve(dcdc(51 if context.coarse else 201))

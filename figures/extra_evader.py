@@ -75,6 +75,12 @@ def evading_target(
     )
 
 
+def value(context: Context) -> list[float]:
+    """The shares of C won by the full method and by projections."""
+    found = evading_target(nodes=context.nodes, runs=10, seed=context.seed)
+    return [found.won, found.projected_won]
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 6.6)
     found = evading_target(nodes=context.nodes, runs=10 * context.runs, seed=context.seed)

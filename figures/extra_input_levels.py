@@ -53,6 +53,11 @@ def sweep_input_levels(levels: Sequence[int] = (3, 5, 7, 9), *, method: str = "h
     )
 
 
+def value(context: Context) -> list[float]:
+    """The shares of C inside with 3 and with 5 levels."""
+    return list(sweep_input_levels((3, 5), nodes=context.nodes).fractions)
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.0)
     draw_input_levels(figure.subplots(1, 2), sweep_input_levels(nodes=context.nodes))

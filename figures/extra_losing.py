@@ -89,6 +89,12 @@ def car() -> sdhj.ReachAvoidProblem:
     )
 
 
+def value(context: Context) -> list[float]:
+    """The shares of the car's states that are proved to be won and proved to be lost, on few cells."""
+    table = sdhj.solve(car(), sdhj.Certified(cells=CELLS["car"][0]))
+    return [one.fraction(start=0, within=table.steps) for one in (table, lost_cells(car(), table.axes))]
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.6)
     arm, which = sdhj.arm_case_study(), 0 if context.coarse else 1

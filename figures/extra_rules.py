@@ -65,6 +65,11 @@ def compare_rules(table: Table, runs: int, *, adversary: str = "random", seed: i
     return outcomes
 
 
+def value(context: Context) -> list[float]:
+    """The mean effort by each rule."""
+    return [float(outcome.effort.mean()) for outcome in compare_rules(context.table("hji"), 20, seed=context.seed)]
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 2.9)
     outcomes = compare_rules(context.table("hji"), context.runs, seed=context.seed)

@@ -139,6 +139,11 @@ def limits(problem: ReachAvoidProblem, method: Any, kind: str, most: float) -> l
     return [first, largest(lambda value: promised(problem, method, kind, value).beyond > 0, first[0])]
 
 
+def value(context: Context) -> list[float]:
+    """The shares promised to the car that measures exactly, and with an error."""
+    return [promised(car(), "hji", "error", error).share for error in (0.0, 0.02)]
+
+
 def draw(context: Context) -> Figure:
     thinned = slice(None, None, 3 if context.coarse else 1)
     certified = {

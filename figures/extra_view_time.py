@@ -82,6 +82,11 @@ def compare_view_times(
     return outcomes
 
 
+def value(context: Context) -> list[float]:
+    """The shares of C inside by each view-time, beside the paper's obstacles."""
+    return [outcome.fraction for outcome in compare_view_times(nodes=context.nodes, runs=10, seed=context.seed)]
+
+
 def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.1)
     given: dict[str, Any] = {"nodes": context.nodes, "runs": context.runs, "seed": context.seed}

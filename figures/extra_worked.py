@@ -339,6 +339,12 @@ def shown_run(table: Table, near: tuple[float, ...]) -> Trajectory:
     return sdhj.simulate(sdhj.Controller(table), start, adversary="worst", seed=0)
 
 
+def value(context: Context) -> list[float]:
+    """The share that is won of each problem, on coarse grids."""
+    tables = (sdhj.solve(worked.problem(worked.nodes[0]), progress=False) for worked in WORKED.values())
+    return [table.fraction(start=0, within=table.steps) for table in tables]
+
+
 def draw(context: Context) -> Figure:
     quick, runs = (0, 200) if context.coarse else (1, RUNS)
     figure = plotting.new_figure(7.4, 5.6)
