@@ -41,12 +41,6 @@ def test_comparison_lays_two_tables_over_each_other(table):
     assert len(fig13_comparison.comparison_legend()) == 4
 
 
-def test_what_is_lost_is_in_one_table_and_not_in_the_other(table):
-    smaller = dataclasses.replace(table, tubes=table.tubes + 0.02)
-    full, projected, lost = (values <= 0 for values in fig13_isosurface.compared(table, smaller).values())
-    assert np.array_equal(lost, full & ~projected) and lost.any() and projected.any()
-
-
 def test_every_step_to_go_is_seen():
     """Each adds at least a hundredth of the slice, on the grid that Figs. 10 and 11 show."""
     fine = sdhj.solve(sdhj.arm_case_study(), method="lax", progress=False)
