@@ -231,18 +231,27 @@ def test_the_command_line_needs_no_pictures() -> None:
     assert "Commands:" in run.stdout
 
 
-@pytest.mark.parametrize(
-    ("missing", "extra", "line"),
-    [
-        ("matplotlib", "plot", "import sdhj.plotting"),
-        ("shapely", "plot", "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])"),
-        ("gymnasium", "gym", "import sdhj.simulation.environment"),
-    ],
-)
-def test_a_missing_extra_is_named(missing: str, extra: str, line: str) -> None:
-    run = fresh(f"import sys; sys.modules[{missing!r}] = None\n{line}")
-    assert run.returncode == 1
-    assert run.stderr.splitlines()[-1].startswith("ImportError: ") and f"sdhj[{extra}]" in run.stderr.splitlines()[-1]
+MISSING = """
+import sys
+for missing, line in {
+    "matplotlib": "import sdhj.plotting",
+    "shapely": "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])",
+    "gymnasium": "import sdhj.simulation.environment",
+}.items():
+    sys.modules[missing] = None
+    try:
+        exec(line)
+    except ImportError as error:
+        print(error)
+    del sys.modules[missing]
+"""
+
+
+def test_a_missing_extra_is_named() -> None:
+    run = fresh(MISSING)
+    told = run.stdout.splitlines()
+    assert len(told) == 3, run.stderr
+    assert all(f"sdhj[{extra}]" in line for extra, line in zip(("plot", "plot", "gym"), told, strict=True))
 
 
 def test_citation_changelog_and_contributing_have_the_version() -> None:
