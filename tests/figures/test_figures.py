@@ -326,16 +326,6 @@ def test_sampled_data_picture():
     assert all(len(ax.get_legend().get_texts()) == count for ax, count in ((above, 3), (below, 2)))
 
 
-def test_a_state_moves_between_its_samples():
-    """Where it was measured and where it is are far apart; it is no straight line."""
-    run = fig04_sampled_data.sampled_run()
-    per, x = (len(run.times) - 1) // len(run.held), run.states[:, 0]
-    straight = np.interp(run.times, run.times[::per], x[::per])
-    for k in range(len(run.held)):
-        piece = slice(k * per, (k + 1) * per + 1)
-        assert np.ptp(x[piece]) > 0.1 and np.abs(x - straight)[piece].max() > 0.01 * np.ptp(x)
-
-
 def test_the_way_through_the_table(context):
     table, run, figure = context.table("hji"), context.run, Figure(figsize=(7, 7))
     fig08_lookup_table.draw_lookup(figure, table, run)

@@ -8,7 +8,6 @@ from artists import axes, named
 from charts import draw_bars, draw_fractions, draw_sweep
 from experiments import clearances, mean_interval, starts_outside
 from extra_adversary import sweep_adversary
-from extra_certified import sweep_cells
 from extra_conservativeness import draw_entries
 from extra_evader import evading_target
 from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
@@ -147,15 +146,6 @@ def test_nothing_to_simulate_is_an_error():
     hopeless = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1, v_d_max=5.0), progress=False)
     with pytest.raises(ValueError, match="next to nothing but the target"):
         compare_rules(hopeless, 2)
-
-
-def test_more_cells_certify_more():
-    problem = sdhj.arm_case_study(nodes=9, steps=3)
-    said = []
-    sweep = sweep_cells(problem, [(27, 27, 6, 6), (53, 53, 12, 12)], said.append)
-    assert sweep.numbers[0] < sweep.numbers[1] and len(said) == 2
-    assert 0 < sweep.fractions[0] < sweep.fractions[1] < 1
-    assert sweep.finest.fraction(start=0, within=3) == sweep.fractions[1]
 
 
 def test_curves_bars_and_entries():
