@@ -10,7 +10,8 @@ from sdhj.kernels.compiling import FEW, kernel
 from sdhj.kernels.stages import raise_to
 
 STRETCH = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
-SHORT = 8  # nodes behind an axis: for fewer a loop of their own costs more than to find each one's neighbours
+SHORT = 100  # fewer nodes than this behind an axis: turning rows, so that loops are long, pays
+SIDE = 256  # nodes of rows that are turned together
 
 
 class Leaves(NamedTuple):
@@ -37,16 +38,9 @@ def _limited(a, b):
     return lesser if a * b > 0 else a * 0
 
 
-@kernel(inline="always")
-def _between_nodes(m, a, b, p, weight, bend):
-    """The value between a and b; m and p are those of the nodes next to them."""
-    rise = b - a
-    line = a + weight * rise
-    return line if bend == 0 else line + bend * _limited(rise - (a - m), (p - b) - rise)
-
-
 @kernel()
 def _end(out, values, taps, weight, start, stop):
+    """out = the values between two nodes, of which the next ones are m and p."""
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     share, bend = weight[0], weight[1]
@@ -55,7 +49,8 @@ def _end(out, values, taps, weight, start, stop):
             out[i] = a[i] + share * (b[i] - a[i])
     else:
         for i in range(out.size):
-            out[i] = _between_nodes(m[i], a[i], b[i], p[i], share, bend)
+            rise = b[i] - a[i]
+            out[i] = a[i] + share * rise + bend * _limited(rise - (a[i] - m[i]), (p[i] - b[i]) - rise)
 
 
 @kernel()
@@ -71,40 +66,41 @@ def over_interval(out, values, start, stop, node, kind, leaves, room):
 
 
 @kernel()
-def _one_by_one(out, values, kind, leaves, raised):
-    """As `over_interval`, of all nodes of an axis with few behind it; raised: and what is in `out`."""
-    for node in range(out.shape[0]):
-        taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
-        for i in range(out.shape[1]):
-            most = out[node, i] if raised else values.dtype.type(-np.inf)
-            for end in range(1 if leaves.point[kind] else 2):
-                m, a = values[taps[end, 0], i], values[taps[end, 1], i]
-                b, p = values[taps[end, 2], i], values[taps[end, 3], i]
-                value = _between_nodes(m, a, b, p, weight[end, 0], weight[end, 1])
-                most = value if value > most else most
-            if not leaves.point[kind]:
-                for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
-                    value = values[other % values.shape[0], i]
-                    most = value if value > most else most
-            out[node, i] = most
+def _turned(out, values, kind, leaves, raised):
+    """As `maximum_of_intervals` of one leaf, for some rows (rows, n, B) with few nodes each, side by side."""
+    rows, nodes, after = out.shape
+    width, last = rows * after, values.shape[1]
+    turned, found, room = np.empty((last, width), out.dtype), np.empty(width, out.dtype), np.empty(width, out.dtype)
+    for row in range(rows):
+        for node in range(last):
+            for i in range(after):
+                turned[node, row * after + i] = values[row, node, i]
+    for node in range(nodes):
+        over_interval(found, turned, 0, width, node, kind, leaves, room)
+        for row in range(rows):
+            for i in range(after):
+                value = found[row * after + i]
+                out[row, node, i] = value if not raised or value > out[row, node, i] else out[row, node, i]
 
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
     """out[i] = leaf i of values (functions, A, n, B); out (leaves, A, nodes, B). raised: and what was in `out`."""
     count, before, nodes, after = out.shape
-    chunks = (after + STRETCH - 1) // STRETCH
-    for task in prange(count * before * chunks):
-        row, chunk = np.int64(task) // chunks, np.int64(task) % chunks
-        leaf, a = row // before, row % before
-        kind, source, target = leaves.which[leaf], values[leaves.parent[leaf], a], out[leaf, a]
-        start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
-        found, room = np.empty(stop - start, values.dtype), np.empty(stop - start, values.dtype)
-        if after < SHORT:
-            _one_by_one(target, source, kind, leaves, raised)
-        for node in range(0 if after < SHORT else nodes):
-            if raised:
-                over_interval(found, source, start, stop, node, kind, leaves, room)
-                raise_to(target[node, start:stop], found)
-            else:
-                over_interval(target[node, start:stop], source, start, stop, node, kind, leaves, room)
+    short = after < SHORT
+    each = max(1, SIDE // after) if short else 1  # rows at a time
+    groups, chunks = (before + each - 1) // each, 1 if short else (after + STRETCH - 1) // STRETCH
+    for task in prange(count * groups * chunks):
+        group, chunk = np.int64(task) // chunks, np.int64(task) % chunks
+        leaf, a = group // groups, group % groups * each
+        kind, parent = leaves.which[leaf], leaves.parent[leaf]
+        if short:
+            _turned(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
+        else:
+            start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
+            found, room = np.empty(stop - start, values.dtype), np.empty(stop - start, values.dtype)
+            for node in range(nodes):
+                target = out[leaf, a, node, start:stop]
+                over_interval(found if raised else target, values[parent, a], start, stop, node, kind, leaves, room)
+                if raised:
+                    raise_to(target, found)

@@ -278,25 +278,36 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
+@_inlined
+def _of_input(velocities, j):
+    if len(velocities) == 1:
+        return (velocities[0][j],)
+    if len(velocities) == 2:
+        return velocities[0][j], velocities[1]
+    return velocities[0][j], velocities[1], velocities[2][j], velocities[3][j]
+
+
 @kernel(parallel=True, least=FEW)
 def stage(phi, out, wall, velocities, order, flux, layout, step):
-    """One Runge-Kutta stage: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
+    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
-    phi, out : values as `Layout` has them, an axis of the array for each of the grid; `out` is modified in place, ghost
-        nodes included.
-    wall : the obstacle, likewise, or (0,) for none.
+    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
+        in place, ghost nodes included.
+    wall : the obstacle of all of them, likewise, or (0,) for none.
     velocities : as many as there are say what they are when this is compiled:
         (box,): the lower velocities of all axes and the upper ones, divided by dx;
         (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
         (box, inverse, drift, gain): coupled ones, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs:
         H = max over modes of p . drift + sum_d |p . gain_d|, the box gives the dissipation.
-        Any of the three has one plane instead of all where it does not depend on the state.
+        Any of the three has one plane instead of all where it does not depend on the state. All but `inverse` have a
+        leading axis for the inputs.
     order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
     step : dt and keep.
     """
     blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
-    for block in prange(blocks):
-        _share(phi, out, wall, velocities, (order, flux), layout, step, (np.int64(block), blocks))
+    for task in prange(phi.shape[0] * blocks):
+        j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
+        _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)
 
 
 @kernel(parallel=True, least=FEW)

@@ -19,13 +19,14 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import FEW
 from sdhj.problem.boxes import EIGHT, Maxima, maxima
 from sdhj.problem.dynamics import INSTANTS, Velocities
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
-from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_stopped, too_restless
+from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_each, evolve_stopped, together, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
@@ -71,6 +72,8 @@ class Pieces(NamedTuple):
 
     def of(self, some: slice = slice(None)) -> FloatArray:
         """Those of some of the inputs on the whole grid: (inputs, *grid.shape)."""
+        if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
+            return self.pieces[0][some]
         return np.stack([united(self.grid, found, self.axes) for found in zip(*self.pieces, strict=True)][some])
 
 
@@ -173,6 +176,7 @@ class HJIGames(_OnAxes):
         # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
         self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
+        self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
             drift = np.asarray(problem.dynamics.drift)[:, self.axes]
             checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
@@ -192,7 +196,12 @@ class HJIGames(_OnAxes):
             shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
             yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
         else:
-            wanted = self.wanted_on(self.axes)
+            wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)
+            if groups:
+                self.solved += self.count
+                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme)
+                yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
+                return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
@@ -201,6 +210,22 @@ class HJIGames(_OnAxes):
         known = self.counted.get(self.axes)
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
+
+    def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
+        """All inputs as `evolve_each` takes them, by default with as few time steps each as they need.
+
+        None at all where the grid is so large that they are better solved one by one, or where they have to be.
+        """
+        grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
+        if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
+            fields: list[Any] = [self.velocities(j, axes, 0) for j in range(self.count)]
+            each = self.counted.get(axes) or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields]
+            alike = [(number, np.flatnonzero(np.equal(each, number)).tolist()) for number in sorted(set(each))]
+            found = [(steps, list(range(self.count)))] if steps else alike
+            parts = [(some, together(grid, [fields[j] for j in some], self.scheme), number) for number, some in found]
+            room = sum(one.nbytes for one in fields) <= KEPT and all(terms is not None for _, terms, _ in parts)
+            self._groups[axes, steps] = parts if room else []
+        return self._groups.get((axes, steps), [])
 
     def by_formula(self, axes: Axes) -> bool:
         """Whether the avoid tubes on some axes are computed by the Hopf-Lax formula.
@@ -233,6 +258,12 @@ class HJIGames(_OnAxes):
         grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.wall_at(wall, step, steps)
         keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
+        groups = [] if wall.instant else self.groups(wall.axes, steps)
+        if groups:
+            self.solved += self.count
+            tubes = evolve_each(grid, at(0.0), groups, self.duration, self.scheme, at(0.0))
+            yield from enumerate(tubes[(slice(None), *self.wanted_on(wall.axes))])
+            return
         for j in range(self.count):
             self.solved += 1
             tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **keywords)

@@ -21,7 +21,7 @@ there.
 
 import math
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -224,13 +224,56 @@ def evolve(
         if callable(velocities):
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them require")
         steps = velocities.steps(grid, duration, scheme.cfl)
+    terms = _over_time(velocities, lambda one: together(grid, [one], scheme))
+    return _evolved(grid, values, terms, 1, duration, scheme, obstacle, steps)[0]
+
+
+def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
+    """The velocities of some inputs as `stage` reads them; None where they are not all of one kind."""
+    terms = [_terms(grid, layout_of(grid, scheme.order), one, scheme.dtype) for one in velocities]
+    if len({tuple(part.shape for part in term) for term in terms}) > 1:
+        return None
+    stacked = [parts[0][None] if len(parts) == 1 else np.stack(parts) for parts in zip(*terms, strict=True)]
+    return tuple(part[0] if place == 1 else part for place, part in enumerate(stacked))  # 1 / dx is that of all
+
+
+def evolve_each(
+    grid: Grid,
+    values: FloatArray,
+    groups: Sequence[tuple[list[int], Any, int]],
+    duration: float,
+    scheme: Scheme,
+    obstacle: FloatArray | None = None,
+) -> FloatArray:
+    """As `evolve`, for many inputs at once: (L, shape).
+
+    groups : of inputs with one number of time steps: which they are, their velocities from `together`, and that number.
+    """
+    out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
+    for inputs, terms, steps in groups:
+        given = len(inputs), duration, scheme, obstacle, steps
+        out[inputs] = _evolved(grid, values, lambda tau, terms=terms: terms, *given)  # type: ignore[misc]
+    return out
+
+
+def _evolved(
+    grid: Grid,
+    values: FloatArray,
+    terms: Callable[[float], Any],
+    count: int,
+    duration: float,
+    scheme: Scheme,
+    obstacle: Any,
+    steps: int,
+) -> FloatArray:
+    """As `evolve`, for `count` inputs of which terms(tau) are the velocities: (count, shape)."""
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
-    phi, wall = arranged(values), _over_time(obstacle, arranged)
-    terms = _over_time(velocities, lambda v: _terms(grid, layout, v, scheme.dtype))
+    phi, wall = arranged(values)[None], _over_time(obstacle, arranged)
+    phi = phi if count == 1 else np.repeat(phi, count, axis=0)
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
 
@@ -242,10 +285,10 @@ def evolve(
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
     phi, free = _integrate(phi, euler, STAGES[scheme.integrator], steps, dt)
-    inner = free.ravel()[: grid.size]  # fresh memory would cost a tenth of a solve
+    inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
     planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
-    return inner.reshape(grid.shape)
+    return inner.reshape(count, *grid.shape)
 
 
 def evolve_stopped(
