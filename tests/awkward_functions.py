@@ -139,7 +139,7 @@ FUNCTIONS = {
     "copysign": lambda p: np.copysign(1.0, p[:, 0]),
     "logicaland": lambda p: np.logical_and(p[:, 0], p[:, 1] > 0) * 1.0 - 0.5,
     "truthy": lambda p: np.where(p[:, 0], 1.0, -1.0),
-    "inot": lambda p: np.where(np.logical_not(p[:, 0]), -1.0, 1.0),
+    "not_of_numbers": lambda p: np.where(np.logical_not(p[:, 0]), -1.0, 1.0),
     "max_nums": lambda p: np.logical_or(p[:, 0] * 3, p[:, 1]) * 1.0 - 0.5,
     "any_num": lambda p: np.any(p, axis=1) * 1.0 - 0.5,
     "all_num": lambda p: np.all(p * np.array([1.0, 3.0]), axis=1) * 1.0 - 0.5,
