@@ -11,6 +11,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Grid, Scheme
+from sdhj.kernels import compiling
 from sdhj.problem import memory
 from sdhj.problem.dynamics import Velocities
 from sdhj.solver import recursion, schemes
@@ -69,6 +70,29 @@ def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem,
 def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
     table = sdhj.solve(interval_problem(steps=6))
     assert len(table.tubes) <= 7 and len(table.index) == 28
+
+
+def test_few_loops_are_shared_out(monkeypatch):
+    """Of the kernels' calls, those on arrays that are not small; each wakes all threads."""
+    counted, call = [], compiling.Shared.__call__
+
+    def counting(self, *arguments):
+        counted.append(max(getattr(one, "size", 0) for one in arguments) >= self.least)
+        return call(self, *arguments)
+
+    monkeypatch.setattr(compiling.Shared, "__call__", counting)
+    sdhj.solve(sdhj.arm_case_study(nodes=17), play=False)
+    assert 36 < sum(counted) <= 400
+
+
+def test_what_is_small_is_left_to_one_thread(monkeypatch):
+    seen = []
+    shared = compiling.Shared(lambda *arguments: seen.append(numba.get_num_threads()), least=10)
+    monkeypatch.setattr(compiling, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(compiling, "set_num_threads", lambda threads: seen.append(f"set {threads}"))
+    shared(np.zeros(9), 3)
+    shared(np.zeros(10), 3)
+    assert [one for one in seen if isinstance(one, str)] == ["set 1", "set 2"] and len(seen) == 4
 
 
 def test_the_number_of_pdes_is_told():

@@ -39,28 +39,29 @@ def _limited(a, b):
 
 
 @kernel()
-def _end(out, values, taps, weight, start, stop):
-    """out = the values between two nodes, of which the next ones are m and p."""
+def _end(out, values, taps, weight, start, stop, raised):
+    """The values between two nodes, of which the next ones are m and p; raised: the greater of them and `out`."""
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     share, bend = weight[0], weight[1]
     if bend == 0:
         for i in range(out.size):
-            out[i] = a[i] + share * (b[i] - a[i])
+            value = a[i] + share * (b[i] - a[i])
+            out[i] = value if not raised or value > out[i] else out[i]
     else:
         for i in range(out.size):
             rise = b[i] - a[i]
-            out[i] = a[i] + share * rise + bend * _limited(rise - (a[i] - m[i]), (p[i] - b[i]) - rise)
+            value = a[i] + share * rise + bend * _limited(rise - (a[i] - m[i]), (p[i] - b[i]) - rise)
+            out[i] = value if not raised or value > out[i] else out[i]
 
 
 @kernel()
-def over_interval(out, values, start, stop, node, kind, leaves, room):
-    """out = max of values[:, start:stop] over interval `kind` of a node; values (n, B), room is scratch like `out`."""
+def over_interval(out, values, start, stop, node, kind, leaves, raised):
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
-    _end(out, values, taps[0], weight[0], start, stop)
+    _end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
-        _end(room, values, taps[1], weight[1], start, stop)
-        raise_to(out, room)
+        _end(out, values, taps[1], weight[1], start, stop, True)
         for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
             raise_to(out, values[other % values.shape[0], start:stop])
 
@@ -70,13 +71,13 @@ def _turned(out, values, kind, leaves, raised):
     """As `maximum_of_intervals` of one leaf, for some rows (rows, n, B) with few nodes each, side by side."""
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
-    turned, found, room = np.empty((last, width), out.dtype), np.empty(width, out.dtype), np.empty(width, out.dtype)
+    turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)
     for row in range(rows):
         for node in range(last):
             for i in range(after):
                 turned[node, row * after + i] = values[row, node, i]
     for node in range(nodes):
-        over_interval(found, turned, 0, width, node, kind, leaves, room)
+        over_interval(found, turned, 0, width, node, kind, leaves, False)
         for row in range(rows):
             for i in range(after):
                 value = found[row * after + i]
@@ -98,9 +99,6 @@ def maximum_of_intervals(values, leaves, raised, out):
             _turned(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
         else:
             start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
-            found, room = np.empty(stop - start, values.dtype), np.empty(stop - start, values.dtype)
             for node in range(nodes):
                 target = out[leaf, a, node, start:stop]
-                over_interval(found if raised else target, values[parent, a], start, stop, node, kind, leaves, room)
-                if raised:
-                    raise_to(target, found)
+                over_interval(target, values[parent, a], start, stop, node, kind, leaves, raised)

@@ -33,21 +33,21 @@ class Walls(NamedTuple):
 
 
 @_inlined
-def _reach(out, reach, j, row, room):
+def _reach(out, reach, j, row):
     """Write a row of the reach set of input j: see `add_inputs`."""
     if len(reach) == 5:
         _least(out, reach, j, row)
     else:
         values, parent, which, taps, weight, between, point = reach  # no tuple may stand in another here
-        _moved(out[:-SPARE], values, Leaves(parent, which, taps, weight, between, point), j, row, room)
+        _moved(out[:-SPARE], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
 @kernel()
-def _moved(out, values, leaves, j, row, room):
+def _moved(out, values, leaves, j, row):
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
     source = values[leaves.parent[j], node // leaves.taps.shape[1]]
-    over_interval(out, source, start, start + out.size, node % leaves.taps.shape[1], leaves.which[j], leaves, room)
+    over_interval(out, source, start, start + out.size, node % leaves.taps.shape[1], leaves.which[j], leaves, False)
 
 
 @kernel()
@@ -126,14 +126,13 @@ def add_inputs(tube, marks, reach, count, first, walls):
     rows, size = tube.shape
     blocks = min(rows, BLOCKS)
     for block in prange(blocks):
-        found, room = np.empty((EIGHT, size + SPARE), tube.dtype), np.empty(size, tube.dtype)
-        levels = np.empty(EIGHT, tube.dtype)
+        found, levels = np.empty((EIGHT, size + SPARE), tube.dtype), np.empty(EIGHT, tube.dtype)
         for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
             for byte in range(first // EIGHT, (first + count + EIGHT - 1) // EIGHT):
                 for q in range(EIGHT):
                     j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
                     if first <= j < first + count:
-                        _reach(found[q], reach, j - first, row, room)
+                        _reach(found[q], reach, j - first, row)
                         line, level = found[q, :size], tube.dtype.type(-np.inf)
                         level = _raised(line, walls.static[j, walls.static_at[row]], level)
                         levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], level)

@@ -283,7 +283,8 @@ class ReachAvoidProblem:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
         axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
         lower = part.lowering(t0, t1, view_time)
-        values = self._sampled(part, lambda points: part.union(points, t0, t1, view_time), lower)
+        union = lambda points: part.union(points, t0, t1, view_time)  # noqa: E731
+        values = self._sampled(part, union, lower) if part.moving else self.unsafe_at(part, t0)
         grid = self.grid.subgrid(axes)
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
 

@@ -176,6 +176,7 @@ class HJIGames(_OnAxes):
         # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
         self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
+        self._room = KEPT
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
             drift = np.asarray(problem.dynamics.drift)[:, self.axes]
@@ -291,8 +292,8 @@ class HJIGames(_OnAxes):
         field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
         if callable(field):
             return lambda tau: self._stable(field(tau), axes, step)
-        if sum(kept.nbytes for kept in self._fields.values()) + field.nbytes <= KEPT:
-            self._fields[key] = field
+        if field.nbytes <= self._room:
+            self._fields[key], self._room = field, self._room - field.nbytes
         return field
 
     def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
