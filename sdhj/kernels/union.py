@@ -12,11 +12,10 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, over_interval
 from sdhj.kernels.compiling import FEW, inlined, kernel
-from sdhj.kernels.stages import raise_to
+from sdhj.kernels.stages import BLOCKS, raise_to
 
 EIGHT = 8  # inputs at a time
-SPARE = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
-BLOCKS = 64  # pieces that threads share the rows in
+PAST = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
 _inlined = inlined()
 
 
@@ -39,7 +38,7 @@ def _reach(out, reach, j, row):
         _least(out, reach, j, row)
     else:
         values, parent, which, taps, weight, between, point = reach  # no tuple may stand in another here
-        _moved(out[:-SPARE], values, Leaves(parent, which, taps, weight, between, point), j, row)
+        _moved(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
 @kernel()
@@ -54,7 +53,7 @@ def _moved(out, values, leaves, j, row):
 def _least(out, reach, j, row):
     """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
     values, begin, at, width, nodes = reach
-    lines, whole = (out.size - SPARE) // nodes, -(-nodes // SPARE) * SPARE
+    lines, whole = (out.size - PAST) // nodes, -(-nodes // PAST) * PAST
     for line in range(lines):
         start, level, flat = np.uint64(line * nodes), values.dtype.type(np.inf), True
         for piece in range(width.size):
@@ -126,7 +125,7 @@ def add_inputs(tube, marks, reach, count, first, walls):
     rows, size = tube.shape
     blocks = min(rows, BLOCKS)
     for block in prange(blocks):
-        found, levels = np.empty((EIGHT, size + SPARE), tube.dtype), np.empty(EIGHT, tube.dtype)
+        found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
             for byte in range(first // EIGHT, (first + count + EIGHT - 1) // EIGHT):
                 for q in range(EIGHT):

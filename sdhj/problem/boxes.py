@@ -14,11 +14,11 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, maximum_of_intervals
 from sdhj.kernels.interpolation import SLACK
+from sdhj.kernels.union import EIGHT
 from sdhj.problem.grid import Grid, Window
 
 Nodes = Sequence[slice]  # of each axis
 INTERPOLATIONS = ("linear", "limited")
-EIGHT = 8  # boxes at a time: inputs whose marks share a byte
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
-from sdhj.problem.boxes import EIGHT, Maxima, maxima
+from sdhj.kernels.union import EIGHT
+from sdhj.problem.boxes import Maxima, maxima
 from sdhj.problem.dynamics import INSTANTS, Velocities
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import SPARE, Walls, add_inputs
+from sdhj.kernels.union import PAST, Walls, add_inputs
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
@@ -169,7 +169,7 @@ class InputRows:
             parts, inputs = list(reach.pieces), np.arange(reach.number)
             ends = np.cumsum([0, *(piece.size for piece in parts)])
             begin = [end + piece[0].size * inputs for end, piece in zip(ends[:-1], parts, strict=True)]
-            flat = np.concatenate([*(piece.reshape(-1) for piece in parts), np.zeros(SPARE, tube.dtype)])
+            flat = np.concatenate([*(piece.reshape(-1) for piece in parts), np.zeros(PAST, tube.dtype)])
             found = (flat, np.stack(begin), *self._lines(tuple(reach.axes)), self.grid.shape[-1])
         static, moving = self.tubes.static, self.tubes.moving[step]
         walls = Walls(
