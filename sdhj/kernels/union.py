@@ -22,9 +22,10 @@ _inlined = inlined()
 class Walls(NamedTuple):
     """What to avoid: (L, r, B or 1) for each input rows as those of the grid, or with one value for all their nodes.
 
-    Row static_at[i] and row moving_at[i] belong to row i of the grid.
+    Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
     """
 
+    highest: FloatArray
     static: FloatArray
     static_at: FloatArray
     moving: FloatArray
@@ -75,11 +76,18 @@ def _least(out, reach, j, row):
 
 
 @kernel()
-def _raised(out, wall, level):
-    """Raise a row to that of a wall; where that has one value only, return the greater of it and `level` instead."""
+def _raised(out, wall, highest, level):
+    """Raise a row to that of a wall; where that has one value only, return the greater of it and `level` instead.
+
+    A wall that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
+    """
     if wall.size < out.size:
         return wall[0] if wall[0] > level else level
-    raise_to(out, wall)
+    below = np.int32(0)
+    for i in range(out.size):
+        below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
+    if below > 0:
+        raise_to(out, wall)
     return level
 
 
@@ -133,6 +141,7 @@ def add_inputs(tube, marks, reach, count, first, walls):
                     if first <= j < first + count:
                         _reach(found[q], reach, j - first, row)
                         line, level = found[q, :size], tube.dtype.type(-np.inf)
-                        level = _raised(line, walls.static[j, walls.static_at[row]], level)
-                        levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], level)
+                        at = walls.static_at[row]
+                        level = _raised(line, walls.static[j, at], walls.highest[j, at], level)
+                        levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], tube.dtype.type(np.inf), level)
                 _join(tube[row], marks[byte, row], found, levels)

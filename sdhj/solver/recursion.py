@@ -137,6 +137,8 @@ class InputRows:
         self.size = math.prod(grid.shape[-last:])
         self.wide = [self.size if grid.ndim - 1 in own else 1 for own in axes]
         self._known_lines: dict[tuple[Axes, ...], tuple[FloatArray, FloatArray]] = {}
+        self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
+        self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._places(own, last) for own in axes)
 
     def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
@@ -171,9 +173,10 @@ class InputRows:
             begin = [end + piece[0].size * inputs for end, piece in zip(ends[:-1], parts, strict=True)]
             flat = np.concatenate([*(piece.reshape(-1) for piece in parts), np.zeros(PAST, tube.dtype)])
             found = (flat, np.stack(begin), *self._lines(tuple(reach.axes)), self.grid.shape[-1])
-        static, moving = self.tubes.static, self.tubes.moving[step]
+        static, moving = self.static, self.tubes.moving[step]
         walls = Walls(
-            static.reshape(len(static), -1, self.wide[0]),
+            self.highest,
+            static,
             self.static_at,
             moving.reshape(len(moving), -1, self.wide[1]),
             self.moving_at,
