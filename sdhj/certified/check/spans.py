@@ -141,7 +141,8 @@ class Span(NDArrayOperatorsMixin):
         if function in (np.sum, np.mean):
             most = np.sum(np.maximum(np.abs(args[0].low), np.abs(args[0].high)), *args[1:], **options)
             low, high = (function(end, *args[1:], **options) for end in (args[0].low, args[0].high))
-            return _sure(widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most))
+            out = _sure(widened(low, high, args[0].size // max(np.size(low), 1) * LAST * most))
+            return np.maximum(out, 0.0) if (args[0].low >= 0).all() else out
         if function in (np.any, np.all):
             return (np.max if function is np.any else np.min)(_flags(args[0]), *args[1:], **options)
         if function is np.where:
