@@ -32,7 +32,10 @@ PAIRS = 2000  # of states, by which the bounds along an axis are tried
 ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one
 SAMPLES = 16  # boxes by which it is told which coordinates the velocity reads
 BOXES = 1 << 16  # that a function is called with at a time
-LOOKS, LOOKS_EACH = 100, 20  # states at which a set, and the velocity under each input, is compared with its enclosure
+COMPARED, COMPARED_EACH = (
+    100,
+    20,
+)  # states at which a set, and the velocity under each input, is compared with its enclosure
 UNFOLLOWED = (TypeError, ValueError, AttributeError, LookupError, NotImplementedError, ImportError)
 
 Ends = tuple[FloatArray, FloatArray]
@@ -145,7 +148,7 @@ class Bounds:
             ways.append(lambda: _answered(own(low, high, t0, t1), low[:, 0].shape))
 
         def followed(begin: float, end: float) -> Ends:
-            self._compare(part.name, part.axes, LOOKS, lambda q, t: (function(q.copy(), t),) * 2, alone)
+            self._compare(part.name, part.axes, COMPARED, lambda q, t: (function(q.copy(), t),) * 2, alone)
             return _followed(function, low, high, (begin, end))
 
         def alone(points: FloatArray, t: float) -> Ends:
@@ -174,7 +177,7 @@ class Bounds:
             return least, greatest
 
         def followed() -> Ends:
-            self._compare(f"velocity {j}", range(ndim), LOOKS_EACH, true, alone)
+            self._compare(f"velocity {j}", range(ndim), COMPARED_EACH, true, alone)
             return _followed_velocity(dynamics, j, low, high, (t0, t1), self.signs)
 
         ways.append(followed)

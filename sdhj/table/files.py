@@ -39,7 +39,7 @@ FORMAT_VERSION = 3
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
-MOST_TEXT = 1 << 24  # bytes of the head
+MOST_HEAD = 1 << 24  # bytes of the head
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
@@ -185,8 +185,8 @@ def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> 
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
-    if len(text) > MOST_TEXT:
-        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and at most {MOST_TEXT:,} fit")
+    if len(text) > MOST_HEAD:
+        raise ValueError(f"recipe, details and inputs take {len(text):,} bytes as text, and at most {MOST_HEAD:,} fit")
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
@@ -315,7 +315,7 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
     if not version or second != f"sha256 {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode():
         raise TableFileError(f"{path} is damaged, cut short or not a look-up table; solve it anew")
     stream.seek(begin)
-    return stream.readline(MOST_TEXT)
+    return stream.readline(MOST_HEAD)
 
 
 def checked_head(head: Any) -> dict[str, Any]:

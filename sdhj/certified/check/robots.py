@@ -173,7 +173,8 @@ class Robot:
             for at, q in enumerate(states):
                 least, most = (np.asarray(value, dtype=np.float64)[0] for value in true(q[None], t))
                 slack = 1e-13 * (1.0 + np.abs(least) + np.abs(most))
-                if not np.all((found.low[at] <= least + slack) & (most - slack <= found.high[at])):
+                low, high = (np.broadcast_to(end, (count, *least.shape))[at] for end in (found.low, found.high))
+                if not np.all((low <= least + slack) & (most - slack <= high)):
                     raise TypeError(f"{what} at {q.tolist()} is {least.tolist()}, outside of what spans say of it")
         self.compared.add(what)
 

@@ -89,7 +89,7 @@ class Span(NDArrayOperatorsMixin):
         self.low[at], self.high[at] = ends_of(value, 0), ends_of(value, 1)
 
     def __getattr__(self, name: str) -> Any:
-        if name in METHODS:
+        if name in ATTRIBUTES:
             return lambda *args, **options: getattr(np, name)(self, *args, **options)
         if name.startswith("__"):
             raise AttributeError(name)
@@ -159,7 +159,7 @@ class Flags(Span):
         raise Refused("writing into a comparison")
 
 
-METHODS = "sum max min mean reshape ravel clip any all take transpose squeeze".split()
+ATTRIBUTES = "sum max min mean reshape ravel clip any all take transpose squeeze".split()
 REDUCTIONS = {"add": "sum", "maximum": "max", "minimum": "min"}
 
 
