@@ -94,14 +94,6 @@ class Maxima(NamedTuple):
         return out
 
 
-def maximum_over_interval(
-    grid: Grid, values: FloatArray, axis: int, low: float, high: float, interpolation: str
-) -> FloatArray:
-    """max over y in [x + low, x + high] along one axis of `values`, which on other axes may have some nodes only."""
-    leaves = _leaves(grid, axis, ((low, high),), interpolation, values.dtype.str, (0,), (0,))
-    return Maxima(0, 1, np.asarray(values)[None], axis, leaves).of()[0]
-
-
 def _leaves(
     grid: Grid,
     axis: int,
