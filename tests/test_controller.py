@@ -74,7 +74,7 @@ def truth(problem: ReachAvoidProblem, q: np.ndarray, step: int, boxes: list[Any]
     """What the true sets say of a state, one place at a time."""
     grid, dynamics, begin = problem.grid, problem.dynamics, problem.time(step)
     walls = [
-        np.where([(end == "wall") & ~p for end, p in zip(ends, grid.periodic, strict=True)], face, off)
+        np.where([(end == "wall") and not p for end, p in zip(ends, grid.periodic, strict=True)], face, off)
         for ends, face, off in zip(
             zip(*grid.ends, strict=True), (grid.lower, grid.upper), (-np.inf, np.inf), strict=True
         )

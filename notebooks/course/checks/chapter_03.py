@@ -18,7 +18,7 @@ def check_ball(hamiltonian):
     expect(got >= tried - 1e-9, "the adversary finds a direction that pays more: which way does it push, given p?")
     wanted = p @ u + 0.7 * np.linalg.norm(p, axis=1)
     box = p @ u + 0.7 * np.abs(p).sum(axis=1)
-    expect(~np.allclose(got, box), "that is the box |v|_inf <= v_max: the ball has no corners.")
+    expect(not np.allclose(got, box), "that is the box |v|_inf <= v_max: the ball has no corners.")
     expect_close(got, wanted, "the best push is along p, as long as it may be.")
     expect_close(hamiltonian(np.zeros((1, 2)), u, 0.7), [0.0], "p = 0 must give 0 and not NaN.")
 
@@ -65,7 +65,7 @@ def check_avoid_tube(avoid_value):
         expect(got.shape == x.shape, "one value for each start.")
         at_end = np.clip(0.1, x + 0.8 * low, x + 0.8 * high)
         expect(
-            ~np.allclose(got, 0.25 - np.abs(at_end - 0.1)),
+            not np.allclose(got, 0.25 - np.abs(at_end - 0.1)),
             "that looks at the end only. The start counts, and all between.",
         )
         near = np.clip(0.1, x + min(0.0, 0.8 * low), x + max(0.0, 0.8 * high))
