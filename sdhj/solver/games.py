@@ -30,6 +30,7 @@ from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_each, evolve_stopped, together, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+GROUPED = 16_000_000  # bytes of those that are solved together, some times as much for a while
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
 
@@ -225,7 +226,7 @@ class HJIGames(_OnAxes):
             alike = [(number, np.flatnonzero(np.equal(each, number)).tolist()) for number in sorted(set(each))]
             found = [(steps, list(range(self.count)))] if steps else alike
             parts = [(some, together(grid, [fields[j] for j in some], self.scheme), number) for number, some in found]
-            room = sum(one.nbytes for one in fields) <= KEPT and all(terms is not None for _, terms, _ in parts)
+            room = sum(one.nbytes for one in fields) <= GROUPED and all(terms is not None for _, terms, _ in parts)
             self._groups[axes, steps] = parts if room else []
         return self._groups.get((axes, steps), [])
 
