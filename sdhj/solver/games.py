@@ -225,9 +225,9 @@ class HJIGames(_OnAxes):
             each = self.counted.get(axes) or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields]
             alike = [(number, np.flatnonzero(np.equal(each, number)).tolist()) for number in sorted(set(each))]
             found = [(steps, list(range(self.count)))] if steps else alike
-            parts = [(some, together(grid, [fields[j] for j in some], self.scheme), number) for number, some in found]
-            room = sum(one.nbytes for one in fields) <= GROUPED and all(terms is not None for _, terms, _ in parts)
-            self._groups[axes, steps] = parts if room else []
+            little = sum(one.nbytes for one in fields) <= GROUPED
+            parts = [(some, together(grid, [fields[j] for j in some], self.scheme), n) for n, some in found if little]
+            self._groups[axes, steps] = parts if all(terms is not None for _, terms, _ in parts) else []
         return self._groups.get((axes, steps), [])
 
     def by_formula(self, axes: Axes) -> bool:
