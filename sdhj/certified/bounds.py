@@ -32,10 +32,8 @@ PAIRS = 2000  # of states, by which the bounds along an axis are tried
 ALLOWANCE = 1e-9  # for the rounding of a user's function, relative to its value or absolute below one
 SAMPLES = 16  # boxes by which it is told which coordinates the velocity reads
 BOXES = 1 << 16  # that a function is called with at a time
-COMPARED, COMPARED_EACH = (
-    100,
-    20,
-)  # states at which a set, and the velocity under each input, is compared with its enclosure
+COMPARED = 100  # states at which a set is compared with its enclosure
+COMPARED_EACH = 20  # the same for the velocity, under each input
 UNFOLLOWED = (TypeError, ValueError, AttributeError, LookupError, NotImplementedError, ImportError)
 
 Ends = tuple[FloatArray, FloatArray]

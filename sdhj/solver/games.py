@@ -30,7 +30,7 @@ from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_each, evolve_stopped, together, too_restless
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
-GROUPED = 16_000_000  # bytes of those that are solved together, some times as much for a while
+GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
 

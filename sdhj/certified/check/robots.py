@@ -166,15 +166,19 @@ class Robot:
         if what in self.compared:
             return
         grid, rng = self.problem.grid, np.random.default_rng(1)
-        low, high = (np.array([end[axis] for axis in axes]) for end in (grid.lower, grid.upper))
-        states = low + (high - low) * np.round(rng.random((count, len(low))), 3)  # ends and round numbers among them
+        lower, upper = (np.array([end[axis] for axis in axes]) for end in (grid.lower, grid.upper))
+        shares = np.round(rng.random((count, len(lower))), 3)  # of the way: round numbers
+        shares[0], shares[1] = 0.0, 1.0  # and both ends
+        states = lower + (upper - lower) * shares
         for t in (0.0, 0.3 * self.delta):
             found = spanned(states, t)
             for at, q in enumerate(states):
                 least, most = (np.asarray(value, dtype=np.float64)[0] for value in true(q[None], t))
                 slack = 1e-13 * (1.0 + np.abs(least) + np.abs(most))
                 low, high = (np.broadcast_to(end, (count, *least.shape))[at] for end in (found.low, found.high))
-                if not np.all((low <= least + slack) & (most - slack <= high)):
+                if not np.all(
+                    np.isnan(low) | ((low <= least + slack) & (most - slack <= high))
+                ):  # NaN: nothing is said
                     raise TypeError(f"{what} at {q.tolist()} is {least.tolist()}, outside of what spans say of it")
         self.compared.add(what)
 
