@@ -234,6 +234,7 @@ def mutants(chapter: str) -> Iterator[Mutant]:
         if check.number in YES_OR_NO:
             yield Mutant(chapter, check, "result turned round", partial(turned_round, answer))
         elif check.number not in NO_NUMBER:
+            yield Mutant(chapter, check, "sign turned", partial(with_scaled_result, answer, -1, 1))
             for scale in SCALES:
                 yield Mutant(chapter, check, f"result times {scale}", partial(with_scaled_result, answer, scale, 1))
                 yield Mutant(chapter, check, f"result by {scale}", partial(with_scaled_result, answer, 1, scale))

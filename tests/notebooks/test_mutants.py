@@ -28,7 +28,7 @@ def judge(mutant: Mutant) -> str:
 def test_every_mutant_of_a_solution_is_refused_or_is_the_same(chapter: str) -> None:
     found = Counter((mutant.number, judge(mutant)) for mutant in mutants(chapter))
     for number in {number for number, _ in found}:
-        assert found[number, "refused"] >= 1, f"{number} has no mutant that is refused"
+        assert found[number, "refused"] >= 2, f"{number} has hardly a mutant that is refused"
 
 
 def test_a_sample_of_mutants_is_refused_or_is_the_same() -> None:
