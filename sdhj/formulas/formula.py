@@ -1,0 +1,239 @@
+"""Formulas and black boxes: what a problem knows of a function, by one protocol.
+
+Both are callable with points and parameters, and have `reads` (which coordinates, and whether the time), and `bounds`
+over boxes. Of a formula everything is derived from its graph; of a black box its author declares it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.graph import Node, leaf, leaves, ordered, rebuilt
+from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.rules import OPCODES
+from sdhj.formulas.text import parsed, written
+from sdhj.formulas.tracing import NotTraced, Traced, entries_of
+from sdhj.kernels import FloatArray
+from sdhj.kernels.tape import Tape, play, play_bounds
+
+Ends = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """What a function computes, as an expression graph.
+
+    Attributes
+    ----------
+    outputs : tuple of Node
+        Its results, flattened.
+    coordinates, parameters : int
+        How many it is a function of; parameter 0 is the time.
+    shape : tuple of int
+        Of the results for one point.
+    """
+
+    outputs: tuple[Node, ...]
+    coordinates: int
+    parameters: int = 1
+    shape: tuple[int, ...] = ()
+
+    def __call__(self, points: Any, *parameters: Any) -> Any:
+        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
+        if isinstance(points, Traced) or any(isinstance(one, Traced) for one in parameters):
+            return self._inlined(points, parameters)
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        out = np.empty((len(self.outputs), len(points)))
+        play(self.tape, points, np.array(parameters, dtype=np.float64), out)
+        return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
+
+    def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
+        """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).
+
+        -inf and inf where it may be undefined somewhere in the box.
+        """
+        out = np.empty((2, len(self.outputs), len(low)))
+        ends = np.array(parameters, dtype=np.float64).reshape(-1, 2).T
+        boxes = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high))
+        play_bounds(self.tape, *boxes, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
+        undefined = np.isnan(out[0])
+        if undefined.any():
+            out[0][undefined], out[1][undefined] = -np.inf, np.inf
+        least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)
+        return least, greatest
+
+    @cached_property
+    def reads(self) -> FloatArray:
+        """Which coordinates each result reads, (results, coordinates) bool."""
+        out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
+        for row, one in enumerate(self.outputs):
+            out[row, list(leaves([one], "x"))] = True
+        return out
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether it reads the time, or the begin or end of an interval."""
+        return 0 in leaves(self.outputs, "p")
+
+    @property
+    def total(self) -> bool:
+        """Whether it is defined at all points."""
+        return all(one.total for one in self.outputs)
+
+    def of(self, places: Sequence[int], shape: Sequence[int] = ()) -> "Formula":
+        """Some of the results, by their numbers."""
+        return Formula(tuple(self.outputs[place] for place in places), self.coordinates, self.parameters, tuple(shape))
+
+    def on(self, axes: Sequence[int], coordinates: int) -> "Formula":
+        """The same function of the coordinates `axes` of `coordinates` ones."""
+        moved = rebuilt(self.outputs, lambda one: leaf("x", axes[one.value[0]]) if one.op == "x" else None)
+        return Formula(tuple(moved), coordinates, self.parameters, self.shape)
+
+    @cached_property
+    def tape(self) -> Tape:
+        return tape_of(self.outputs)
+
+    def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
+        columns = entries_of(points).reshape(-1, self.coordinates)
+        given = [entries_of(one)[()] for one in parameters]
+        out = np.empty((len(columns), len(self.outputs)), object)
+        for row, column in enumerate(columns):
+            put = {("x", k): entry for k, entry in enumerate(column)} | {("p", k): one for k, one in enumerate(given)}
+            out[row] = rebuilt(self.outputs, lambda one, put=put: put[one.op, one.value[0]] if one.op in "xp" else None)
+        return Traced(out.reshape(len(columns), *self.shape))
+
+    def __reduce__(self) -> Any:
+        tables: list[Lookup] = []
+        return restored, (written(self.outputs, tables), tables, self.coordinates, self.parameters, self.shape)
+
+
+def tape_of(outputs: Sequence[Node]) -> Tape:
+    """The program that computes some nodes; a slot is used again once nothing more reads it."""
+    order = ordered(outputs)
+    last = {arg: place for place, one in enumerate(order) for arg in one.args}
+    last |= dict.fromkeys(outputs, len(order))
+    slots: dict[Node, int] = {}
+    code, value, free, top = np.zeros((len(order), 5), np.int64), np.zeros(len(order)), list[int](), 0
+    lookups, tables = list[tuple[Node, list[int]]](), dict[Lookup, int]()
+    for place, one in enumerate(order):
+        used = [slots[arg] for arg in one.args]
+        for arg in dict.fromkeys(one.args):
+            if last[arg] == place:
+                free.append(slots[arg])
+        if free:
+            slots[one] = free.pop()
+        else:
+            slots[one], top = top, top + 1
+        code[place, :2] = OPCODES[one.op], slots[one]
+        if one.op == "gridded":
+            code[place, 2] = len(lookups)
+            lookups.append((one, used))
+        else:
+            code[place, 2 : 2 + len(used)] = used
+        if one.op in ("x", "p"):
+            code[place, 2] = one.value[0]
+        elif one.op in ("const", "power"):
+            value[place] = one.value
+    found, places, starts = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12)), 0
+    for row, (one, used) in enumerate(lookups):
+        table, n = one.value, len(used)
+        if table not in tables:
+            tables[table] = starts
+            starts += table.values.size
+        found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
+        found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table], table.lower, table.spacing
+    numbers = np.concatenate([table.values.ravel() for table in tables]) if tables else np.zeros(1)
+    return Tape(code, value, top, np.array([slots[one] for one in outputs], np.int64), found, places, numbers)
+
+
+def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any) -> Formula:
+    """A formula from its text."""
+    return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, shape)
+
+
+@dataclass(frozen=True, eq=False)
+class BlackBox:
+    """A function that cannot be read as a formula, such as a network, with what its author declares of it.
+
+    What is not declared is taken at its worst, or is refused where a proof needs it. Proofs assume that it holds.
+
+    Parameters
+    ----------
+    function : callable
+        As it would stand without the wrapper: a level set of (points, t), or a drift or gain of (points, u, t). All
+        arguments are passed.
+    reads : sequence of int, optional
+        The coordinates that the answer depends on, numbered as the points' columns. By default all.
+    slope : float, or one for each coordinate, or (ndim, ndim) array for a drift, optional
+        Bound on how much the answer changes for each unit of distance, or along each coordinate.
+    rate : float, or one for each component, optional
+        Bound on how much the answer changes in a second. 0: it does not depend on the time. By default, it may.
+    enclosure : callable, optional
+        Of a level set (low, high, t0, t1) -> (least, greatest), with boxes (M, axes) and answers (M,), at most and at
+        least what the function is anywhere in the box and in [t0, t1]; of a drift or gain (low, high, u, t0, t1).
+
+    Raises
+    ------
+    ValueError
+        If something is no function, or a bound is negative or not finite.
+
+    Examples
+    --------
+    Distance to a wall by a function that decides, so that it cannot be read:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> def distance(points, t):
+    ...     return np.array([abs(x) - 0.5 if x > 0 else -x - 0.5 for (x,) in points])
+    >>> wall = sdhj.UnsafeSet((0,), sdhj.BlackBox(distance, slope=1.0, rate=0.0))
+    >>> wall.level_set(np.array([[0.0], [2.0]]), 0.0)
+    array([-0.5,  1.5])
+    """
+
+    function: Callable[..., Any]
+    reads: Any = None
+    slope: Any = None
+    rate: Any = None
+    enclosure: Callable[..., Any] | None = None
+    name: str = field(default="black box", repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("function", "enclosure"):
+            if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
+                raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
+        for name in ("slope", "rate"):
+            given = getattr(self, name)
+            if given is not None:
+                array = np.asarray(given, dtype=np.float64)
+                if not (np.isfinite(array).all() and (array >= 0).all()):
+                    raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
+        if self.reads is not None:
+            object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
+
+    @property
+    def timed(self) -> bool:
+        return self.rate is None or bool(np.any(self.rate))
+
+    def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
+        """Of a level set, as `Formula.bounds`; ValueError, with the reason, where too little is declared."""
+        if self.enclosure is not None:
+            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
+            return least, greatest
+        if self.slope is None or (time[0] != time[1] and self.rate is None):
+            what = "a slope" if self.slope is None else "a rate"
+            raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
+        half = (high - low) / 2 * (1 + 1e-9)
+        slope = np.asarray(self.slope, dtype=np.float64)
+        far = slope * np.sqrt((half**2).sum(axis=1)) if slope.ndim == 0 else half @ slope
+        far = far + (time[1] - time[0]) / 2 * float(self.rate or 0.0)
+        value = np.asarray(self((low + high) / 2, (time[0] + time[1]) / 2))
+        far = far + 1e-9 * (1.0 + np.abs(value))
+        return value - far, value + far
+
+    def __call__(self, points: Any, *others: Any) -> Any:
+        if isinstance(points, Traced):
+            raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
+        return np.asarray(self.function(points, *others), dtype=np.float64)

@@ -1,0 +1,256 @@
+"""Expression graphs: what a function computes, as scalar operations on coordinates, parameters and constants.
+
+Equal nodes are one object (hash-consing), so equal subexpressions are shared and comparing two graphs is comparing
+objects. A node is simplified when it is made, but no operand that may be undefined is dropped: 0 * log(x) stays.
+"""
+
+import math
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+from weakref import WeakValueDictionary
+
+from sdhj.formulas.rules import RULES
+
+MOST_EXPONENT = 64  # of `power`, a whole number
+_nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
+
+
+class Node:
+    """One operation and its operands; made by `leaf` and `make` alone.
+
+    Attributes
+    ----------
+    op : str
+        The name of its rule (`sdhj.formulas.rules`).
+    args : tuple of Node
+    value : the number of a constant, the exponent of a power, the table of a look-up, or for a leaf (index, row)
+    truth : bool
+        Whether it is a truth value, 0 or 1.
+    total : bool
+        Whether it is defined for all finite coordinates and parameters.
+    """
+
+    __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
+    op: str
+    args: "tuple[Node, ...]"
+    value: Any
+    truth: bool
+    total: bool
+
+    def __add__(self, other: Any) -> "Node":  # products of matrices in NumPy add and multiply the entries
+        return make("add", self, node(other))
+
+    def __mul__(self, other: Any) -> "Node":
+        return make("mul", self, node(other))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __bool__(self) -> bool:
+        raise TypeError("an entry of a traced array has no value")
+
+    def __repr__(self) -> str:
+        return f"{self.op}({', '.join(map(str, self.args or [self.value]))})"
+
+
+def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
+    """The node with these parts."""
+    key = (op, args, repr(value) if isinstance(value, float) else value)  # -0.0 is not 0.0, and NaN is NaN
+    found = _nodes.get(key)
+    if found is None:
+        found, rule = Node(), RULES[op]
+        found.op, found.args, found.value, found.truth = op, args, value, rule.truth
+        found.total = rule.total and all(arg.total for arg in args) and not (op == "const" and math.isnan(value))
+        if op == "where":
+            found.truth = args[1].truth and args[2].truth
+        elif op == "const":
+            found.truth = isinstance(value, bool)
+        elif op == "power":
+            found.total = found.total and value >= 0
+        found = _nodes.setdefault(key, found)
+    return found
+
+
+def leaf(kind: str, index: int, row: int = 0) -> Node:
+    """Coordinate ("x") or parameter ("p") number `index`; of which row of points, while a function is traced."""
+    return interned(kind, (), (index, row))
+
+
+def constant(value: float | bool) -> Node:
+    return interned("const", (), value if isinstance(value, bool) else float(value))
+
+
+def node(value: Any) -> Node:
+    return value if isinstance(value, Node) else constant(value)
+
+
+def is_constant(one: Node, value: float | None = None) -> bool:
+    return one.op == "const" and (value is None or one.value == value)
+
+
+FOLDED: dict[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
+    "abs": abs,
+    "sqr": lambda a: a * a,
+    "sqrt": math.sqrt,
+    "less": operator.lt,
+    "lesseq": operator.le,
+    "equal": operator.eq,
+    "and": lambda a, b: bool(a) and bool(b),
+    "or": lambda a, b: bool(a) or bool(b),
+    "not": operator.not_,
+    "min": min,
+    "max": max,
+}
+
+
+def make(op: str, *args: Node, value: Any = None) -> Node:
+    """A node, simplified where that changes neither a value nor where it is undefined."""
+    if op in FOLDED and all(is_constant(arg) and not math.isnan(arg.value) for arg in args):
+        try:
+            return constant(FOLDED[op](*(arg.value for arg in args)))
+        except (ArithmeticError, ValueError):  # undefined: left to be evaluated
+            return interned(op, args)
+    simpler = SIMPLER[op](*args) if op in SIMPLER else None
+    return interned(op, args, value) if simpler is None else simpler
+
+
+def _add(a: Node, b: Node) -> Node | None:
+    if is_constant(a, 0.0) or is_constant(b, 0.0):
+        return _number(b if is_constant(a, 0.0) else a)
+    return make("sub", a, b.args[0]) if b.op == "neg" else None
+
+
+def _sub(a: Node, b: Node) -> Node | None:
+    if is_constant(b, 0.0):
+        return _number(a)
+    if a is b and a.total:
+        return constant(0.0)
+    return make("neg", b) if is_constant(a, 0.0) else None
+
+
+def _mul(a: Node, b: Node) -> Node | None:
+    for one, other in ((a, b), (b, a)):
+        if is_constant(one, 0.0) and other.total:
+            return constant(0.0)
+        if is_constant(one, 1.0):
+            return _number(other)
+        if is_constant(one, -1.0):
+            return make("neg", other)
+    return make("sqr", a) if a is b else None
+
+
+def _div(a: Node, b: Node) -> Node | None:
+    return _number(a) if is_constant(b, 1.0) else None
+
+
+def _where(condition: Node, a: Node, b: Node) -> Node | None:
+    if is_constant(condition):
+        return a if condition.value else b
+    return a if a is b and condition.total else None
+
+
+def _same(a: Node, b: Node) -> Node | None:
+    return a if a is b else None
+
+
+def _number(one: Node) -> Node | None:
+    """A node in place of a sum or a product that it equals; a truth value is a number only once it is computed with."""
+    return None if one.truth else one
+
+
+SIMPLER: dict[str, Callable[..., Node | None]] = {
+    **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
+    **{"min": _same, "max": _same, "and": _same, "or": _same},
+    "neg": lambda a: a.args[0] if a.op == "neg" else None,
+}
+
+
+def power(a: Node, b: Node) -> Node:
+    """a to the b, as the cheapest operation that is the same."""
+    if not is_constant(b):
+        return make("pow", a, b)
+    exponent = float(b.value)
+    cheap = {1.0: lambda: make("add", a, constant(0.0)), 2.0: lambda: make("sqr", a), 0.5: lambda: make("sqrt", a)}
+    if exponent in cheap:
+        return cheap[exponent]()
+    if exponent == -1.0:
+        return make("div", constant(1.0), a)
+    if exponent.is_integer() and abs(exponent) <= MOST_EXPONENT:
+        return constant(1.0) if exponent == 0.0 and a.total else make("power", a, value=int(exponent))
+    return make("pow", a, b)
+
+
+def ordered(outputs: Iterable[Node]) -> list[Node]:
+    """All nodes that some hang on, operands before what is made of them, in an order that the graph alone decides."""
+    done: dict[Node, None] = {}
+    stack = [(one, False) for one in reversed(list(outputs))]
+    while stack:
+        one, opened = stack.pop()
+        if opened:
+            done[one] = None
+        elif one not in done:
+            stack.append((one, True))
+            stack.extend((arg, False) for arg in reversed(one.args))
+    return list(done)
+
+
+def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
+    """The graph with some nodes replaced (where `replaced` says by what), simplified anew."""
+    new: dict[Node, Node] = {}
+    for one in ordered(outputs):
+        put = replaced(one)
+        new[one] = put if put is not None else _remade(one, [new[arg] for arg in one.args])
+    return [new[one] for one in outputs]
+
+
+def _remade(one: Node, args: list[Node]) -> Node:
+    if tuple(args) == one.args:
+        return one
+    return make(one.op, *args, value=one.value)
+
+
+def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
+    """Which coordinates ("x") or parameters ("p") nodes read."""
+    return {one.value[0] for one in ordered(outputs) if one.op == kind}
+
+
+def linear(outputs: Sequence[Node], first: int, count: int) -> list[list[Node]] | None:
+    """For each output its parts [rest, c_0, c_1, ...] with output = rest + sum c_d p_(first + d); None if there are none.
+
+    `count` parameters from number `first` on are looked for; the parts do not read them.
+    """
+    zero, parts = constant(0.0), dict[Node, "list[Node] | None"]()
+    for one in ordered(outputs):
+        if one.op == "p" and 0 <= (place := one.value[0] - first) < count:
+            parts[one] = [zero, *(constant(float(d == place)) for d in range(count))]
+        else:
+            parts[one] = _linear(one, [parts[arg] for arg in one.args], zero)
+    found = [parts[one] or [one, *[zero] * count] for one in outputs]
+    reads = leaves([part for parts in found for part in parts], "p")
+    return None if reads & set(range(first, first + count)) else found
+
+
+def _linear(one: Node, args: "list[list[Node] | None]", zero: Node) -> "list[Node] | None":
+    """As `linear`, of one operation; None where it reads none of them, or not linearly."""
+    if not any(args):
+        return None
+    full = [
+        part or [arg, *[zero] * (len(next(filter(None, args))) - 1)] for part, arg in zip(args, one.args, strict=True)
+    ]
+    if one.op in ("add", "sub"):
+        return [make(one.op, a, b) for a, b in zip(*full, strict=True)]
+    if one.op == "neg":
+        return [make("neg", a) for a in full[0]]
+    if one.op == "mul" and not all(args):
+        place = 0 if args[0] else 1
+        return [make("mul", a, one.args[1 - place]) for a in full[place]]
+    if one.op == "div" and args[1] is None:
+        return [make("div", a, one.args[1]) for a in full[0]]
+    if one.op == "where" and args[0] is None:
+        return [make("where", one.args[0], a, b) for a, b in zip(full[1], full[2], strict=True)]
+    return None

@@ -1,0 +1,80 @@
+"""The closed set of operations of a formula, a record each.
+
+The place of a record is its code on a tape (`sdhj.kernels.tape`), whose kernels hold its value and its interval; a
+file's text and the checker know it by name. NaN means undefined: it passes through every operation.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One operation.
+
+    Attributes
+    ----------
+    name : str
+        In texts, and the field `op` of a node.
+    arity : int
+        How many operands it has; -1 for one to six.
+    numpy : str
+        The NumPy functions that it stands for.
+    says : str
+        One sentence: what it computes and where it is undefined.
+    total : bool
+        Whether it is defined wherever its operands are.
+    truth : bool
+        Whether it gives a truth value.
+    """
+
+    name: str
+    arity: int
+    numpy: str
+    says: str
+    total: bool = True
+    truth: bool = False
+
+
+RULES = {
+    rule.name: rule
+    for rule in (
+        Rule("x", 0, "", "A coordinate of the state."),
+        Rule("p", 0, "", "A parameter: the time, or a component of the adversary."),
+        Rule("const", 0, "", "A number."),
+        Rule("add", 2, "add, sum", "The sum."),
+        Rule("sub", 2, "subtract, diff", "The difference."),
+        Rule("mul", 2, "multiply, prod, matmul, dot, einsum", "The product."),
+        Rule("div", 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.", total=False),
+        Rule("neg", 1, "negative", "The negative."),
+        Rule("abs", 1, "absolute, fabs", "The absolute value."),
+        Rule("sqr", 1, "square, power", "The square."),
+        Rule("sqrt", 1, "sqrt, linalg.norm", "The square root; undefined below 0.", total=False),
+        Rule("power", 1, "power", "A power with a whole exponent from -64 to 64; undefined at 0 where that is negative."),
+        Rule("pow", 2, "power, float_power", "A power; undefined for a base below 0, and at 0 but for exponents above 0.", total=False),
+        Rule("exp", 1, "exp, expm1, sinh, cosh", "The exponential function."),
+        Rule("log", 1, "log, log1p", "The natural logarithm; undefined at 0 and below.", total=False),
+        Rule("sin", 1, "sin", "The sine of an angle in radians."),
+        Rule("cos", 1, "cos", "The cosine of an angle in radians."),
+        Rule("tan", 1, "tan", "The tangent of an angle in radians; its intervals are undefined across a pole.", total=False),
+        Rule("arctan", 1, "arctan", "The angle in (-pi/2, pi/2) with this tangent."),
+        Rule("arctan2", 2, "arctan2", "The angle of the point (x, y), y first, in [-pi, pi]; 0 at the origin."),
+        Rule("tanh", 1, "tanh", "The hyperbolic tangent."),
+        Rule("arcsin", 1, "arcsin", "The angle in [-pi/2, pi/2] with this sine; undefined outside [-1, 1].", total=False),
+        Rule("arccos", 1, "arccos", "The angle in [0, pi] with this cosine; undefined outside [-1, 1].", total=False),
+        Rule("hypot", 2, "hypot", "The length of the vector (x, y)."),
+        Rule("min", 2, "minimum, fmin, min, clip", "The lesser one; undefined if either is."),
+        Rule("max", 2, "maximum, fmax, max, clip", "The greater one; undefined if either is."),
+        Rule("floor", 1, "floor, ceil, trunc, floor_divide", "The largest whole number that is not larger."),
+        Rule("mod", 2, "remainder, mod", "What remains of a after whole multiples of b, with the sign of b; undefined for b = 0.", total=False),
+        Rule("sign", 1, "sign", "-1, 0 or 1."),
+        Rule("less", 2, "less, greater", "Whether a < b.", truth=True),
+        Rule("lesseq", 2, "less_equal, greater_equal", "Whether a <= b.", truth=True),
+        Rule("equal", 2, "equal, not_equal", "Whether a = b.", truth=True),
+        Rule("and", 2, "logical_and, &, all", "Whether both are true.", truth=True),
+        Rule("or", 2, "logical_or, |, any", "Whether one is true.", truth=True),
+        Rule("not", 1, "logical_not, ~", "Whether it is false.", truth=True),
+        Rule("where", 3, "where, select", "The second operand where the first is true, else the third; the other may be undefined."),
+        Rule("gridded", -1, "sdhj.gridded, interp", "Multilinear interpolation of a table; beyond its ends the value at the end."),
+    )
+}  # fmt: skip
+OPCODES = {name: place for place, name in enumerate(RULES)}

@@ -1,0 +1,195 @@
+"""Formulas as text: the lines of a file, which a person can read, and mathematics to look at.
+
+Each line is one node, named by its number, with the numbers of its operands, which stand above it; numbers are
+hexadecimal, so nothing is rounded. The order follows from the graph alone, so equal graphs have equal texts.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sdhj.formulas.graph import MOST_EXPONENT, Node, constant, interned, leaf, ordered
+from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.rules import RULES
+
+FORMAT = 1
+MOST_LINES = 100_000
+CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
+
+
+def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
+    """The lines of some nodes; look-ups are added to `tables` where they are not in it yet."""
+    order = ordered(outputs)
+    number = {one: place for place, one in enumerate(order)}
+    lines = [" ".join([one.op, *_details(one, [number[arg] for arg in one.args], tables)]) for one in order]
+    return [*lines, " ".join(["return", *(str(number[one]) for one in outputs)])]
+
+
+def _details(one: Node, operands: list[int], tables: list[Lookup]) -> list[str]:
+    words = list(map(str, operands))
+    if one.op in ("x", "p"):
+        return [str(one.value[0])]
+    if one.op == "const":
+        return [str(one.value).lower() if isinstance(one.value, bool) else float(one.value).hex()]
+    if one.op == "power":
+        return [*words, str(one.value)]
+    if one.op == "gridded":
+        if one.value not in tables:
+            tables.append(one.value)
+        ends = (["lower", *map(float.hex, one.value.lower)], ["spacing", *map(float.hex, one.value.spacing)])
+        return [str(tables.index(one.value)), *words, *ends[0], *ends[1]]
+    return words
+
+
+def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
+    """The results of a text.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    tables : sequence of Lookup, or of arrays
+    coordinates, parameters : int
+        How many there may be.
+
+    Raises
+    ------
+    ValueError
+        With the number of the line, where it is not one that `written` writes.
+    """
+    if not 2 <= len(lines) <= MOST_LINES:
+        raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
+    nodes: list[Node] = []
+    limits = {"x": coordinates, "p": parameters}
+    for place, line in enumerate(lines):
+        op, *words = line.split()
+        try:
+            if place == len(lines) - 1:
+                if op != "return" or not words:
+                    raise ValueError("the last line must be `return` and the results")
+                return tuple(nodes[_index(word, place)] for word in words)
+            nodes.append(_node(op, words, nodes, tables, limits))
+        except (ValueError, KeyError, IndexError, OverflowError) as error:
+            raise ValueError(f"line {place} of a formula, {line[:80]!r}, cannot be read: {error}") from None
+    raise AssertionError
+
+
+def _node(op: str, words: list[str], nodes: list[Node], tables: Sequence[Any], limits: Mapping[str, int]) -> Node:
+    if op not in RULES:
+        raise ValueError(f"{op!r} is no operation")
+    if op in limits:
+        return leaf(op, _index(*words, most=limits[op]))
+    if op == "const":
+        (word,) = words
+        return constant(word == "true" if word in ("true", "false") else float.fromhex(word))
+    if op == "power":
+        base, exponent = words
+        if not abs(int(exponent)) <= MOST_EXPONENT:
+            raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
+        return interned(op, (nodes[_index(base, len(nodes))],), int(exponent))
+    if op == "gridded":
+        return _gridded(words, nodes, tables)
+    if len(words) != RULES[op].arity:
+        raise ValueError(f"{op} has {RULES[op].arity} operands")
+    return interned(op, tuple(nodes[_index(word, len(nodes))] for word in words))
+
+
+def _gridded(words: list[str], nodes: list[Node], tables: Sequence[Any]) -> Node:
+    one, two = words.index("lower"), words.index("spacing")
+    table = tables[_index(words[0], len(tables))]
+    lower, spacing = (list(map(float.fromhex, part)) for part in (words[one + 1 : two], words[two + 1 :]))
+    operands = tuple(nodes[_index(word, len(nodes))] for word in words[1:one])
+    lookup = Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
+    if len(operands) != lookup.values.ndim:
+        raise ValueError(f"a table of {lookup.values.ndim} axes needs as many operands")
+    return interned("gridded", operands, lookup)
+
+
+def _index(word: str, most: int) -> int:
+    if not (word.isdecimal() and int(word) < most):
+        raise ValueError(f"{word!r} must be a whole number below {most}")
+    return int(word)
+
+
+def alike(lines: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether two texts have one structure and constants that agree to `CLOSE`."""
+    return len(lines) == len(others) and all(
+        one == other or _close(one.split(), other.split()) for one, other in zip(lines, others, strict=True)
+    )
+
+
+def _close(words: list[str], others: list[str]) -> bool:
+    if words[0] != others[0] or len(words) != len(others) or words[0] not in ("const", "gridded"):
+        return False
+    for one, other in zip(words[1:], others[1:], strict=True):
+        if one != other and not ("0x" in one and "0x" in other and _near(float.fromhex(one), float.fromhex(other))):
+            return False
+    return True
+
+
+def _near(a: float, b: float) -> bool:
+    return math.isclose(a, b, rel_tol=CLOSE, abs_tol=CLOSE)
+
+
+SIGNS = {
+    "add": " + ",
+    "sub": " - ",
+    "mul": " ",
+    "div": " / ",
+    "less": " < ",
+    "lesseq": " <= ",
+    "equal": " = ",
+    "and": " and ",
+    "or": " or ",
+}
+RANK = {
+    "or": 0,
+    "and": 1,
+    "less": 2,
+    "lesseq": 2,
+    "equal": 2,
+    "add": 3,
+    "sub": 3,
+    "mul": 4,
+    "div": 4,
+    "neg": 4,
+    "power": 5,
+    "sqr": 5,
+}
+
+
+def shown(
+    outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",), width: int = 400
+) -> list[str]:
+    """Results as mathematics; what is used more than once, and is long, gets a letter and a line of its own."""
+    order = ordered(outputs)
+    uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
+    text: dict[Node, str] = {}
+    letters, lines = iter("abcdefghijklmnopqrs"), []
+    for one in order:
+        text[one] = _shown(one, text, names, parameters)
+        if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
+            lines.append(f"{letter} = {text[one]}")
+            text[one] = letter
+        if len(text[one]) > width:
+            text[one] = f"{text[one][:width]}..."
+    return [*lines, *(text[one] for one in outputs)]
+
+
+def _shown(one: Node, text: Mapping[Node, str], names: Sequence[str], parameters: Sequence[str]) -> str:
+    def inside(arg: Node, more: int = 0) -> str:
+        whole = arg.op not in RANK or " " not in text[arg]
+        return text[arg] if whole or RANK[arg.op] >= RANK[one.op] + more else f"({text[arg]})"
+
+    if one.op in ("x", "p"):
+        return (names if one.op == "x" else parameters)[one.value[0]]
+    if one.op == "const":
+        return format(one.value, ".6g") if not isinstance(one.value, bool) else str(one.value)
+    if one.op in SIGNS:
+        return f"{inside(one.args[0])}{SIGNS[one.op]}{inside(one.args[1], one.op in ('sub', 'div'))}"
+    if one.op in ("sqr", "power"):
+        return f"{inside(one.args[0], 1)}^{2 if one.op == 'sqr' else one.value}"
+    if one.op == "neg":
+        return f"-{inside(one.args[0])}"
+    name = {"abs": "|", "where": "where"}.get(one.op, one.op)
+    given = ", ".join(text[arg] for arg in one.args)
+    return f"|{given}|" if name == "|" else f"{name}({given})"
