@@ -1,0 +1,269 @@
+"""Tapes: formulas as small programs, which one compiled kernel plays over blocks of points, or of boxes.
+
+A tape's operations work on slots, each a row of numbers, one for each point of a block. What is undefined is NaN, and
+everything that hangs on it is. Loops run over one operation of all points in a block, so they vectorise, and nothing
+is compiled for a formula.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import get_num_threads  # type: ignore[attr-defined]
+
+from sdhj.kernels import FloatArray, elementary, intervals
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.elementary import ERRORS, INF, NAN
+from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
+
+OPERATIONS = tuple(
+    "x p const add sub mul div neg abs sqr sqrt power pow exp log sin cos tan arctan arctan2 tanh arcsin arccos hypot "
+    "min max floor mod sign less lesseq equal and or not where gridded".split()
+)
+X, P, CONST, ADD, SUB, MUL, DIV, NEG, ABS, SQR, SQRT, POWER, POW, EXP, LOG, SIN, COS, TAN, ARCTAN = range(19)
+ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MIN, MAX, FLOOR, MOD, SIGN, LESS, LESSEQ, EQUAL = range(19, 32)
+AND, OR, NOT, WHERE, GRIDDED = range(32, 37)
+
+BLOCK = 128  # points played at a time: rows of all slots stay in the first-level cache
+MANY = 2**21  # operations of all points; fewer are not shared out to threads
+LARGEST = np.finfo(np.float64).max
+
+_BINARY = np.array([op in "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where".split()
+                    for op in OPERATIONS])
+_UNITS = np.array([float(ERRORS.get(op, 0)) for op in OPERATIONS])
+_RANGES = np.full((len(OPERATIONS), 2), [-INF, INF])
+_RANGES[[EXP, POW, HYPOT, ARCCOS], 0], _RANGES[ARCCOS, 1] = 0.0, PI_UP
+_RANGES[TANH], _RANGES[ARCTAN2] = [-1.0, 1.0], [-PI_UP, PI_UP]
+_RANGES[ARCTAN] = _RANGES[ARCSIN] = [-PI_UP / 2, PI_UP / 2]
+_ZERO = np.where(np.isin(OPERATIONS, ("exp", "pow", "arctan2")), TINY, 0.0)  # what a result that is 0 may be off
+
+
+class Tape(NamedTuple):
+    """A formula, ready to be played. A result may be in the slot of an operand.
+
+    code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands; of `x` and `p` a is the number of
+    the coordinate or parameter, of `gridded` a row of `lookups`. value (n,): of `const`; the exponent of `power`.
+    slots: how many. outputs (K,) int64: slots of the results. lookups (G, 14) int64: number of axes, 6 slots, 6
+    numbers of nodes, place of the first entry in `tables`. places (G, 12): 6 times lower, 6 times spacing. tables (T,)
+    """
+
+    code: FloatArray
+    value: FloatArray
+    slots: int
+    outputs: FloatArray
+    lookups: FloatArray
+    places: FloatArray
+    tables: FloatArray
+
+
+@kernel(nogil=True, error_model="numpy")
+def _arithmetic(op, a, b, out, count):
+    if op == ADD:
+        for m in range(count):
+            out[m] = a[m] + b[m]
+    elif op == SUB:
+        for m in range(count):
+            out[m] = a[m] - b[m]
+    elif op == MUL:
+        for m in range(count):
+            out[m] = a[m] * b[m]
+    elif op == DIV:
+        for m in range(count):
+            out[m] = a[m] / b[m] if b[m] != 0.0 else NAN
+    elif op == NEG:
+        for m in range(count):
+            out[m] = -a[m]
+    elif op == ABS:
+        for m in range(count):
+            out[m] = abs(a[m])
+    elif op == SQR:
+        for m in range(count):
+            out[m] = a[m] * a[m]
+    elif op == SQRT:
+        for m in range(count):
+            out[m] = np.sqrt(a[m])
+    elif op == MIN:
+        for m in range(count):
+            out[m] = a[m] if (a[m] < b[m]) | (a[m] != a[m]) else b[m]
+    elif op == MAX:
+        for m in range(count):
+            out[m] = a[m] if (a[m] > b[m]) | (a[m] != a[m]) else b[m]
+    elif op == FLOOR:
+        for m in range(count):
+            out[m] = np.floor(a[m])
+
+
+@kernel(nogil=True, error_model="numpy")
+def _elementary(op, a, b, out, count):
+    if op == POW:
+        for m in range(count):
+            out[m] = elementary.pow(a[m], b[m])
+    elif op == EXP:
+        for m in range(count):
+            out[m] = elementary.exp(a[m])
+    elif op == LOG:
+        for m in range(count):
+            out[m] = elementary.log(a[m])
+    elif op == SIN:
+        for m in range(count):
+            out[m] = elementary.sin(a[m])
+    elif op == COS:
+        for m in range(count):
+            out[m] = elementary.cos(a[m])
+    elif op == TAN:
+        for m in range(count):
+            out[m] = elementary.tan(a[m])
+    elif op == ARCTAN:
+        for m in range(count):
+            out[m] = elementary.arctan(a[m])
+    elif op == ARCTAN2:
+        for m in range(count):
+            out[m] = elementary.arctan2(a[m], b[m])
+    elif op == TANH:
+        for m in range(count):
+            out[m] = elementary.tanh(a[m])
+    elif op == ARCSIN:
+        for m in range(count):
+            out[m] = elementary.arcsin(a[m])
+    elif op == ARCCOS:
+        for m in range(count):
+            out[m] = elementary.arccos(a[m])
+    elif op == HYPOT:
+        for m in range(count):
+            out[m] = elementary.hypot(a[m], b[m])
+    elif op == MOD:
+        for m in range(count):
+            out[m] = elementary.mod(a[m], b[m])
+
+
+@kernel(nogil=True, error_model="numpy")
+def _power(a, n, out, count):
+    """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
+    for m in range(count):
+        out[m] = 1.0 if a[m] == a[m] else NAN
+    for digit in range(6, -1, -1):
+        if abs(n) >> digit > 1:
+            for m in range(count):
+                out[m] *= out[m]
+        if (abs(n) >> digit) & 1:
+            for m in range(count):
+                out[m] *= a[m]
+    if n < 0:
+        for m in range(count):
+            out[m] = 1.0 / out[m] if a[m] != 0.0 else NAN
+
+
+@kernel(nogil=True, error_model="numpy")
+def _truths(op, a, b, c, out, count):
+    if op == SIGN:
+        for m in range(count):
+            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else 0.0 * a[m])
+    elif op == LESS:
+        for m in range(count):
+            out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+    elif op == LESSEQ:
+        for m in range(count):
+            out[m] = (1.0 if a[m] <= b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+    elif op == EQUAL:
+        for m in range(count):
+            out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+    elif op == AND:
+        for m in range(count):
+            out[m] = a[m] * b[m]
+    elif op == OR:
+        for m in range(count):
+            out[m] = a[m] + b[m] - a[m] * b[m]
+    elif op == NOT:
+        for m in range(count):
+            out[m] = 1.0 - a[m]
+    elif op == WHERE:
+        for m in range(count):
+            out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
+
+
+@kernel(nogil=True, error_model="numpy")
+def _interpolated(tables, first, lookup, position, corner):
+    """(value at a position, in nodes; how large what it was made of is); corner (64,): overwritten."""
+    axes, most = lookup[0], 0.0
+    for c in range(1 << axes):
+        index = 0
+        for axis in range(axes):
+            nodes = lookup[7 + axis]
+            index = index * nodes + min(int(position[axis]), nodes - 2) + ((c >> (axes - 1 - axis)) & 1)
+        corner[c] = tables[first + index]
+        most = max(most, abs(corner[c]))
+    size = 1 << axes
+    for axis in range(axes):
+        size >>= 1
+        share = position[axis] - min(int(position[axis]), lookup[7 + axis] - 2)
+        for c in range(size):
+            corner[c] = (1.0 - share) * corner[c] + share * corner[c + size]
+    return corner[0], most
+
+
+@kernel(nogil=True, error_model="numpy")
+def _gridded(tape, row, room, place, out, count):
+    lookup, position, corner = tape.lookups[row], np.empty(6), np.empty(64)
+    for m in range(count):
+        fine = True
+        for axis in range(lookup[0]):
+            x = (room[place[lookup[1 + axis]], m] - tape.places[row, axis]) / tape.places[row, 6 + axis]
+            position[axis] = min(max(x, 0.0), lookup[7 + axis] - 1.0)
+            fine &= x == x
+        out[m] = _interpolated(tape.tables, lookup[13], lookup, position, corner)[0] if fine else NAN
+
+
+@kernel(nogil=True, error_model="numpy")
+def _play(tape, points, parameters, out, start, stop):
+    """`play` of the points from start to stop.
+
+    A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
+    """
+    width = min(BLOCK, stop - start)
+    room, place, spare = np.empty((tape.slots + 1, width)), np.arange(tape.slots), tape.slots
+    for at in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - at)
+        for k in range(tape.code.shape[0]):
+            op, slot, first = tape.code[k, 0], tape.code[k, 1], tape.code[k, 2]
+            result = room[spare]
+            if op == X:
+                for m in range(count):
+                    result[m] = points[at + m, first]
+            elif op == P or op == CONST:
+                number = parameters[first] if op == P else tape.value[k]
+                for m in range(count):
+                    result[m] = number
+            elif op == GRIDDED:
+                _gridded(tape, first, room, place, result, count)
+            else:
+                a = room[place[first]]
+                b = room[place[tape.code[k, 3]]] if _BINARY[op] else a
+                if op < POWER or MIN <= op <= FLOOR:
+                    _arithmetic(op, a, b, result, count)
+                elif op == POWER:
+                    _power(a, int(tape.value[k]), result, count)
+                elif op <= HYPOT or op == MOD:
+                    _elementary(op, a, b, result, count)
+                else:
+                    _truths(op, a, b, room[place[tape.code[k, 4]]] if op == WHERE else a, result, count)
+            place[slot], spare = spare, place[slot]
+        for i in range(tape.outputs.size):
+            result = room[place[tape.outputs[i]]]
+            for m in range(count):
+                out[i, at + m] = result[m]
+
+
+def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
+    """Values of a tape at points (M, C) with parameters (P,), into out (K, M)."""
+    _shared_out(_play, len(points), tape, points, parameters, out)
+
+
+def _shared_out(play: Any, count: int, tape: Tape, *arrays: FloatArray) -> None:
+    """Play all, by several threads where there is much to do: a parallel kernel would compile everything once more."""
+    if count * len(tape.code) < MANY:
+        return play(tape, *arrays, 0, count)
+    threads = get_num_threads()
+    ends = [count * i // threads for i in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(play, tape, *arrays, *part) for part in zip(ends, ends[1:])]:
+            done.result()
