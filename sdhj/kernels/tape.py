@@ -28,8 +28,9 @@ BLOCK = 128  # points played at a time: rows of all slots stay in the first-leve
 MANY = 2**21  # operations of all points; fewer are not shared out to threads
 LARGEST = np.finfo(np.float64).max
 
-_BINARY = np.array([op in "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where".split()
-                    for op in OPERATIONS])
+_BINARY = np.array(
+    [op in "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where".split() for op in OPERATIONS]
+)
 _UNITS = np.array([float(ERRORS.get(op, 0)) for op in OPERATIONS])
 _RANGES = np.full((len(OPERATIONS), 2), [-INF, INF])
 _RANGES[[EXP, POW, HYPOT, ARCCOS], 0], _RANGES[ARCCOS, 1] = 0.0, PI_UP
@@ -267,3 +268,243 @@ def _shared_out(play: Any, count: int, tape: Tape, *arrays: FloatArray) -> None:
     with ThreadPoolExecutor(threads) as pool:
         for done in [pool.submit(play, tape, *arrays, *part) for part in zip(ends, ends[1:])]:
             done.result()
+
+
+@kernel(nogil=True, error_model="numpy")
+def _simple_bounds(op, a, b, out, count):
+    """Operands and result are (2, BLOCK): least and largest."""
+    if op == ADD:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.of_sum(a[0, m] + b[0, m], a[1, m] + b[1, m])
+    elif op == SUB:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.of_sum(a[0, m] - b[1, m], a[1, m] - b[0, m])
+    elif op == MUL:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])
+    elif op == DIV:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
+    elif op == NEG:
+        for m in range(count):
+            out[0, m], out[1, m] = -a[1, m], -a[0, m]
+    elif op == ABS:
+        for m in range(count):
+            out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
+    elif op == SQR:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.sqr(a[0, m], a[1, m])
+    elif op == SQRT:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.sqrt(a[0, m], a[1, m])
+    elif op == MIN:
+        for m in range(count):
+            out[0, m], out[1, m] = lesser(a[0, m], b[0, m]), lesser(a[1, m], b[1, m])
+    elif op == MAX:
+        for m in range(count):
+            out[0, m], out[1, m] = larger(a[0, m], b[0, m]), larger(a[1, m], b[1, m])
+    elif op == FLOOR:
+        for m in range(count):
+            out[0, m], out[1, m] = np.floor(a[0, m]), np.floor(a[1, m])
+
+
+@kernel(nogil=True, error_model="numpy")
+def _truth_bounds(op, a, b, c, out, count):
+    """What rises with each operand is played at both ends; c: the third operand of `where` only."""
+    if op == LESS:
+        for m in range(count):
+            out[0, m], out[1, m] = 1.0 if a[1, m] < b[0, m] else 0.0, 1.0 if a[0, m] < b[1, m] else 0.0
+    elif op == LESSEQ:
+        for m in range(count):
+            out[0, m], out[1, m] = 1.0 if a[1, m] <= b[0, m] else 0.0, 1.0 if a[0, m] <= b[1, m] else 0.0
+    elif op == EQUAL:
+        for m in range(count):
+            out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0
+            out[1, m] = 1.0 if (a[0, m] <= b[1, m]) & (b[0, m] <= a[1, m]) else 0.0
+    elif op == WHERE:
+        for m in range(count):
+            sure, never = a[0, m] > 0.0, a[1, m] <= 0.0
+            low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))
+            high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
+            both = (b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never
+            out[0, m], out[1, m] = low if both & (a[0, m] == a[0, m]) else NAN, high
+    else:
+        _truths(op, a[0], b[0], a[0], out[0], count)
+        _truths(op, a[1], b[1], a[1], out[1], count)
+        if op == NOT:
+            for m in range(count):
+                out[0, m], out[1, m] = out[1, m], out[0, m]
+
+
+@kernel(nogil=True, error_model="numpy")
+def _power_bounds(a, n, out, work, count):
+    """Of an even power the base counts by its absolute value; a negative one falls where it rises with its base."""
+    for m in range(count):
+        low, high = a[0, m], a[1, m]
+        if n % 2 == 0:
+            low, high = nearest(low, high), farthest(low, high)
+        work[0, m], work[1, m] = low if n >= 0 else high, high if n >= 0 else low
+    _power(work[0], n, out[0], count)
+    _power(work[1], n, out[1], count)
+    for m in range(count):
+        out[0, m], out[1, m] = intervals.power(a[0, m], a[1, m], out[0, m], out[1, m], n)
+
+
+@kernel(nogil=True, error_model="numpy")
+def _at_ends(op, a, b, out, work, count):
+    """The least and the largest value at the ends of the operands: of what rises or falls in each of them."""
+    if op == HYPOT:
+        for m in range(count):
+            work[0, m], work[1, m] = nearest(a[0, m], a[1, m]), nearest(b[0, m], b[1, m])
+        _elementary(op, work[0], work[1], out[0], count)
+        for m in range(count):
+            work[0, m], work[1, m] = farthest(a[0, m], a[1, m]), farthest(b[0, m], b[1, m])
+        _elementary(op, work[0], work[1], out[1], count)
+        return
+    _elementary(op, a[0], b[0], out[0], count)
+    _elementary(op, a[1], b[0], out[1], count)
+    if op == ARCCOS:
+        for m in range(count):
+            out[0, m], out[1, m] = out[1, m], out[0, m]
+    if op == POW or op == ARCTAN2:
+        for m in range(count):
+            low, high = out[0, m], out[1, m]
+            out[0, m], out[1, m] = lesser(low, high), larger(low, high)
+        for i in range(2):
+            _elementary(op, a[i], b[1], work[0], count)
+            for m in range(count):
+                value = work[0, m]
+                out[0, m], out[1, m] = lesser(value, out[0, m]), larger(value, out[1, m])
+
+
+@kernel(nogil=True, error_model="numpy")
+def _elementary_bounds(op, a, b, out, work, count):
+    """Of what `_elementary` plays: its values at the ends, moved outward by more than its error."""
+    units, lowest, highest, zero = _UNITS[op], _RANGES[op, 0], _RANGES[op, 1], _ZERO[op]
+    _at_ends(op, a, b, out, work, count)
+    if op == SIN or op == COS:
+        shift = 0.25 if op == SIN else 0.0
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift, units)
+    elif op == TAN:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.tan(a[0, m], a[1, m], out[0, m], out[1, m], units)
+    elif op == MOD:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
+    else:
+        for m in range(count):
+            low, high = intervals.widened(out[0, m], out[1, m], units, zero)
+            out[0, m], out[1, m] = larger(low, lowest), lesser(high, highest)
+    if op == POW:
+        for m in range(count):
+            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
+    elif op == ARCTAN2:
+        for m in range(count):
+            cut = (a[0, m] <= 0.0) & (a[1, m] >= 0.0) & (b[0, m] <= 0.0)  # or the origin
+            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
+
+
+@kernel(nogil=True, error_model="numpy")
+def _gridded_bounds(tape, row, room, place, out, count):
+    """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis."""
+    lookup, position, corner = tape.lookups[row], np.empty(6), np.empty(64)
+    ends, number, at = np.empty((2, 6)), np.empty(6, np.int64), np.empty(6, np.int64)
+    for m in range(count):
+        fine, total = True, 1
+        for axis in range(lookup[0]):
+            operand, last = room[place[lookup[1 + axis]]], lookup[7 + axis] - 1.0
+            lower, spacing = tape.places[row, axis], tape.places[row, 6 + axis]
+            low, high = intervals.of_sum(operand[0, m] - lower, operand[1, m] - lower)
+            low, high = intervals.of_sum(low / spacing, high / spacing)
+            fine &= (low == low) & (high == high)
+            ends[0, axis], ends[1, axis] = min(max(low - TINY, 0.0), last), min(max(high + TINY, 0.0), last)
+            number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0
+            at[axis] = 0
+            total *= number[axis]
+        out[0, m], out[1, m], largest = INF if fine else NAN, -INF, 0.0
+        for _ in range(total):
+            for axis in range(lookup[0]):
+                inside = np.floor(ends[0, axis]) + at[axis]
+                last = at[axis] == number[axis] - 1
+                position[axis] = ends[0, axis] if at[axis] == 0 else (ends[1, axis] if last else inside)
+            value, most = _interpolated(tape.tables, lookup[13], lookup, position, corner)
+            fine &= value == value
+            out[0, m], out[1, m], largest = lesser(value, out[0, m]), larger(value, out[1, m]), larger(most, largest)
+            axis = lookup[0] - 1
+            while axis >= 0:
+                at[axis] += 1
+                if at[axis] < number[axis]:
+                    break
+                at[axis] = 0
+                axis -= 1
+        slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY  # each axis: three roundings, of two numbers
+        out[0, m], out[1, m] = out[0, m] - slack if fine else NAN, out[1, m] + slack
+
+
+@kernel(nogil=True, error_model="numpy")
+def _or_nothing(a, b, out, count):
+    """Both ends of a result NaN where one is not finite or an operand is NaN."""
+    for m in range(count):
+        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[0, m] == a[0, m]) & (b[0, m] == b[0, m])
+        out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
+
+
+@kernel(nogil=True, error_model="numpy")
+def _play_bounds(tape, low, high, parameters_low, parameters_high, out, start, stop):
+    """`play_bounds` of the boxes from start to stop; rows as in `_play`."""
+    width = min(BLOCK, stop - start)
+    room, place, spare = np.empty((tape.slots + 1, 2, width)), np.arange(tape.slots), tape.slots
+    work = np.empty((2, width))
+    for at in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - at)
+        for k in range(tape.code.shape[0]):
+            op, slot, first = tape.code[k, 0], tape.code[k, 1], tape.code[k, 2]
+            result = room[spare]
+            a, b = result, result
+            if op == X:
+                for m in range(count):
+                    result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
+            elif op == P or op == CONST:
+                least = parameters_low[first] if op == P else tape.value[k]
+                most = parameters_high[first] if op == P else tape.value[k]
+                for m in range(count):
+                    result[0, m], result[1, m] = least, most
+            elif op == GRIDDED:
+                _gridded_bounds(tape, first, room, place, result, count)
+            elif op == WHERE:
+                b, c = room[place[tape.code[k, 3]]], room[place[tape.code[k, 4]]]
+                _truth_bounds(op, room[place[first]], b, c, result, count)
+                b = result
+            else:
+                a = room[place[first]]
+                b = room[place[tape.code[k, 3]]] if _BINARY[op] else a
+                if op < POWER or MIN <= op <= FLOOR:
+                    _simple_bounds(op, a, b, result, count)
+                elif op == POWER:
+                    _power_bounds(a, int(tape.value[k]), result, work, count)
+                elif op <= HYPOT or op == MOD:
+                    _elementary_bounds(op, a, b, result, work, count)
+                else:
+                    _truth_bounds(op, a, b, a, result, count)
+            _or_nothing(a, b, result, count)
+            place[slot], spare = spare, place[slot]
+        for i in range(tape.outputs.size):
+            result = room[place[tape.outputs[i]]]
+            for m in range(count):
+                out[0, i, at + m], out[1, i, at + m] = result[0, m], result[1, m]
+
+
+def play_bounds(
+    tape: Tape,
+    low: FloatArray,
+    high: FloatArray,
+    parameters_low: FloatArray,
+    parameters_high: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Intervals of a tape over boxes from low to high (M, C), parameters (P,) each, into out (2, K, M).
+
+    Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
+    """
+    _shared_out(_play_bounds, len(low), tape, low, high, parameters_low, parameters_high, out)
