@@ -40,6 +40,8 @@ if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not
 
 from sdhj.arm.case_studies import arm_case_study, evader_case_study
 from sdhj.certified.sets import Certified
+from sdhj.formulas.formula import BlackBox, complement, intersection, union
+from sdhj.formulas.gridded import gridded
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -57,6 +59,7 @@ from sdhj.table.table import LookupTable
 
 __all__ = [
     "HJI",
+    "BlackBox",
     "Certified",
     "Controller",
     "Dynamics",
@@ -73,9 +76,13 @@ __all__ = [
     "UnsafeSet",
     "__version__",
     "arm_case_study",
+    "complement",
     "evader_case_study",
+    "gridded",
+    "intersection",
     "load",
     "monte_carlo",
     "simulate",
     "solve",
+    "union",
 ]

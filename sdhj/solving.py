@@ -8,17 +8,16 @@ from typing import Any, cast
 
 from tqdm import tqdm
 
-from sdhj.arm.case_studies import problem_of_file
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
-from sdhj.problem.problem import ReachAvoidProblem, alike
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import Sets, recursion
 from sdhj.table.batches import PLAYER, Table
-from sdhj.table.files import TableFileError, opened, stored, what_differs
+from sdhj.table.files import opened
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -114,10 +113,9 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        The problem that the table was solved for. The case studies are rebuilt from the file; a problem of your own
-        must be passed, because files cannot contain its functions. Its numbers must equal those of the solve, up to
-        the rounding of another machine (`identity` in `sdhj.problem.problem`), and so must its recipe, if both have
-        one. If it has no number of steps, it gets the number in the file.
+        The problem that the table was solved for. It is needed only if it has black boxes (`sdhj.BlackBox`), whose
+        functions a file cannot contain. It must be the problem of the solve, up to the rounding of another machine. If
+        it has no number of steps, it gets the number in the file.
 
     Raises
     ------
@@ -137,19 +135,6 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (head, file):
-        replaced = "" if problem else "; if you replaced parts of it, pass your problem: load(path, problem=...)"
-        problem = problem_of_file(path, head, problem)
-        if problem.steps is None and head["details"].get("endless"):
-            problem = replace(problem, steps=head["steps"])  # as many as it took
-        sums = problem.identity[1]
-        if problem.digest != head["digest"] and (
-            other := what_differs(
-                head, problem, lambda: alike(stored(file, "samples", "float64", (None, sums.shape[1])), sums)
-            )
-        ):
-            raise TableFileError(
-                f"{path} was solved for another problem: its digest is {head['digest'][:12]}..., that of "
-                f"{problem.name!r} is {problem.digest[:12]}...; {other}{replaced}"
-            )
+        problem = problem_of_file(path, head, arrays_in(file), problem)
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
         return kind.read(head, file, problem)

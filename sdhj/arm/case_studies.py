@@ -7,10 +7,9 @@ radians and seconds; every level-set function is in metres.
 
 import inspect
 import math
-import os
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -23,7 +22,6 @@ from sdhj.problem.dynamics import MOST_INPUTS, Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
-from sdhj.table.files import TableFileError
 
 AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that the obstacles OBS(t) and the target TAR(t) depend on
@@ -244,20 +242,6 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
     """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
-
-
-def problem_of_file(
-    path: str | os.PathLike[str], head: Mapping[str, Any], problem: ReachAvoidProblem | None
-) -> ReachAvoidProblem:
-    """`problem` if it is given, else the case study that the head of a table's file describes."""
-    if problem is not None:
-        return problem
-    if str(head["recipe"].get("builder")) not in BUILDERS:
-        raise TableFileError(
-            f"{path} was solved for the user-defined problem {head['problem']!r}: use load(path, problem=...)"
-        )
-    built: ReachAvoidProblem = rebuild(head["recipe"])
-    return replace(built, sensing=head["sensing"]) if head["sensing"] else built
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:

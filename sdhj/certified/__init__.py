@@ -1,7 +1,6 @@
 """Sets with a proof, and their independent checker, `sdhj.certified.check`, which imports nothing of the rest."""
 
-from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 
-__all__ = ["Certified", "CertifiedTable", "LipschitzBounds"]
+__all__ = ["Certified", "CertifiedTable"]

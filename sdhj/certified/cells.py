@@ -174,9 +174,9 @@ def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """Least and greatest velocity on one axis under input j, exactly, for dynamics that do not depend on the state."""
     dynamics = problem.dynamics
-    pushes = zip(np.asarray(dynamics.gain)[axis], np.asarray(dynamics.bounds), strict=True)
+    pushes = zip(dynamics.arrays[1][axis], dynamics.arrays[2], strict=True)
     push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
-    drift = measured(np.asarray(dynamics.drift)[j, axis])
+    drift = measured(dynamics.arrays[0][j, axis])
     return drift - push, drift + push
 
 

@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.bounds import Bounds, Ends, LipschitzBounds, known_sets
+from sdhj.certified.bounds import Bounds, Ends, known_sets
 from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, CellTable, cells_of, moved_cells, unknown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
@@ -49,7 +49,7 @@ GUESSES = 40
 ROUNDED = 1 + 1e-12
 
 
-def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
+def unsure(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,); ValueError where no bound is found."""
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
@@ -59,7 +59,7 @@ def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
     error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
     if not sensing.delay:
         return error
-    spread, box = _Spread(problem, stated), error
+    spread, box = _Spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
         if (wider <= box).all():
@@ -73,10 +73,9 @@ def unsure(problem: ReachAvoidProblem, stated: LipschitzBounds) -> FloatArray:
 class _Spread:
     """D: how far velocities may be from those without an adversary, within a box."""
 
-    def __init__(self, problem: ReachAvoidProblem, stated: LipschitzBounds) -> None:
-        still = np.zeros(problem.dynamics.adversaries)
-        calm = replace(problem, dynamics=replace(problem.dynamics, bounds=still), sensing=Sensing())
-        self.problem, self.any, self.calm = problem, Bounds(problem, stated), Bounds(calm, stated)
+    def __init__(self, problem: ReachAvoidProblem) -> None:
+        calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
+        self.problem, self.any, self.calm = problem, Bounds(problem), Bounds(calm)
         grid, known = problem.grid, self.any.reads.any(axis=0)
         pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
         corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
@@ -200,8 +199,6 @@ class GeneralProof:
     axes : tuple of CellAxis
     parts : int
         Parts of the interval.
-    stated : LipschitzBounds
-        What the proof rests on, checked; nothing where intervals could be followed.
     strides : (ndim,) int64
         A cell is at the place sum(cell * strides).
     low, high : (starts, L, places, ndim) int16
@@ -213,7 +210,6 @@ class GeneralProof:
     problem: ReachAvoidProblem
     axes: tuple[CellAxis, ...]
     parts: int
-    stated: LipschitzBounds
     strides: FloatArray
     low: FloatArray
     high: FloatArray
@@ -221,15 +217,13 @@ class GeneralProof:
     kind = "enclosed"
 
     @classmethod
-    def of(
-        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, stated: LipschitzBounds
-    ) -> "GeneralProof":
-        """Check what is stated and make room; `prepare` fills it."""
-        stated, size = stated.checked(problem), math.prod(axis.count for axis in axes)
-        strides, moves, clear = shapes(problem, axes, place_axes(problem, axes, Bounds(problem, stated)))
+    def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
+        """Make room; `prepare` fills it."""
+        size = math.prod(axis.count for axis in axes)
+        strides, moves, clear = shapes(problem, axes, place_axes(problem, axes, Bounds(problem)))
         require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
-        return cls(problem, axes, parts, stated, strides, low, high, np.full(clear, 255, np.uint8))
+        return cls(problem, axes, parts, strides, low, high, np.full(clear, 255, np.uint8))
 
     @property
     def rows(self) -> int:
@@ -280,12 +274,8 @@ class GeneralProof:
 
     @property
     def told(self) -> dict[str, Any]:
-        """What a file tells of it: the axes of a place, and what it rests on."""
-        sets = {name: bounds.tolist() for name, bounds in self.stated.sets.items()}
-        matrix, time = (None if own is None else own.tolist() for own in (self.stated.dynamics, self.stated.time))
-        own = (self.strides > 0).tolist()
-        stated = {"dynamics": matrix, "time": time, "sets": sets}
-        return {"parts": self.parts, "own": own, "unsure": self.unsure.tolist()} | stated
+        """What a file says of it: the parts of an interval, the axes of a place, and E."""
+        return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.unsure.tolist()}
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
@@ -301,20 +291,19 @@ class GeneralProof:
             raise ValueError(f"axes of a place must be told for each axis, got {told['own']}")
         strides, moves, clear = shapes(problem, axes, np.array(told["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
-        stated = LipschitzBounds(told["dynamics"], told["sets"], told["time"]).checked(problem)
         parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, stated, strides, *arrays, stored(file, "clear", "uint8", clear))
+        return cls(problem, axes, parts, strides, *arrays, stored(file, "clear", "uint8", clear))
 
     # ---- the recursion; sets are (rows, W) uint64
 
     @cached_property
     def bounds(self) -> Bounds:
-        return Bounds(self.problem, self.stated)
+        return Bounds(self.problem)
 
     @cached_property
     def unsure(self) -> FloatArray:
         """By how much a prediction may be off, (ndim,)."""
-        return unsure(self.problem, self.stated)
+        return unsure(self.problem)
 
     @cached_property
     def cells(self) -> Cells:
@@ -501,13 +490,8 @@ class GeneralProof:
 
     @cached_property
     def timeless(self) -> bool:
-        """Whether one set stands for all starts: nothing depends on time, and the target is bounded at all times."""
-        if not self.problem.timeless or self.problem.stays or self.problem.steps is None:
-            return self.problem.timeless
-        try:
-            return bool(self._over_cells(self.problem.target, self._always))
-        except ValueError:
-            return False
+        """Whether one set stands for all starts, because nothing depends on time."""
+        return self.problem.timeless
 
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""

@@ -26,9 +26,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.bounds import Bounds, LipschitzBounds
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import PLACES, GeneralProof, place_axes, shapes
+from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import to_words
@@ -50,27 +51,25 @@ class LosingProof(GeneralProof):
     kind = "losing"
 
     @classmethod
-    def against(
-        cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, stated: LipschitzBounds
-    ) -> "LosingProof":
+    def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
         """Make room; `prepare` fills it. ValueError where the adversary has too many vertices or ends are safe."""
         if problem.grid.has("safe"):
             raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
-        stated, dynamics = stated.checked(problem), problem.dynamics
-        still = np.zeros(dynamics.adversaries) if callable(dynamics.bounds) else dynamics.bounds == 0.0
+        bounds = np.array(problem.dynamics.bounds.outputs, dtype=object).reshape(problem.dynamics.bounds.shape)
+        still = [all(is_constant(one, 0.0) for one in column) for column in bounds.T]
         vertices = np.array(list(itertools.product(*((1.0,) if none else (-1.0, 1.0) for none in still))))
         if len(vertices) > MOST_VERTICES:
             raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
-        own = place_axes(problem, axes, Bounds(problem, stated))
+        own = place_axes(problem, axes, Bounds(problem))
         strides, (starts, count, *rest), _ = shapes(problem, axes, own)
         room = (starts, count * len(vertices), *rest)
         require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *room), np.int16)
-        return cls(problem, axes, parts, stated, strides, low, high, np.zeros((1, 1, 1), np.uint8), vertices)
+        return cls(problem, axes, parts, strides, low, high, np.zeros((1, 1, 1), np.uint8), vertices)
 
     @cached_property
     def bounds(self) -> Bounds:
-        return Bounds(self.problem, self.stated, self.vertices[0] if len(self.vertices) == 1 else None)
+        return Bounds(self.problem, self.vertices[0] if len(self.vertices) == 1 else None)
 
     def prepare(self, progress: bool | None, share: float = 1.0) -> None:
         """Fill the moves."""

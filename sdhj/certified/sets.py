@@ -40,8 +40,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
-of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where intervals cannot go:
-`LipschitzBounds`, `slope`, a function's own `enclosure`, and `rate`, also where it says that a set stands still. The
+of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where a function is a `sdhj.BlackBox`: what its author declares. The
 unsafe set counts at every instant, so `view_time` makes no difference here. Images lose nothing where cells are aligned
 (`sdhj.certified.cells`); what is lost against the exact set is a layer of cells along the target, the obstacles and the
 pursuer.
@@ -51,15 +50,14 @@ import math
 import reprlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar
 
-from sdhj.arm.case_studies import rebuild
 from sdhj.certified.arm_proof import ArmProof, is_arm
-from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import MAX_NODES
@@ -71,6 +69,11 @@ GENERAL_CELLS = 64  # on each axis
 MEASURED = 0.03  # of the intervals, for an estimate
 
 
+def is_built(problem: ReachAvoidProblem) -> bool:
+    """Whether a problem is the arm's as a case study builds it; the arm with another set is a robot like any other."""
+    return is_arm(problem) and as_built(problem)
+
+
 @dataclass(frozen=True)
 class Certified:
     """The method with a proof: its sets hold for every state of a cell, every disturbance and every time (Theorem 2).
@@ -80,8 +83,6 @@ class Certified:
     cells : sequence of int, optional
         The approximate number of cells on each axis; it is adjusted so that cells align with the displacements of one
         interval, where possible. More cells certify a larger set. By default 64 each, for the arm (419, 419, 72, 72).
-    bounds : LipschitzBounds, optional
-        How fast those functions of a user-defined problem change that interval arithmetic cannot evaluate.
     parts : int
         The number of parts into which a sampling interval is cut to bound the tube, for the fastest input.
 
@@ -102,14 +103,11 @@ class Certified:
     """
 
     cells: Sequence[int] | None = None
-    bounds: LipschitzBounds | None = None
     parts: int = 10
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
-        if not isinstance(self.bounds, LipschitzBounds | None):
-            raise ValueError(f"bounds must be LipschitzBounds, got {reprlib.repr(self.bounds)}")
         if self.cells is not None:
             try:
                 object.__setattr__(self, "cells", tuple(whole("cells", n, least=2, most=MAX_NODES) for n in self.cells))
@@ -146,24 +144,17 @@ class Certified:
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
         axes = self.axes(problem)
-        if self.bounds is None and is_arm(problem):
-            built = replace(rebuild(problem.recipe), sensing=problem.sensing)
-            if built.digest != problem.digest:  # its geometry is the recipe's, its target too
-                raise ValueError(
-                    f"the proof for the arm is of what {problem.recipe['builder']} builds, and this problem, with "
-                    f"{'no target' if problem.stays else 'other parts'}, is another: build it with other arguments, or "
-                    "give Certified(bounds=LipschitzBounds(...)), which proves any problem"
-                )
+        if is_built(problem):
             if problem.steps is None:
                 raise ValueError(f"method {self.name!r} needs a number of steps of an arm: give the problem one")
             return ArmProof.of(problem, axes, self.parts)
-        return GeneralProof.of(problem, axes, self.parts, self.bounds or LipschitzBounds())
+        return GeneralProof.of(problem, axes, self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
         grid, cells = problem.grid, self.cells
         if cells is None:
-            cells = ARM_CELLS if is_arm(problem) else (GENERAL_CELLS,) * grid.ndim
+            cells = ARM_CELLS if is_built(problem) else (GENERAL_CELLS,) * grid.ndim
         if len(cells) != grid.ndim:
             raise ValueError(f"cells must be one number for each of the {grid.ndim} axes, got {list(cells)}")
         axes = []

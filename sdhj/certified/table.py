@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.bounds import LipschitzBounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.losing import LosingProof
@@ -228,7 +227,7 @@ class CertifiedTable(Table):
         It is computed at the first access, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
         evaluate a function of the problem, as for the arm's case study.
         """
-        return lost_cells(self.problem, self.axes, self.proof.parts, getattr(self.proof, "stated", None), False)
+        return lost_cells(self.problem, self.axes, self.proof.parts, False)
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
@@ -348,10 +347,9 @@ def lost_cells(
     problem: ReachAvoidProblem,
     axes: Sequence[CellAxis],
     parts: int = 10,
-    stated: LipschitzBounds | None = None,
     progress: bool | None = None,
 ) -> Any:
     """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
-    sets = CellSets(LosingProof.against(problem, tuple(axes), parts, stated or LipschitzBounds()), progress)
+    sets = CellSets(LosingProof.against(problem, tuple(axes), parts), progress)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})

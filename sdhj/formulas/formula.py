@@ -5,17 +5,17 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.graph import Node, leaf, leaves, ordered, rebuilt
+from sdhj.formulas.graph import Node, constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.gridded import Lookup
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
-from sdhj.formulas.tracing import NotTraced, Traced, entries_of
+from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape, play, play_bounds
 
@@ -34,12 +34,37 @@ class Formula:
         How many it is a function of; parameter 0 is the time.
     shape : tuple of int
         Of the results for one point.
+    name : str
+        For messages.
     """
 
     outputs: tuple[Node, ...]
     coordinates: int
     parameters: int = 1
     shape: tuple[int, ...] = ()
+    name: str = "formula"
+
+    @classmethod
+    def read(
+        cls, name: str, function: Any, coordinates: int, *names: str, lengths: Sequence[int] = ()
+    ) -> "Formula | BlackBox":
+        """A level-set function, read: of points (M, coordinates) and of parameters with these names.
+
+        Raises
+        ------
+        ValueError
+            Where it is no function of these, or cannot be read; the message says where, and what to do.
+        """
+        if isinstance(function, BlackBox):
+            return replace(function, name=name)
+        if isinstance(function, Formula):
+            if function.coordinates != coordinates or function.parameters != len(names):
+                raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
+            return replace(function, name=name)
+        rows = rows_for(coordinates, *lengths)
+        given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
+        outputs, _ = read(name, function, rows, given, (), True)
+        return cls(tuple(outputs), coordinates, len(names), (), name)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
@@ -48,6 +73,13 @@ class Formula:
         points = np.ascontiguousarray(points, dtype=np.float64)
         out = np.empty((len(self.outputs), len(points)))
         play(self.tape, points, np.array(parameters, dtype=np.float64), out)
+        if not np.isfinite(out).all():
+            row = int(np.argmin(np.isfinite(out).all(axis=0)))
+            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
+            raise ValueError(
+                f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
+                "must be finite"
+            )
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
@@ -85,12 +117,26 @@ class Formula:
 
     def of(self, places: Sequence[int], shape: Sequence[int] = ()) -> "Formula":
         """Some of the results, by their numbers."""
-        return Formula(tuple(self.outputs[place] for place in places), self.coordinates, self.parameters, tuple(shape))
+        outputs = tuple(self.outputs[place] for place in places)
+        return replace(self, outputs=outputs, shape=tuple(shape))
 
-    def on(self, axes: Sequence[int], coordinates: int) -> "Formula":
-        """The same function of the coordinates `axes` of `coordinates` ones."""
-        moved = rebuilt(self.outputs, lambda one: leaf("x", axes[one.value[0]]) if one.op == "x" else None)
-        return Formula(tuple(moved), coordinates, self.parameters, self.shape)
+    def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
+        """The same function with coordinates clipped at some ends first, infinite where there is none."""
+
+        def put(one: Node) -> Node | None:
+            if one.op != "x":
+                return None
+            for op, end in (("max", lower[one.value[0]]), ("min", upper[one.value[0]])):
+                one = make(op, one, constant(end)) if np.isfinite(end) else one
+            return one
+
+        return replace(self, outputs=tuple(rebuilt(self.outputs, put)))
+
+    def restricted(self, axes: Sequence[int]) -> "Formula":
+        """The same function of some coordinates, numbered anew; it reads no others."""
+        new = {axis: place for place, axis in enumerate(axes)}
+        moved = rebuilt(self.outputs, lambda one: leaf("x", new[one.value[0]]) if one.op == "x" else None)
+        return replace(self, outputs=tuple(moved), coordinates=len(axes))
 
     @cached_property
     def tape(self) -> Tape:
@@ -107,7 +153,14 @@ class Formula:
 
     def __reduce__(self) -> Any:
         tables: list[Lookup] = []
-        return restored, (written(self.outputs, tables), tables, self.coordinates, self.parameters, self.shape)
+        return restored, (
+            written(self.outputs, tables),
+            tables,
+            self.coordinates,
+            self.parameters,
+            self.shape,
+            self.name,
+        )
 
 
 def tape_of(outputs: Sequence[Node]) -> Tape:
@@ -149,9 +202,22 @@ def tape_of(outputs: Sequence[Node]) -> Tape:
     return Tape(code, value, top, np.array([slots[one] for one in outputs], np.int64), found, places, numbers)
 
 
-def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any) -> Formula:
+def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """A formula from its text."""
-    return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, shape)
+    return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
+
+
+def read(
+    name: str, function: Any, rows: int, given: Sequence[Any], shape: Sequence[int] | None, per_point: bool
+) -> tuple[list[Node], tuple[int, ...]]:
+    """As `traced`, with advice where it fails."""
+    try:
+        return traced(name, function, rows, given, shape, per_point)
+    except NotTraced as error:
+        raise ValueError(
+            f"{error}. What cannot be written so is wrapped, with what is known of it: "
+            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
+        ) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +281,25 @@ class BlackBox:
 
     @property
     def timed(self) -> bool:
+        """Whether the answer may depend on the time."""
         return self.rate is None or bool(np.any(self.rate))
+
+    def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
+        """As `Formula.clipped`."""
+
+        def cut(points: FloatArray) -> FloatArray:
+            return np.minimum(np.maximum(points, lower), upper)
+
+        def enclosed(low: FloatArray, high: FloatArray, *others: Any) -> Any:
+            assert self.enclosure is not None
+            return self.enclosure(cut(low), cut(high), *others)
+
+        function = self.function
+        return replace(
+            self,
+            function=lambda points, *others: function(cut(points), *others),
+            enclosure=enclosed if self.enclosure else None,
+        )
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
         """Of a level set, as `Formula.bounds`; ValueError, with the reason, where too little is declared."""
@@ -236,4 +320,37 @@ class BlackBox:
     def __call__(self, points: Any, *others: Any) -> Any:
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
-        return np.asarray(self.function(points, *others), dtype=np.float64)
+        values = np.array(self.function(points, *others), dtype=np.float64)
+        if len(values) != len(points) or not np.isfinite(values).all():
+            raise ValueError(
+                f"{self.name} must return one finite number for each of {len(points)} points, got {values}"
+            )
+        return values
+
+
+def union(*functions: Any) -> Any:
+    """The level-set function of the union of sets, from theirs: the minimum. All are of (points, t).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> left, right = (lambda q, t: abs(q[:, 0] + 1.0) - 0.5), (lambda q, t: abs(q[:, 0] - 1.0) - 0.5)
+    >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
+    array([-0.5,  0.5])
+    """
+    return lambda points, t: combined(np.minimum, functions, points, t)
+
+
+def intersection(*functions: Any) -> Any:
+    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
+    return lambda points, t: combined(np.maximum, functions, points, t)
+
+
+def complement(function: Any) -> Any:
+    """The level-set function of all that is not in a set, from the set's: its negative."""
+    return lambda points, t: -function(points, t)
+
+
+def combined(by: Any, functions: Sequence[Any], points: Any, t: Any) -> Any:
+    return reduce(by, [function(points, t) for function in functions])

@@ -154,6 +154,18 @@ def _where(condition: Node, a: Node, b: Node) -> Node | None:
     return a if a is b and condition.total else None
 
 
+def _min(a: Node, b: Node) -> Node | None:
+    if a is b or is_constant(b, math.inf):
+        return a
+    return b if is_constant(a, math.inf) else None
+
+
+def _max(a: Node, b: Node) -> Node | None:
+    if a is b or is_constant(b, -math.inf):
+        return a
+    return b if is_constant(a, -math.inf) else None
+
+
 def _same(a: Node, b: Node) -> Node | None:
     return a if a is b else None
 
@@ -165,7 +177,7 @@ def _number(one: Node) -> Node | None:
 
 SIMPLER: dict[str, Callable[..., Node | None]] = {
     **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
-    **{"min": _same, "max": _same, "and": _same, "or": _same},
+    **{"min": _min, "max": _max, "and": _same, "or": _same},
     "neg": lambda a: a.args[0] if a.op == "neg" else None,
 }
 
@@ -220,7 +232,7 @@ def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
 
 
 def linear(outputs: Sequence[Node], first: int, count: int) -> list[list[Node]] | None:
-    """For each output its parts [rest, c_0, c_1, ...] with output = rest + sum c_d p_(first + d); None if there are none.
+    """For each output its parts [rest, c_0, c_1, ...], output = rest + sum c_d p_(first + d); None if there are none.
 
     `count` parameters from number `first` on are looked for; the parts do not read them.
     """

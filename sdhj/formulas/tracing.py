@@ -18,8 +18,7 @@ import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from sdhj.formulas.graph import Node, constant, interned, leaf, make, node, power
-from sdhj.kernels import FloatArray
+from sdhj.formulas.graph import Node, constant, interned, leaf, make, power
 
 ROWS = (3, 5, 7, 11, 13, 17, 19, 23)  # points that a function is traced with: a number that no other length equals
 MOST_NODES = 200_000  # entries that one function may compute
@@ -524,8 +523,13 @@ def rows_for(*lengths: int) -> int:
 
 
 def traced(
-    name: str, function: Callable[..., Any], rows: int, arguments: Sequence[Any], shape: Sequence[int], per_point: bool
-) -> list[Node]:
+    name: str,
+    function: Callable[..., Any],
+    rows: int,
+    arguments: Sequence[Any],
+    shape: Sequence[int] | None,
+    per_point: bool,
+) -> tuple[list[Node], tuple[int, ...]]:
     """The nodes of what a function answers for one point, in the order of `shape`, flattened.
 
     Parameters
@@ -557,17 +561,15 @@ def traced(
         raise NotTraced(f"{name} cannot be read as a formula: {place}: {what}") from None
     if failed is not None:
         raise failed
-    full = (rows, *shape) if per_point else tuple(shape)
-    if answer.shape != full:
+    one = answer.shape[1:] if per_point else answer.shape
+    if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (rows,)):
         shown = tuple("M" if per_point and not k and n == rows else n for k, n in enumerate(answer.shape))
-        raise ValueError(f"{name} must return shape {('M', *shape) if per_point else tuple(shape)}, got {shown}")
-    if not per_point:
-        return list(answer.flat)
-    answer = answer.reshape(rows, -1)
-    for row in range(1, rows):
+        raise ValueError(f"{name} must return shape {('M', *(shape or ('...',))) if per_point else shape}, got {shown}")
+    answer = answer.reshape(rows if per_point else 1, -1)
+    for row in range(1, len(answer)):
         if not _alike(answer[0], answer[row], row):
             raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
-    return list(answer[0])
+    return list(answer[0]), one
 
 
 def _alike(first: Any, other: Any, row: int) -> bool:

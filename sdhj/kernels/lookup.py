@@ -252,27 +252,6 @@ def decide(states, rows, when, shelf, reach, lattice, out):
 
 
 @kernel(nogil=True)
-def boxes_at(states, rows, axes, lattice, table, boxes, hull):
-    """Interpolate a table of boxes at states[rows]; hull is the box that holds those of all inputs.
-
-    states (M, ndim), rows (R,), lattice as for `decide`; table (2, size of its subgrid of `axes`, L, ndim). Written are
-    boxes (2, R, L, ndim) and hull (2, R, ndim), with anything where a state is off the lattice.
-    """
-    lattice, index, weight = Lattice(*lattice), np.empty(1 << axes.size, np.int64), np.empty(1 << axes.size)
-    for r in range(rows.size):
-        count = corners(states[rows[r]], axes, lattice, 0.0, index, weight)
-        for axis in range(hull.shape[2]):
-            hull[0, r, axis], hull[1, r, axis] = np.inf, -np.inf
-            for j in range(boxes.shape[2]):
-                low, high = 0.0, 0.0
-                for c in range(count):
-                    low += weight[c] * table[0, index[c], j, axis]
-                    high += weight[c] * table[1, index[c], j, axis]
-                boxes[0, r, j, axis], boxes[1, r, j, axis] = low, high
-                hull[0, r, axis], hull[1, r, axis] = min(hull[0, r, axis], low), max(hull[1, r, axis], high)
-
-
-@kernel(nogil=True)
 def avoid_values(states, step, shelf, lattice, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
 

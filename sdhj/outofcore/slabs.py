@@ -165,7 +165,7 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
         return crossed(float(games.cells[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
-        drift = np.abs(np.asarray(problem.dynamics.drift)[:, axis]).max()
+        drift = np.abs(problem.dynamics.arrays[0][:, axis]).max()
         return depth(games.scheme) * steps + crossed(float(drift) * games.duration / games.grid.spacing[axis])
     return depth(games.scheme) * _most(games, games.axes, counted)
 

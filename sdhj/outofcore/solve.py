@@ -22,18 +22,29 @@ from tqdm import tqdm
 
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, alone, create, free_name, room_for
-from sdhj.outofcore.table import StoredTable, digests, same_problem
+from sdhj.outofcore.store import (
+    CACHE_BYTES,
+    STORE_FORMAT,
+    TableStore,
+    alone,
+    create,
+    free_name,
+    functions_of,
+    room_for,
+    values_as_text,
+)
+from sdhj.outofcore.table import StoredTable, cut_of
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.restoring import arrays_of
 from sdhj.solver.avoid import dangers, never_felt
 from sdhj.solver.games import KEPT
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import PROCESS, recursion
 from sdhj.solver.resolution import check_resolution
-from sdhj.table.files import VERSION, TableFileError, head_of_table
+from sdhj.table.files import VERSION, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
@@ -247,14 +258,14 @@ def _tasks(plan: Plan) -> int:
 
 def _told_of(plan: Plan) -> dict[str, Any]:
     """What a store tells of its problem, its method and its arrays."""
-    problem, method, (digest, samples) = plan.problem, plan.method, digests(plan.problem, (plan.axis, plan.width))
-    told = head_of_table(problem, method.name, {}, digest) | {
+    problem, method = plan.problem, plan.method
+    told = head_of_table(problem, method.name, {}, problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
         "cut": [plan.axis, plan.width],
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
-        "samples": samples,
+        "functions": {name: values_as_text(values) for name, values in arrays_of(problem).items()},
         "arrays": _arrays(plan),
     }
     return dict(json.loads(json.dumps(told)))
@@ -281,7 +292,8 @@ def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, me
     if told["method"] != method.name or told["options"] != options:
         its = f"method {told['method']!r} with {told['options']}"
         raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
-    return same_problem(path, told, problem)
+    problem_of_file(path, checked_head(told), functions_of(told), problem)
+    return cut_of(told)
 
 
 # ---- the recursion

@@ -11,6 +11,7 @@ file appears under its name when it is whole, so what is there is finished: this
 needs. Zarr takes what is missing for empty; here it is an error.
 """
 
+import base64
 import hashlib
 import importlib
 import itertools
@@ -83,6 +84,10 @@ class TableStore:
             self._lock = threading.Lock()
         except Exception as error:  # whatever Zarr makes of files that are not what they were
             raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
+
+    def functions(self) -> dict[str, FloatArray]:
+        """The tables that formulas look up, and the values of black boxes, by name."""
+        return functions_of(self.told)
 
     # ---- its slabs
 
@@ -277,3 +282,17 @@ def room_for(path: Path, needed: int) -> None:
                 "free; where the disk is full the solve ends, and goes on with resume=True",
                 stacklevel=4,
             )
+
+
+def values_as_text(values: FloatArray) -> dict[str, Any]:
+    """An array of float64 as JSON."""
+    whole = np.ascontiguousarray(values, dtype="<f8")
+    return {"shape": list(whole.shape), "base64": base64.b64encode(whole.tobytes()).decode()}
+
+
+def functions_of(told: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """What `values_as_text` wrote of a problem's functions, by name."""
+    return {
+        name: np.frombuffer(base64.b64decode(one["base64"]), "<f8").reshape(one["shape"]).astype(np.float64)
+        for name, one in told["functions"].items()
+    }

@@ -4,7 +4,6 @@ States are looked up by the code of `LookupTable`, on windows of the grid that h
 are those of the table in memory.
 """
 
-import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -12,54 +11,32 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.arm.case_studies import problem_of_file
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import Reach
-from sdhj.outofcore.slabs import KINDS, around, read_window
+from sdhj.outofcore.slabs import KINDS, read_window
 from sdhj.outofcore.store import Runs, TableStore, blocks
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem, alike, identity
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Batch, Table, entry
-from sdhj.table.files import TableFileError, checked_head, what_differs
+from sdhj.table.files import TableFileError, checked_head, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LOOKED_UP = 2**23  # values that are looked up in at a time
 
 
-def digests(problem: ReachAvoidProblem, cut: tuple[int, int]) -> tuple[str, list[list[float]]]:
-    """As `problem.identity`, of a grid that is sampled slab by slab; `cut`: along which axis, and how thick."""
-    (axis, width), n, timeless = cut, problem.grid.shape[cut[0]], problem.timeless
-    digest, sums = hashlib.sha256(), np.zeros(1)
-    for begin in range(0, n, width):
-        part = problem.on(around(problem.grid, axis, (begin, min(begin + width, n)), 0)[0])
-        part.__dict__["timeless"] = timeless
-        own, numbers = identity(part)
-        digest.update(own.encode())
-        sums = sums + numbers
-    return digest.hexdigest(), np.asarray(sums).tolist()
-
-
-def same_problem(path: Any, told: Mapping[str, Any], problem: ReachAvoidProblem) -> tuple[int, int]:
-    """How the store of a problem is cut; TableFileError where it is one of another problem."""
-    axis, width = (whole("cut", one, least=0) for one in told["cut"])
-
-    def same_values() -> bool:
-        digest, sums = digests(problem, (axis, width))
-        return digest == told["digest"] or alike(np.array(told["samples"]), np.array(sums))
-
-    if other := what_differs(checked_head(told), problem, same_values):
-        raise TableFileError(f"{path} belongs to another problem than {problem.name!r}; {other}")
-    return axis, width
-
-
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
     store = TableStore(path)
-    given = problem_of_file(path, checked_head(store.told), problem)
-    same_problem(path, store.told, given)
+    given = problem_of_file(path, checked_head(store.told), store.functions(), problem)
     return StoredTable(given, store)
+
+
+def cut_of(told: Mapping[str, Any]) -> tuple[int, int]:
+    """How a store is cut."""
+    axis, width = (whole("cut", one, least=0) for one in told["cut"])
+    return axis, width
 
 
 class StoredTable(Table):

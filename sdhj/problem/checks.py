@@ -2,16 +2,22 @@
 
 import inspect
 import reprlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 DOUBLE = np.dtype(np.float64)
-ARGUMENTS = {"drift": ("points", "u", "t"), "gain": ("points", "u", "t"), "bounds": ("u", "t")}
-USUAL = {"drift": ("points", "u"), "gain": ("points",), "bounds": ("t",)}  # for functions without a signature
+KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
+STATES = (
+    "points",
+    "q",
+    "x",
+    "state",
+    "states",
+    "p",
+)  # what the only parameter of `bounds` is called where it is the state
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -118,66 +124,6 @@ def sealed(array: Any) -> Any:
     return array
 
 
-def ask(name: str, function: Callable[..., Any], *given: Any) -> Any:
-    """The result of calling a user's function, with read-only views of the arrays.
-
-    Compiled functions get copies, because those with declared types do not accept read-only arrays.
-    """
-    if hasattr(function, "py_func"):
-        return function(*[one.copy() if isinstance(one, np.ndarray) else one for one in given])
-    try:
-        return function(*[sealed(one) for one in given])
-    except ValueError as error:
-        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
-            raise
-        raise ValueError(
-            f"{name} writes to an array that is passed to it and used again by the library; write to a copy instead, "
-            f"for example points = points.copy()"
-        ) from error
-
-
-@dataclass(frozen=True)
-class CheckedFunction:
-    """A user's level-set function with checked results: a new float64 array with one finite number for each point.
-
-    Attributes
-    ----------
-    name : str
-        Name in error messages.
-    function : callable (points (M, n), *times) -> (M,)
-        The user's function.
-    """
-
-    name: str
-    function: Callable[..., Any]
-
-    @classmethod
-    def of(cls, name: str, function: Any, *takes: str) -> "CheckedFunction":
-        """From a function, checked by `check_function`, or from a `CheckedFunction`, which is renamed."""
-        function = function.function if isinstance(function, cls) else function
-        check_function(name, function, *takes)
-        return cls(name.replace("_", " ", 1), function)
-
-    def __call__(self, points: NDArray[Any], *times: float) -> NDArray[np.float64]:
-        values = real_array(self.name, ask(self.name, self.function, points, *times), (len(points),))
-        if not all_finite(values):
-            worst = int(np.argmin(np.isfinite(values)))
-            raise ValueError(
-                f"{self.name} is {values[worst]}, a NaN or an infinity, at {points[worst].tolist()}, t = "
-                f"{', '.join(format(t, 'g') for t in times)}; every value must be finite"
-            )
-        return values
-
-
-def repeated(name: str, first: NDArray[Any], again: NDArray[Any]) -> None:
-    """Raise ValueError if two results of a function for the same arguments differ."""
-    if not np.array_equal(first, again):
-        raise ValueError(
-            f"{name} returns different values, by up to {np.abs(first - again).max():.3g}, when it is called again "
-            "with the same arguments; its results must depend on its arguments only"
-        )
-
-
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
     """Raise ValueError if `value` is not one of the allowed options."""
     if type(value) is not type(allowed[0]) or value not in allowed:
@@ -204,45 +150,38 @@ def ascending(axes: Any, name: str) -> tuple[int, ...]:
     return tuple(int(axis) for axis in given)
 
 
-def check_function(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError if something is no function, or its signature does not accept the arguments."""
-    expected = f"{name} must be a function of ({', '.join(takes)})"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions have no signature
-        return
-    try:
-        signature.bind(*takes)
-    except TypeError:
-        raise ValueError(f"{expected}, got a function of {signature}") from None
-
-
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `ARGUMENTS[name]` a function takes, in the function's order.
+    """Which of `KNOWN[name]` a function takes, in its own order.
 
-    Parameters are matched by the names points, u and t; others get the first argument that is left. Parameters with
-    defaults and other names are left alone.
+    The first parameter is the state, called points here, unless it is called u, v or t; the others are known by their
+    names. Parameters with defaults and other names are left alone.
 
     Raises
     ------
     ValueError
-        If it takes other arguments, or is not a function.
+        If it takes something else, or is not a function.
     """
-    possible = ARGUMENTS[name]
-    expected = f"{name} must be an array or a function of ({', '.join(possible)}), or of some of these"
+    known = KNOWN[name]
+    expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"
+    function = getattr(function, "function", function)
     if not callable(function):
         raise ValueError(f"{expected}, got {function!r}")
     try:
-        given = inspect.signature(function).parameters.values()
+        signature = inspect.signature(function)
     except (TypeError, ValueError):
-        return USUAL[name]
-    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    taken = [p.name for p in places if p.default is p.empty or p.name in possible]
-    free = [one for one in possible if one not in taken]
-    named = tuple(one if one in possible else (free.pop(0) if free else "") for one in taken)
-    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in given)
-    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:  # they are given by place
-        raise ValueError(f"{expected}, got a function of {inspect.signature(function)}")
-    return named
+        raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
+    places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    taken = [p.name for p in places if p.default is p.empty or p.name in known[1:]]
+    named = [one if one in known[1:] else "" for one in taken]
+    if named and not named[0] and (name != "bounds" or len(named) > 1 or taken[0] in STATES):
+        named[0] = "points"
+    lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
+    if (
+        not named
+        or "" in named
+        or lost
+        or len(set(named)) < len(named)
+        or taken != [p.name for p in places[: len(taken)]]
+    ):
+        raise ValueError(f"{expected}; these are the names that are known, got {signature}")
+    return tuple(named)

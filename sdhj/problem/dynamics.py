@@ -1,23 +1,25 @@
 """The dynamics of the state as data (Eq. 1), and what input and adversary can do in one sampling interval.
 
-    dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(u_j, t)
+    dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),    or dq/dt = velocity(q, u_j, v, t)
 
 `Interval` alone defines what may happen from step k on: the velocity sets of the games, the boxes with which the
 controller looks ahead, and the plant that the simulation integrates.
 """
 
-import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.formula import BlackBox, Formula, read
+from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, rebuilt
+from sdhj.formulas.tracing import parameter, points_of, rows_for
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import ARGUMENTS, arguments, ask, finite_array
-from sdhj.problem.grid import Grid, Window
+from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
+from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
@@ -74,7 +76,6 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 MOST_INPUTS = 256
-SURVEYED = 2**22  # nodes at which velocities are compared at a time
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -82,7 +83,9 @@ INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 
 @dataclass(frozen=True)
 class Dynamics:
-    """dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v with |v_d| <= bounds_d(u_j, t) (Eq. 1, affine in the adversary).
+    """The velocity of the state under each input and disturbance (Eq. 1).
+
+    Either dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v with |v_d| <= bounds_d, or any dq/dt = velocity(q, u_j, v, t).
 
     Parameters
     ----------
@@ -90,10 +93,13 @@ class Dynamics:
         The quantised inputs u_j, at most 256.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
         Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
-    gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D)
-        How the D components of the disturbance v move the state.
-    bounds : (D,) array, or function of (u, t) -> (D,)
-        Half-widths of the box of disturbances. Without an adversary: bounds [0.0] and a gain of zeros (ndim, 1).
+    gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional
+        How the D components of the disturbance v move the state. Default: there is no disturbance.
+    bounds : (D,) array, or function of (points, u, t) -> (M, D), optional
+        Half-widths of the box of disturbances.
+    velocity : function of (points, u, v (D,), t) -> (M, ndim), optional
+        In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
+        between its extremes over the box of v, which errs to the safe side.
 
     Raises
     ------
@@ -102,10 +108,11 @@ class Dynamics:
 
     Notes
     -----
-    A function may omit arguments that it does not use: `drift(points, u)`, `gain(u)`, `bounds(t)`. They are matched by
-    these names; one of another name gets the first that is left, as `q` gets the points in `drift(q, u)`. The time t is
-    in s, from step 0 on. Without `points` a function returns one value for all states, without the leading dimension M.
-    Coordinates on periodic axes are wrapped into the grid before a function is called.
+    Functions are read once, as formulas (`sdhj.formulas`), when a `ReachAvoidProblem` is made; the time t is in s, from
+    step 0 on. The first parameter is the state, whatever it is called, and the others are known by the names u, v and
+    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`, `bounds(t)`. Without the state a function
+    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
+    grid before a velocity is evaluated.
 
     Examples
     --------
@@ -124,10 +131,10 @@ class Dynamics:
     """
 
     inputs: FloatArray
-    drift: FloatArray | Callable[..., FloatArray]
-    gain: FloatArray | Callable[..., FloatArray]
-    bounds: FloatArray | Callable[..., FloatArray]
-    takes: dict[str, tuple[str, ...]] = field(init=False, repr=False, compare=False, default_factory=dict)
+    drift: Any = None
+    gain: Any = None
+    bounds: Any = None
+    velocity: Any = None
 
     def __post_init__(self) -> None:
         inputs = finite_array("inputs", self.inputs)
@@ -138,120 +145,395 @@ class Dynamics:
                 f"{inputs.shape[0]} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely"
             )
         object.__setattr__(self, "inputs", inputs)
-        if not callable(self.bounds):
+        if (self.velocity is None) == (self.drift is None) or (self.velocity is not None and self.gain is not None):
+            raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
+        if self.velocity is None and (self.gain is None) != (self.bounds is None):
+            raise ValueError(
+                "gain and bounds belong together: how the disturbance moves the state, and how large it is"
+            )
+        if self.bounds is not None and not callable(self.bounds):
             bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
             object.__setattr__(self, "bounds", bounds)
-        for name in ARGUMENTS:
-            if callable(given := getattr(self, name)):
-                self.takes[name] = arguments(name, given)
-            elif name != "bounds":
+        for name in KNOWN:
+            given = getattr(self, name)
+            if callable(given):
+                arguments(name, given)
+            elif name in ("drift", "gain") and given is not None:
                 object.__setattr__(self, name, finite_array(name, given))
+            elif name == "velocity" and given is not None:
+                raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
-    def check(self, ndim: int) -> None:
-        """Raise ValueError if an array does not fit a state of `ndim` coordinates."""
-        if not callable(self.drift):
-            finite_array("drift", self.drift, (len(self.inputs), ndim))
-        if not callable(self.gain):
-            if self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, self.adversaries):
-                raise ValueError(
-                    f"bounds must have one half-width for each column of the gain, which has shape {self.gain.shape}; "
-                    f"got {self.bounds_at(0, 0.0).tolist()}"
-                )
-            finite_array("gain", self.gain, (ndim, self.adversaries))
+    def read(self, ndim: int) -> "VectorField":
+        """The dynamics of a state of `ndim` coordinates, its functions read as formulas.
 
-    @property
-    def constant(self) -> bool:
-        """Whether drift, gain and bounds are arrays, so that velocities depend on input and disturbance only."""
-        return not self.takes
+        Raises
+        ------
+        ValueError
+            If an array does not fit, or a function cannot be read.
+        """
+        bounds = (
+            self._read("bounds", ndim, None) if self.bounds is not None else Formula((constant(0.0),), ndim, 1, (1, 1))
+        )
+        count, (_, D) = len(self.inputs), bounds.shape
+        if self.velocity is not None:
+            velocity = self._read("velocity", ndim, (ndim,), D)
+            parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
+            if parts is None:
+                return VectorField(self.inputs, ndim, velocity, None, *_scaled(None, bounds))
+            drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
+            gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
+        else:
+            drift = self._read("drift", ndim, (ndim,))
+            gain = Formula((constant(0.0),) * ndim * count, ndim, 1, (count, ndim, 1), "gain")
+            if self.gain is not None:
+                self._check_gain(ndim, D)
+                gain = self._read("gain", ndim, (ndim, D))
+        return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
 
-    @property
-    def stateless(self) -> bool:
-        """Whether velocities do not depend on the state."""
-        return not any("points" in takes for takes in self.takes.values())
+    def _check_gain(self, ndim: int, components: int) -> None:
+        if not callable(self.gain) and self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, components):
+            raise ValueError(
+                f"bounds must have one half-width for each column of the gain, which has shape {self.gain.shape}; "
+                f"got {components}"
+            )
 
-    @property
-    def timed(self) -> bool:
-        """Whether velocities depend on time."""
-        return any("t" in takes for takes in self.takes.values())
+    def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
+        """A formula of shape (L, *shape), or a black box."""
+        given, count = getattr(self, name), len(self.inputs)
+        if isinstance(given, BlackBox):
+            return replace(given, name=name)
+        if isinstance(given, Formula):
+            return given
+        if not callable(given):
+            array = given if shape is None else finite_array(name, given, (count, ndim) if name == "drift" else shape)
+            array = array if name == "drift" else np.broadcast_to(array, (count, *array.shape))
+            return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
+        takes, parameters = arguments(name, given), 1 + components
+        rows = rows_for(ndim, count, self.inputs.shape[1], components)
+        known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1)}
+        outputs: list[Node] = []
+        for j, u in enumerate(self.inputs):
+            values = known | {"u": sealed(u)}
+            label = f"{name} under input {j}" if "u" in takes else name
+            found, one = read(label, given, rows, [values[each] for each in takes], shape, "points" in takes)
+            if name == "bounds" and len(one) != 1:
+                raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
+            outputs += found
+        return Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+
+
+def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
+    """Gain and bounds; what of the bounds depends on the state goes into the gain, and is 1 of the bounds then."""
+    if gain is None or isinstance(bounds, BlackBox) or not bounds.reads.any():
+        return gain, bounds
+    if isinstance(gain, BlackBox):
+        raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
+    count, ndim, D = gain.shape
+    outputs = np.array(gain.outputs, dtype=object).reshape(gain.shape)
+    each = np.array(bounds.outputs, dtype=object).reshape(count, 1, D)
+    scaled = [
+        make("mul", a, make("abs", b))
+        for a, b in zip(outputs.flat, np.broadcast_to(each, gain.shape).flat, strict=True)
+    ]
+    ones = Formula((constant(1.0),) * (count * D), ndim, 1, (count, D), "bounds")
+    return replace(gain, outputs=tuple(scaled)), ones
+
+
+@dataclass(frozen=True, eq=False)
+class VectorField:
+    """The dynamics of a problem, read: `problem.dynamics`.
+
+    Attributes
+    ----------
+    inputs : (L, m) array
+    ndim : int
+    drift : Formula (L, ndim), or BlackBox
+        Without a disturbance; where that does not enter linearly, a formula that also reads v.
+    gain : Formula (L, ndim, D), or BlackBox; None where the disturbance does not enter linearly
+    bounds : Formula (L, D)
+        Half-widths of the box of v; they do not depend on the state, which scales the gain instead.
+    """
+
+    inputs: FloatArray
+    ndim: int
+    drift: Any
+    gain: Any
+    bounds: Formula
 
     @cached_property
+    def read_methods(self) -> dict[Any, Formula]:
+        """Where the state moves to in intervals of some length, as formulas (`Interval`)."""
+        return {}
+
+    @property
+    def parts(self) -> list[Any]:
+        return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
+
+    @property
+    def formulas(self) -> bool:
+        """Whether nothing is a black box."""
+        return all(isinstance(part, Formula) for part in self.parts)
+
+    @cached_property
+    def constant(self) -> bool:
+        """Whether velocities depend on input and disturbance only, and the disturbance moves the state always alike."""
+        fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
+        return fixed and self.gain is not None and self.alike
+
+    @cached_property
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,) where they are constant."""
+        drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
+        return drift, gain[0], bounds[0]
+
+    @cached_property
+    def stateless(self) -> bool:
+        """Whether velocities do not depend on the state."""
+        return not self.reads.any()
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether velocities depend on time."""
+        return any(part.timed for part in self.parts)
+
+    @property
     def adversaries(self) -> int:
         """D, the number of components of the disturbance."""
-        return len(self._bounds(0, 0.0))
+        return self.bounds.shape[1]
 
     @cached_property
     def alike(self) -> bool:
         """Whether gain and bounds are the same for every input."""
-        return not any("u" in self.takes.get(name, ()) for name in ("gain", "bounds"))
+        if not isinstance(self.gain, Formula):
+            return False
+        rows = [np.array(part.outputs, object).reshape(len(self.inputs), -1) for part in (self.gain, self.bounds)]
+        return all(one is first for part in rows for row in part for one, first in zip(row, part[0], strict=True))
+
+    @cached_property
+    def pushes(self) -> FloatArray:
+        """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
+        out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
+        if isinstance(self.gain, Formula):
+            none = [
+                np.array([is_constant(o, 0.0) for o in p.outputs]).reshape(p.shape) for p in (self.gain, self.bounds)
+            ]
+            out = ~(none[0] | none[1][:, None])
+        return out
+
+    @cached_property
+    def reads(self) -> FloatArray:
+        """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
+        out = np.zeros((self.ndim, self.ndim), np.bool_)
+        for part in (self.drift, self.gain):
+            if isinstance(part, Formula):
+                out |= part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim).any(axis=(0, 2))
+            elif part is not None:
+                out[:, list(range(self.ndim) if part.reads is None else part.reads)] = True
+        return out
 
     def couples(self, axes: Sequence[int]) -> bool:
-        """Whether a component of the disturbance moves several of the given axes, so that their velocity set is no box.
-
-        True if the gain is a function, because it may.
-        """
-        if callable(self.gain):
-            return True
-        pushed = np.abs(self.gain)[list(axes)] * (1.0 if callable(self.bounds) else self.bounds)
-        moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
+        """Whether a component of the disturbance moves several of some axes, so that their velocity set is no box."""
+        if self.gain is None:
+            return False  # it is bounded by a box
+        if self.constant:
+            _, gain, bounds = self.arrays
+            pushed = np.abs(gain)[list(axes)] * bounds
+            moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
+        else:
+            moved = self.pushes[:, list(axes)].any(axis=0)
         return bool((np.count_nonzero(moved, axis=0) > 1).any())
 
-    def restricted(self, axes: Sequence[int], embedded: Callable[[FloatArray], FloatArray]) -> "Dynamics":
-        """The dynamics of some axes; `embedded` turns their coordinates (M, len(axes)) into states (M, ndim)."""
-        keep = list(axes)
+    def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
+        """The same dynamics, states past some ends moving as at the end."""
+        drift, gain = (part and part.clipped(lower, upper) for part in (self.drift, self.gain))
+        return replace(self, drift=drift, gain=gain)
 
-        def of_axes(function: Any, takes: tuple[str, ...], last: int) -> Any:
-            def restricted(*values: Any) -> FloatArray:
-                given = [
-                    embedded(value) if name == "points" else value for name, value in zip(takes, values, strict=True)
-                ]
-                return np.moveaxis(np.moveaxis(np.asarray(function(*given)), last, 0)[keep], 0, last)
+    def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
+        """The dynamics of some axes, which read no others; those are taken at `lower` (ndim,)."""
+        new = {axis: place for place, axis in enumerate(axes)}
 
-            parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in takes]
-            restricted.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-            return restricted
+        def put(one: Node) -> Node | None:
+            if one.op != "x":
+                return None
+            return leaf("x", new[one.value[0]]) if one.value[0] in new else constant(float(lower[one.value[0]]))
 
-        parts = [(self.drift, "drift", -1), (self.gain, "gain", -2)]
-        drift, gain = (
-            of_axes(part, self.takes[name], last) if callable(part) else np.take(part, keep, axis=last)
-            for part, name, last in parts
-        )
-        return Dynamics(self.inputs, drift, gain, self.bounds)
+        def some(part: Any) -> Any:
+            if not isinstance(part, Formula):
+                return part and _black_box_on(part, axes, lower)
+            entries = np.array(part.outputs, dtype=object).reshape(part.shape)[:, list(axes)]
+            outputs = tuple(rebuilt(list(entries.flat), put))
+            return replace(part, outputs=outputs, shape=entries.shape, coordinates=len(axes))
 
-    def _called(self, name: str, points: FloatArray | None, j: int, t: float, shape: tuple[int, ...]) -> FloatArray:
-        """The checked result of a function: of `shape`, or of shape[1:] if the function does not take the points."""
-        values = {"points": points, "u": self.inputs[j], "t": t}
-        answer = ask(name, getattr(self, name), *(values[one] for one in self.takes[name]))
-        if "points" in self.takes[name]:
-            return finite_array(name, answer, shape)
-        return np.broadcast_to(finite_array(name, answer, shape[1:]), shape)
+        bounds = replace(self.bounds, coordinates=len(axes))
+        return VectorField(self.inputs, len(axes), some(self.drift), some(self.gain), bounds)
 
-    def drift_at(self, points: FloatArray, j: int, t: float = 0.0) -> FloatArray:
+    def undisturbed(self) -> "VectorField":
+        """The same without a disturbance."""
+        none = replace(self.bounds, outputs=(constant(0.0),) * len(self.bounds.outputs))
+        return replace(self, bounds=none)
+
+    @cached_property
+    def each(self) -> dict[str, list[Formula]]:
+        """The formulas under each input, by name."""
+        out = {}
+        for name in ("drift", "gain", "bounds"):
+            if isinstance(part := getattr(self, name), Formula):
+                size = len(part.outputs) // len(self.inputs)
+                out[name] = [part.of(range(j * size, (j + 1) * size), part.shape[1:]) for j in range(len(self.inputs))]
+        return out
+
+    def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
         """Velocity under input j at points (M, ndim) and time t without a disturbance; shape (M, ndim)."""
-        if callable(self.drift):
-            return self._called("drift", points, j, t, points.shape)
-        return np.broadcast_to(self.drift[j], points.shape)
+        if isinstance(self.drift, BlackBox):
+            return self.drift(points, self.inputs[j], t)
+        still = [0.0] * (self.drift.parameters - 1)
+        return self.each["drift"][j](points, t, *still)
 
-    def gain_at(self, points: FloatArray, j: int = 0, t: float = 0.0) -> FloatArray:
-        """The gain of the disturbance under input j at points (M, ndim) and time t; shape (M, ndim, D)."""
-        shape = (*points.shape, self.adversaries)
-        if callable(self.gain):
-            return self._called("gain", points, j, t, shape)
-        return np.broadcast_to(self.gain, shape)
+    def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
+        """The gain of the disturbance under input j at points (M, ndim) and time t; shape (M, ndim, D).
+
+        Where the disturbance does not enter linearly: how the velocity changes from one end of its box to the other,
+        for each component alone.
+        """
+        if isinstance(self.gain, BlackBox):
+            return self.gain(points, self.inputs[j], t)
+        if self.gain is not None:
+            return self.each["gain"][j](points, t)
+        most, columns = self.bounds_at(j, t), []
+        for d in range(self.adversaries):
+            ends = [self.velocity_at(points, j, s * most * (np.arange(self.adversaries) == d), t) for s in (-1.0, 1.0)]
+            columns.append((ends[1] - ends[0]) / (2 * most[d]) if most[d] else 0.0 * ends[0])
+        return np.stack(columns, axis=2)
+
+    def velocity_at(self, points: FloatArray, j: int, v: FloatArray, t: float) -> FloatArray:
+        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim): (M, ndim)."""
+        each = np.broadcast_to(v, (len(points), self.adversaries))
+        if self.gain is not None:
+            return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
+        return self._with_disturbance[j](np.column_stack([points, each]), t)
+
+    @cached_property
+    def _with_disturbance(self) -> list[Formula]:
+        """Where v does not enter linearly: velocities with v as further coordinates."""
+        ndim, out = self.ndim, []
+        for one in self.each["drift"]:
+            moved = rebuilt(
+                one.outputs, lambda n: leaf("x", ndim + n.value[0] - 1) if n.op == "p" and n.value[0] else None
+            )
+            out.append(replace(one, outputs=tuple(moved), coordinates=ndim + self.adversaries, parameters=1))
+        return out
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the box of disturbances under input j at time t, (D,)."""
-        return finite_array("bounds", self._bounds(j, t), (self.adversaries,))
+        """Half-widths of the box of disturbances under input j at time t, (D,); ValueError where one is below 0."""
+        bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
+        if (bounds < 0).any():
+            raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
+        return bounds
 
-    def _bounds(self, j: int, t: float) -> FloatArray:
-        if not callable(self.bounds):
-            return self.bounds
-        values = {"u": self.inputs[j], "t": t}
-        answer = finite_array("bounds", ask("bounds", self.bounds, *(values[one] for one in self.takes["bounds"])))
-        if answer.ndim != 1 or (answer < 0).any():
-            raise ValueError(f"bounds must return a row of half-widths >= 0, got {answer} at t = {t:g}")
-        return answer
+    @cached_property
+    def extremes_of(self) -> list[Formula]:
+        """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
+        out = []
+        for drift, gain, bounds in zip(self.each["drift"], self.each["gain"], self.each["bounds"], strict=True):
+            pushes = np.array(gain.outputs, dtype=object).reshape(gain.shape)
+            ends: list[Node] = []
+            for op in ("sub", "add"):
+                for one, row in zip(drift.outputs, pushes, strict=True):
+                    terms = [
+                        make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
+                    ]
+                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms)))
+            out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
+        return out
+
+    def extremes(self, points: Any, j: int, t: Any) -> Any:
+        """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
+        if self.gain is None:
+            low, high = self.range(j, points, points, (t, t))
+            return np.stack([low, high], axis=1)
+        if self.formulas:
+            return self.extremes_of[j](points, t)
+        spread = np.abs(self.gain_at(points, j, t)) @ self.bounds_at(j, t)
+        drift = self.drift_at(points, j, t)
+        return np.stack([drift - spread, drift + spread], axis=1)
+
+    def range(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Bounds on the velocity under input j in boxes (M, ndim) and an interval of time: both (M, ndim).
+
+        signs : (D,), optional
+            The one vertex of its box that the adversary keeps to; by default any disturbance.
+
+        Raises
+        ------
+        ValueError
+            Where a black box does not declare enough.
+        """
+        if not self.formulas:
+            return self._declared(j, low, high, time, signs)
+        if self.gain is None:
+            box = self.each["bounds"][j].bounds(low[:1], high[:1], time)[1][0]
+            v = zip(-box, box, strict=True) if signs is None else zip(signs * box, signs * box, strict=True)
+            return self.each["drift"][j].bounds(low, high, time, *v)
+        if signs is not None:
+            return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
+        (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
+        return least, greatest
+
+    def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
+        drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
+        out = []
+        for one, row in zip(drift.outputs, np.array(gain.outputs, dtype=object).reshape(gain.shape), strict=True):
+            terms = [
+                make("mul", make("mul", a, b), constant(s)) for a, b, s in zip(row, bounds.outputs, signs, strict=True)
+            ]
+            out.append(reduce(lambda a, b: make("add", a, b), terms, one))
+        return replace(drift, outputs=tuple(out))
+
+    def _declared(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
+        drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
+        most = np.abs(self.each["bounds"][j].bounds(low[:1], high[:1], time)).max(axis=0)[0]
+        if signs is not None:
+            ends = np.stack([gain[0] * (signs * most), gain[1] * (signs * most)])
+            return drift[0] + ends.min(axis=0).sum(axis=2), drift[1] + ends.max(axis=0).sum(axis=2)
+        push = (np.abs(gain).max(axis=0) * most).sum(axis=2) * (1 + 1e-12)
+        return drift[0] - push, drift[1] + push
+
+    def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
+        part = getattr(self, name)
+        if isinstance(part, Formula):
+            return self.each[name][j].bounds(low, high, time)
+        u = self.inputs[j]
+        if part.enclosure is not None:
+            return [np.asarray(end, dtype=np.float64) for end in part.enclosure(low, high, u, *time)]
+        if part.slope is None or (time[0] != time[1] and part.rate is None):
+            what = "a slope" if part.slope is None else "a rate"
+            raise ValueError(f"{name} is a BlackBox without {what} or an enclosure, which a proof needs")
+        value = part((low + high) / 2, u, sum(time) / 2)
+        far = (high - low) / 2 @ np.broadcast_to(part.slope, (self.ndim, self.ndim)).T
+        far = far + np.broadcast_to(part.rate or 0.0, (self.ndim,)) * ((time[1] - time[0]) / 2)
+        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value if name == "drift" else value.sum(axis=2)))
+        far = far if name == "drift" else far[:, :, None]
+        return value - far, value + far
+
+
+def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
+    """A drift or a gain of the axes `axes` alone."""
+    keep, function = list(axes), part.function
+
+    def some(points: FloatArray, *others: Any) -> FloatArray:
+        full = np.tile(lower, (len(points), 1))
+        full[:, keep] = points
+        return np.asarray(function(full, *others))[:, keep]
+
+    reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
+    return BlackBox(some, reads, name=part.name, rate=part.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +545,7 @@ class Interval:
     Attributes
     ----------
     grid : Grid
-    dynamics : Dynamics
+    dynamics : VectorField
     begin, delta : float
         When it begins and how long it lasts, s.
     early, wider : float, (ndim,)
@@ -271,7 +553,7 @@ class Interval:
     """
 
     grid: Grid
-    dynamics: Dynamics
+    dynamics: VectorField
     begin: float
     delta: float
     early: float = 0.0
@@ -283,7 +565,7 @@ class Interval:
 
     # ---- of single states: the controller, the adversaries, the plant
 
-    def drift(self, states: FloatArray, j: int, t: float) -> FloatArray:
+    def drift(self, states: Any, j: int, t: Any) -> Any:
         """Velocity of states (M, ndim) under input j without the adversary: (M, ndim)."""
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
@@ -306,11 +588,23 @@ class Interval:
 
     def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
         """Velocity of each state (M, ndim) under its own input, given by its index (M,), no adversary: (M, ndim)."""
-        if not callable(self.dynamics.drift):
-            return np.asarray(self.dynamics.drift)[inputs]
+        if self.dynamics.constant:
+            return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
         for j in np.unique(inputs):
             velocity[inputs == j] = self.drift(states[inputs == j], int(j), t)
+        return velocity
+
+    def velocity(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float) -> FloatArray:
+        """Velocity of each state (M, ndim) under its own input (M,) and disturbance (M, D): (M, ndim)."""
+        if self.dynamics.constant:
+            return self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T
+        if self.dynamics.gain is not None:
+            return self.undisturbed(states, inputs, t) + np.einsum("mad,md->ma", self.gain(states, inputs, t), v)
+        velocity, points = np.empty_like(states), self.grid.wrapped(states)
+        for j in np.unique(inputs):
+            rows = inputs == j
+            velocity[rows] = self.dynamics.velocity_at(points[rows], int(j), v[rows], t)
         return velocity
 
     def advance(
@@ -321,21 +615,16 @@ class Interval:
         Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
         """
 
-        def velocity(q: FloatArray, now: float) -> FloatArray:
-            if not callable(self.dynamics.gain):
-                return self.undisturbed(q, inputs, now) + v @ np.asarray(self.dynamics.gain).T
-            return self.undisturbed(q, inputs, now) + np.einsum("mad,md->ma", self.gain(q, inputs, now), v)
-
         def moved(span: float, slope: FloatArray) -> FloatArray:
             moved = states + span * slope
             return self.grid.clipped(moved) if walls else moved
 
-        k1 = velocity(states, t)
+        k1 = self.velocity(states, inputs, v, t)
         if self.dynamics.constant:
             return moved(duration, k1)
-        k2 = velocity(moved(duration / 2, k1), t + duration / 2)
-        k3 = velocity(moved(duration / 2, k2), t + duration / 2)
-        k4 = velocity(moved(duration, k3), t + duration)
+        k2 = self.velocity(moved(duration / 2, k1), inputs, v, t + duration / 2)
+        k3 = self.velocity(moved(duration / 2, k2), inputs, v, t + duration / 2)
+        k4 = self.velocity(moved(duration, k3), inputs, v, t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def displacements(self, states: FloatArray) -> FloatArray:
@@ -344,14 +633,27 @@ class Interval:
         Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
         midpoint rule.
         """
-        dynamics, middle = self.dynamics, self.begin + self.delta / 2
-        if not callable(dynamics.drift):
-            return self.delta * np.asarray(dynamics.drift)[None]
+        if self.dynamics.constant:
+            return self.delta * self.dynamics.arrays[0][None]
+        if isinstance(self.dynamics.drift, Formula):
+            return self._as_formula("_displaced", (len(self.dynamics.inputs), self.grid.ndim))(states, self.begin)
+        return self._displaced(states, self.begin)
+
+    def _displaced(self, states: Any, begin: Any) -> Any:
         moves = []
-        for j in range(len(dynamics.inputs)):
-            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, self.begin))
-            moves.append(self.delta * self.drift(halfway, j, middle))
+        for j in range(len(self.dynamics.inputs)):
+            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
+            moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
         return np.stack(moves, axis=1)
+
+    def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
+        """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
+        known = self.dynamics.read_methods
+        key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
+        if key not in known:
+            found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
+            known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
+        return known[key]
 
     def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
         """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
@@ -361,7 +663,7 @@ class Interval:
         shares, slope = np.arange(1, parts + 1)[:, None] / parts, self.undisturbed(states, inputs, self.begin)
         moved = self.delta * slope
         bent = 0.0 * moved
-        if callable(self.dynamics.drift):
+        if not self.dynamics.constant:
             halfway = self.grid.clipped(states + moved / 2)
             bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
         return self.grid.clipped(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
@@ -380,26 +682,33 @@ class Interval:
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
             return low[None] - self.wider, high[None] + self.wider
-        centre, points = self.displacements(states), self.grid.wrapped(states)
-        times = [self.begin] if not dynamics.timed else [self.begin, self.begin + self.delta / 2, self.end]
-        spreads = []
-        for j in range(1 if dynamics.alike else len(dynamics.inputs)):
-            most = [self.delta * np.abs(dynamics.gain_at(points, j, t)) @ dynamics.bounds_at(j, t) for t in times]
-            spreads.append(np.max(most, axis=0))
-        spread = np.stack(spreads, axis=1) + self.wider
-        return centre - spread, centre + spread
+        if dynamics.formulas and dynamics.gain is not None:
+            shape = 2, len(dynamics.inputs), self.grid.ndim
+            ends = self._as_formula("_reach_of", shape)(states, self.begin)
+        else:
+            ends = self._reach_of(states, self.begin)
+        return ends[:, 0] - self.wider, ends[:, 1] + self.wider
+
+    def _reach_of(self, states: Any, begin: Any) -> Any:
+        """Lower and upper corners of `reachable`, (M, 2, L, ndim)."""
+        dynamics, centre, points = self.dynamics, self._displaced(states, begin), self.grid.wrapped(states)
+        times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        lows, highs = [], []
+        for j in range(len(dynamics.inputs)):
+            drift, ends = dynamics.drift_at(points, j, begin), [dynamics.extremes(points, j, t) for t in times]
+            middle = [drift if t is begin else dynamics.drift_at(points, j, t) for t in times]
+            lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
+            highs.append(reduce(np.maximum, [end[:, 1] - one for one, end in zip(middle, ends, strict=True)]))
+        below, above = (self.delta * np.stack(one, axis=1) for one in (lows, highs))
+        return np.stack([centre - below, centre + above], axis=1)
 
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula
 
     def extremes(self, t: float) -> FloatArray:
         """The least and the greatest velocity along each axis under each input at time t: (2, L, ndim)."""
-        dynamics, nothing = self.dynamics, np.zeros((1, self.grid.ndim))
-        extremes = np.empty((2, len(dynamics.inputs), self.grid.ndim))
-        for j in range(len(dynamics.inputs)):
-            drift = dynamics.drift_at(nothing, j, t)[0]
-            spread = np.abs(dynamics.gain_at(nothing, j, t)[0]) @ dynamics.bounds_at(j, t)
-            extremes[:, j] = drift - spread, drift + spread
-        return extremes
+        nothing = np.zeros((1, self.grid.ndim))
+        each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
+        return np.stack(each, axis=1)
 
     @cached_property
     def _always(self) -> FloatArray:
@@ -423,61 +732,60 @@ class Interval:
     @property
     def sampling_bytes(self) -> int:
         """Bytes that the velocities under one input take while they are sampled on the whole grid."""
-        return 8 * self.grid.ndim * (2 * self.dynamics.adversaries + 6) * self.grid.size
+        return 8 * self.grid.ndim * (self.dynamics.adversaries + 6) * self.grid.size
 
-    def _sampled(self, j: int, axes: Sequence[int], t: float, grid: Grid, points: FloatArray) -> FloatArray:
-        """Drift under u_j and gain times bounds of some axes, one behind the other: (axes, 1 + D, *grid.shape)."""
-        dynamics, keep = self.dynamics, list(axes)
-        sampled = np.empty((len(keep), 1 + dynamics.adversaries, len(points)))
-        sampled[:, 0] = dynamics.drift_at(points, j, t).T[keep]
-        sampled[:, 1:] = np.moveaxis(dynamics.gain_at(points, j, t), 0, 2)[keep]
-        sampled[:, 1:] *= dynamics.bounds_at(j, t)[:, None]
-        return sampled.reshape(*sampled.shape[:2], *grid.shape)
+    def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
+        """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
+        own = [axis for axis in seen if formula.reads[0, axis]]
+        if not own:
+            return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
+        grid, some = self.grid.subgrid(own), formula.restricted(own)
+        values = np.concatenate([some(piece.points(), t) for piece in grid.pieces()]).reshape(grid.shape)
+        return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in own])
 
-    @cached_property
-    def reads(self) -> FloatArray:
-        """Whether the velocity along axis i depends on coordinate k, by its values at the nodes; (ndim, ndim) bool."""
-        return self.survey[0]
+    def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
+        """The least and the greatest velocity along each axis under u_j, each on the axes that it reads: (*shape)."""
+        dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
+        if dynamics.formulas and dynamics.gain is not None:
+            found = [self._sampled(dynamics.extremes_of[j].of([row]), everything, t) for row in range(2 * ndim)]
+            return found[:ndim], found[ndim:]
+        pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
+        least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
+        return list(least), list(greatest)
+
+    def parts_at_nodes(self, j: int, t: float) -> list[list[FloatArray]]:
+        """For each axis the drift under u_j and, for each component of v, gain times bound, each on the axes it reads.
+
+        Where v does not enter linearly: the middle of the velocity's range, and half of its width.
+        """
+        dynamics, everything, out = self.dynamics, list(range(self.grid.ndim)), []
+        if not (dynamics.formulas and dynamics.gain is not None):
+            least, greatest = self.ends_at_nodes(j, t)
+            return [[(low + high) / 2, (high - low) / 2] for low, high in zip(least, greatest, strict=True)]
+        bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
+        for axis in everything:
+            gain = [self._sampled(dynamics.each["gain"][j].of([axis * count + d]), everything, t) for d in range(count)]
+            drift = self._sampled(dynamics.each["drift"][j].of([axis]), everything, t)
+            out.append([drift, *(bound * one for bound, one in zip(bounds, gain, strict=True))])
+        return out
 
     @cached_property
     def speeds(self) -> FloatArray:
         """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
-        return self.survey[1]
-
-    @cached_property
-    def survey(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """`reads`, `speeds` and which component of the adversary moves which axis, (L, ndim, D) bool, sampled once."""
-        ndim, dynamics = self.grid.ndim, self.dynamics
-        instants = self.begin + self.delta * (INSTANTS[::4] if dynamics.timed else INSTANTS[:1])
-        reads, speeds = np.zeros((ndim, ndim), np.bool_), np.zeros(ndim)
-        pushes = np.zeros((len(dynamics.inputs), ndim, dynamics.adversaries), np.bool_)
-        if dynamics.stateless:
-            return reads, np.max([np.abs(self.extremes(t)).max(axis=(0, 1)) for t in instants], axis=0), pushes
-        # neighbours share a node, so what varies along an axis that is cut does so within one of them too
-        pieces, everything = list(self.grid.pieces(SURVEYED, overlap=1)), range(ndim)
-        most = max(piece.size for piece in pieces)
-        require(self.sampling_bytes // self.grid.size * most, f"sampling the velocities on {most:.1e} nodes")
-        for piece in pieces:
-            points = piece.points()
-            for j, t in product(range(len(dynamics.inputs)), instants.tolist()):
-                sampled = self._sampled(j, everything, t, piece, points)
-                speeds = np.maximum(speeds, np.abs(sampled).sum(axis=1).reshape(ndim, -1).max(axis=1))
-                pushes[j] |= sampled[:, 1:].any(axis=tuple(range(2, sampled.ndim)))
-                for k in everything:
-                    varies = sampled != sampled.take([0], axis=2 + k)
-                    reads[:, k] |= varies.any(axis=tuple(range(1, varies.ndim)))
-        return reads, speeds, pushes
+        instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
+        ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
+        return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
     def on(self, grid: Grid) -> "Interval":
         """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
         part = replace(self, grid=grid)
-        part.__dict__["survey"] = self.survey
+        part.__dict__["speeds"] = self.speeds
         return part
 
     def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
         known = set(axes)
-        while grown := {int(k) for i in known for k in np.flatnonzero(self.reads[i])} - known:
+        while grown := {int(k) for i in known for k in np.flatnonzero(self.dynamics.reads[i])} - known:
             known |= grown
         return tuple(sorted(known))
 
@@ -489,38 +797,58 @@ class Interval:
         boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
         (the moving frame).
         """
-        t = self.begin if t is None else t
-        dynamics = self.dynamics
-        if dynamics.stateless:
-            nothing, keep = np.zeros((1, self.grid.ndim)), list(axes)
+        t, keep, dynamics = self.begin if t is None else t, list(axes), self.dynamics
+        if dynamics.stateless and dynamics.gain is not None:
+            nothing = np.zeros((1, self.grid.ndim))
             f = dynamics.drift_at(nothing, j, t)[:, keep] * drift
             b = dynamics.gain_at(nothing, j, t)[:, keep] * dynamics.bounds_at(j, t)
         else:
-            f, b = self._modes(j, axes, t)
+            f, b, lower, upper = self._modes(j, keep, t)
+            if dynamics.gain is None:
+                return Velocities(lower.min(axis=0), upper.max(axis=0))
             f = f * drift
         spread = np.abs(b).sum(axis=2)
         lower, upper = f - spread, f + spread
         hull = lower.min(axis=0), upper.max(axis=0)
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
-        pushed = b.any(axis=(0, *range(3, b.ndim)))
-        if isinstance(self.grid, Window) and not (dynamics.timed or dynamics.stateless):
-            pushed = self.survey[2][j][list(axes)]  # elsewhere on the grid perhaps
-        coupled = (np.count_nonzero(pushed, axis=0) > 1).any()
+        coupled = (np.count_nonzero(dynamics.pushes[j][keep], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
-    def _modes(self, j: int, axes: Sequence[int], t: float) -> tuple[FloatArray, FloatArray]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""
+    def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, ...]:
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t.
+
+        And the ends of the velocity, as the drift, which mean something where the disturbance does not enter linearly.
+        """
         outside = [axis for axis in range(self.grid.ndim) if axis not in axes]
-        entering = [axis for axis in outside if self.reads[list(axes), axis].any()]
+        entering = [axis for axis in outside if self.dynamics.reads[axes, axis].any()]
         seen = sorted({*axes, *entering})
-        grid = self.grid.subgrid(seen)
-        require(8 * self.grid.ndim * grid.size * (2 * self.dynamics.adversaries + 6), "sampling the velocities")
-        points = np.tile(np.array(self.grid.lower), (grid.size, 1))
-        points[:, seen] = grid.points()
-        sampled = self._sampled(j, axes, t, grid, points)
+        grid, count = self.grid.subgrid(seen), self.dynamics.adversaries
+        require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
+        sampled = np.zeros((len(axes), 1 + count, *grid.shape))
+        if self.dynamics.formulas and self.dynamics.gain is not None:
+            self._fill(sampled, j, axes, seen, t)
+        else:
+            points = np.tile(np.array(self.grid.lower), (grid.size, 1))
+            points[:, seen] = grid.points()
+            if self.dynamics.gain is None:
+                ends = self.dynamics.range(j, points, points, (t, t))
+                sampled = np.stack([end[:, axes].T.reshape(len(axes), *grid.shape) for end in ends], axis=1)
+            else:
+                gain = self.dynamics.gain_at(points, j, t)[:, axes] * self.dynamics.bounds_at(j, t)
+                parts = np.concatenate([self.dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
+                sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
         sampled = np.moveaxis(sampled, [2 + seen.index(axis) for axis in entering], range(len(entering)))
         sampled = sampled.reshape(-1, *sampled.shape[len(entering) :])
-        return sampled[:, :, 0], sampled[:, :, 1:]
+        return sampled[:, :, 0], sampled[:, :, 1:], sampled[:, :, 0], sampled[:, :, -1]
+
+    def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
+        """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
+        dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
+        for row, axis in enumerate(axes):
+            sampled[row, 0] = self._sampled(dynamics.each["drift"][j].of([axis]), seen, t)
+            for d in np.flatnonzero(dynamics.pushes[j, axis]):
+                place = axis * dynamics.adversaries + int(d)
+                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.each["gain"][j].of([place]), seen, t)
 
     def velocity_field(
         self, j: int, axes: Sequence[int], *, drift: bool = True

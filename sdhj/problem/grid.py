@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.tracing import Traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole
@@ -202,10 +203,17 @@ class Grid:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
-    def wrapped(self, points: FloatArray) -> FloatArray:
-        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper)."""
+    def wrapped(self, points: Any) -> Any:
+        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper); also while traced."""
         if not any(self.periodic):
             return points
+        if isinstance(points, Traced):
+            ends = zip(self.lower, self.upper, self.periodic, strict=True)
+            turns = [
+                (low + np.mod(x - low, high - low) if p else x)
+                for x, (low, high, p) in zip(points.T, ends, strict=True)
+            ]
+            return np.stack(turns, axis=1)
         points = np.array(points, dtype=np.float64, order="C")
         wrap(points, *self._ends)
         return points
@@ -275,7 +283,7 @@ class Grid:
             out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
         return out
 
-    def clipped(self, states: FloatArray, *kinds: str) -> FloatArray:
+    def clipped(self, states: Any, *kinds: str) -> Any:
         """States (..., ndim) clipped at the ends of these kinds, by default at walls."""
         low, high = self.faces(*(kinds or ("wall",)))
         return np.minimum(np.maximum(states, low), high)

@@ -5,14 +5,17 @@ of g that solvers use are negative wherever g <= 0 (`sdhj.problem.problem.closed
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import CheckedFunction, ascending, number, option, whole
+from sdhj.problem.checks import ascending, option, whole
 from sdhj.problem.maps import map_level_set, polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
@@ -21,8 +24,8 @@ SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1
 
 LARGEST = 1e9  # level-set value: beyond it, differences in single precision are only rounding, and overflow is near
 
-StaticLevelSet = Callable[[FloatArray, float], FloatArray]
-SweptLevelSet = Callable[[FloatArray, float, float], FloatArray]
+StaticLevelSet = Any  # a function of (points (M, axes), t) -> (M,); once a set is made, a Formula or a BlackBox
+SweptLevelSet = Any
 
 
 @dataclass(frozen=True)
@@ -39,14 +42,9 @@ class UnsafeSet:
         grows like a distance outside.
     swept : callable (points, t0, t1) -> (M,), optional
         Level-set function of a set that contains this one at every time in [t0, t1]; at most `level_set` at each time.
-    rate : float
-        Upper bound on how fast the level-set function changes in time, per second: at least the speed of a set that
-        moves, and 0 for one that does not. It bounds the function between the 20 times of an interval at which it is
-        sampled where there is no `swept`.
+        By default the library bounds `level_set` over [t0, t1] in pieces of time.
     name : str
         For messages and pictures.
-    slope : float, optional
-        Upper bound on the change of the level-set function per unit of distance, for method "certified".
     sampling : {"nodes", "steep", "cell"}
         The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
         cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
@@ -56,11 +54,13 @@ class UnsafeSet:
     Raises
     ------
     ValueError
-        If an argument does not fit, here or when the set is given to a problem.
+        If an argument does not fit, here or when the set is given to a problem; or if a function cannot be read as a
+        formula, with the line that cannot, and what to write instead.
 
     Notes
     -----
-    Coordinates on periodic axes are wrapped into the grid before a function is called.
+    Functions are read once, as formulas (`sdhj.formulas`); one that cannot be is given as a `sdhj.BlackBox`.
+    Coordinates on periodic axes are wrapped into the grid before a function is evaluated.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class UnsafeSet:
 
     >>> import numpy as np
     >>> import sdhj
-    >>> disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5, rate=0.2)
+    >>> disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5)
     >>> disk.level_set(np.array([[0.0, 0.0], [1.0, 0.0]]), 1.0)
     array([-0.3,  0.3])
     """
@@ -76,24 +76,17 @@ class UnsafeSet:
     axes: tuple[int, ...]
     level_set: StaticLevelSet
     swept: SweptLevelSet | None = None
-    rate: float = 0.0
     name: str = "unsafe"
-    slope: float | None = None
     sampling: str = "nodes"
 
     def __post_init__(self) -> None:
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        object.__setattr__(
-            self, "level_set", CheckedFunction.of(f"level_set of {self.name!r}", self.level_set, "points", "t")
-        )
+        count, name = len(self.axes), f"level set of {self.name!r}"
+        object.__setattr__(self, "level_set", Formula.read(name, self.level_set, count, "t"))
         if self.swept is not None:
-            swept = CheckedFunction.of(f"swept of {self.name!r}", self.swept, "points", "t0", "t1")
+            swept = Formula.read(f"swept of {self.name!r}", self.swept, count, "t0", "t1")
             object.__setattr__(self, "swept", swept)
-        if self.slope is not None:
-            object.__setattr__(self, "slope", number(f"slope of {self.name!r}", self.slope, least=0.0))
-        rate = number(f"rate of the unsafe set {self.name!r}", self.rate, least=0.0, most=LARGEST)
-        object.__setattr__(self, "rate", rate)
 
     @classmethod
     def from_map(
@@ -111,20 +104,20 @@ class UnsafeSet:
         `source` is the YAML file of a map server or an array; the parameters are those of
         `sdhj.problem.maps.map_level_set`. `axes` are the grid's axes for the map's x and y, m.
         """
-        level_set, slope = map_level_set(source, resolution=resolution, origin=origin, radius=radius, name=name)
-        return cls(_plane(axes, name), level_set, name=name, slope=slope)
+        level_set = map_level_set(source, resolution=resolution, origin=origin, radius=radius, name=name)
+        return cls(_plane(axes, name), level_set, name=name)
 
     @classmethod
     def polygon(
         cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), *, radius: float = 0.0, name: str = "polygon"
     ) -> "UnsafeSet":
         """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m."""
-        level_set, slope = polygon_level_set(vertices, radius=radius)
-        return cls(_plane(axes, name), level_set, name=name, slope=slope)
+        return cls(_plane(axes, name), polygon_level_set(vertices, radius=radius), name=name)
 
     @property
     def moving(self) -> bool:
-        return self.rate > 0.0
+        """Whether the level-set function depends on the time."""
+        return bool(self.level_set.timed)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
         """Values (M,) of one static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
@@ -139,17 +132,22 @@ class UnsafeSet:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
             return self.swept(points, t0, t1)
-        union = self.level_set(points, t0)
-        for t in np.linspace(t0, t1, SUBSAMPLES)[1:]:
-            union = np.minimum(union, self.level_set(points, float(t)))
-        return union
+        times = np.linspace(t0, t1, SUBSAMPLES).tolist()
+        if view_time == "swept" and isinstance(self.level_set, Formula):  # a lower bound over each piece of the time
+            pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
+            return reduce(np.minimum, [self.level_set.bounds(points, points, piece)[0] for piece in pieces])
+        return reduce(np.minimum, [self.level_set(points, t) for t in times])
 
     def lowering(self, t0: float, t1: float, view_time: str) -> float:
-        """How much `over` subtracts for the times between samples, which are at most half a gap from one of them."""
-        if not self.moving or view_time != "swept" or self.swept is not None:
+        """How much `over` subtracts of a black box for the times between samples, at most half a gap from one."""
+        if not self.moving or view_time != "swept" or self.swept is not None or isinstance(self.level_set, Formula):
             return 0.0
-        times = np.linspace(t0, t1, SUBSAMPLES)
-        return float(self.rate * (times[1] - times[0]) / 2)
+        if self.level_set.rate is None:
+            raise ValueError(
+                f"the unsafe set {self.name!r} is a BlackBox that may depend on time: say how fast it changes, "
+                "BlackBox(..., rate=0.0) if it does not, or use view_time='sampled' or 'instantaneous'"
+            )
+        return float(self.level_set.rate * (t1 - t0) / (SUBSAMPLES - 1) / 2)
 
 
 @dataclass(frozen=True)
@@ -173,9 +171,13 @@ class TargetSet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axes", ascending(self.axes, self.name))
-        object.__setattr__(
-            self, "level_set", CheckedFunction.of(f"level_set of {self.name!r}", self.level_set, "points", "t")
-        )
+        name = f"level set of {self.name!r}"
+        object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
+
+    @property
+    def moving(self) -> bool:
+        """Whether the level-set function depends on the time."""
+        return bool(self.level_set.timed)
 
     @classmethod
     def from_table(cls, table: Any, within: int | None = None) -> "TargetSet":

@@ -11,9 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
-from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.problem.sensing import Sensing
@@ -119,7 +117,9 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
             ends,
             rim,
         ),
-        dynamics=_on_axes(problem, axes),
+        dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
+            axes, np.array(problem.grid.lower)
+        ),
         target=ANYWHERE,
         unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
@@ -128,15 +128,3 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     )
     inside = tuple(slice(extra, extra + n) for extra, n in zip(widened.tolist(), grid.shape, strict=True))
     return Danger(axes, timed, wide, wide.unsafe[0], inside)
-
-
-def _on_axes(problem: ReachAvoidProblem, axes: tuple[int, ...]) -> Dynamics:
-    """The dynamics of some axes, which depend on no others; states past an end move as at the end."""
-    low, high = np.array(problem.grid.lower), np.array(problem.grid.upper)
-
-    def embedded(points: FloatArray) -> FloatArray:
-        full = np.tile(low, (len(points), 1))
-        full[:, axes] = points
-        return np.minimum(np.maximum(full, low), high)
-
-    return problem.dynamics.restricted(axes, embedded)

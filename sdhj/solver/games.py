@@ -181,7 +181,7 @@ class HJIGames(_OnAxes):
         self._room = KEPT
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
-            drift = np.asarray(problem.dynamics.drift)[:, self.axes]
+            drift = problem.dynamics.arrays[0][:, self.axes]
             checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
 
     @property
@@ -190,13 +190,13 @@ class HJIGames(_OnAxes):
         dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
         if self.scheme.frame == "fixed" or not dynamics.constant:
             return False
-        return not np.any(np.asarray(dynamics.drift)[:, self.axes][:, ~periodic])
+        return not np.any(dynamics.arrays[0][:, self.axes][:, ~periodic])
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
         if self.moving_frame and not self.early:  # else each end that it may have is another shift
             still = self._evolve(values, 0, step, drift=False)
-            shift = np.asarray(self.problem.dynamics.drift)[:, self.axes] * self.duration
+            shift = self.problem.dynamics.arrays[0][:, self.axes] * self.duration
             yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
         else:
             wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)

@@ -29,6 +29,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
@@ -58,13 +59,11 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
     """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
-    dynamics, count = problem.dynamics, len(problem.inputs)
-    points = np.zeros((1, problem.grid.ndim)) if dynamics.stateless else problem.grid.points()
-    driven = np.zeros(problem.grid.ndim, np.bool_)
-    for t in problem.delta * (np.arange(problem.steps if dynamics.timed else 1) + 0.5):
-        first = dynamics.drift_at(points, 0, t)
-        driven |= np.any([(dynamics.drift_at(points, j, t) != first).any(axis=0) for j in range(count)], axis=0)
-    return driven
+    drift, count = problem.dynamics.drift, len(problem.inputs)
+    if isinstance(drift, BlackBox):
+        return np.ones(problem.grid.ndim, np.bool_)
+    each = np.array(drift.outputs, dtype=object).reshape(count, -1)
+    return np.array([any(one is not column[0] for one in column) for column in each.T])
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:

@@ -18,7 +18,7 @@ from sdhj.kernels.lookup import Reach
 from sdhj.problem.checks import real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import ROOM, LookAhead, first_passing, look_ahead, nothing_met
+from sdhj.table.ahead import LookAhead, first_passing, look_ahead, nothing_met
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
@@ -303,7 +303,7 @@ class Table:
         """The function that returns the boxes of states to which inputs can lead from a step."""
         steps = self.steps if self.problem.dynamics.timed else 1
         if (step := min(step, steps - 1)) not in self._ahead:
-            self._ahead[step] = look_ahead(self.problem.interval(step), ROOM / steps)
+            self._ahead[step] = look_ahead(self.problem.interval(step))
         return self._ahead[step]
 
     @cached_property

@@ -14,8 +14,9 @@ import re
 import reprlib
 import stat
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,8 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.problem import LAYOUT, ReachAvoidProblem
+from sdhj.problem.restoring import arrays_of, described, problem_from, what_differs
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import Table
 
@@ -35,10 +37,9 @@ TEMPORARIES: set[Path] = set()  # files that are being written
 
 
 VERSION = "0.2.0"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
-LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
 MOST_HEAD = 1 << 24  # bytes of the head
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
@@ -191,7 +192,8 @@ def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> 
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
     with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
-        file["samples"] = table.problem.identity[1]
+        for name, values in arrays_of(table.problem).items():
+            file[name] = values
         yield file
         file.flush()
         image = file.id.get_file_image()
@@ -217,23 +219,18 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
         "recipe": dict(problem.recipe),
         "method": method,
         "details": dict(details),
-        "delta": problem.delta,
-        "steps": problem.steps,
-        "view_time": problem.view_time,
-        "grid": {name: getattr(problem.grid, name) for name in LAYOUT},
-        "inputs": problem.inputs.tolist(),
-    } | ({"sensing": vars(problem.sensing)} if problem.sensing else {})
+    } | described(problem)
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the head of a table's file; the arrays are not read, and the problem's functions are not needed.
+    """Read the head of a table's file; the arrays are not read.
 
     Returns
     -------
     dict
         "grid" (a Grid), "sensing" (a Sensing), "inputs" (L, m), "recipe" and "details" (mappings; the recipe is empty
         unless a case study built the problem), and as they are in the file: "problem", "digest", "method", "delta",
-        "steps", "view_time", "sdhj_version".
+        "steps", "view_time", "sdhj_version", "sets", "formulas".
 
     Raises
     ------
@@ -245,10 +242,10 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
         return head
 
 
-def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...]) -> FloatArray:
+def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...] | None) -> FloatArray:
     """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
-    A length of None may be any, a set lists the allowed lengths. Links, text and data in other files, with which a file
+    A shape or length of None may be any, a set lists the allowed lengths. Links, text and data in other files, with which a file
     can be forged, are refused.
 
     Raises
@@ -262,9 +259,12 @@ def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] |
     filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     if data.is_virtual or data.external is not None or not filters <= FILTERS:
         raise ValueError(f"its array {name} lies in another file or has another compression")
-    fits = len(data.shape or ()) == len(shape) and all(
-        one is None or other in (one if isinstance(one, set) else {one})
-        for one, other in zip(shape, data.shape, strict=True)
+    fits = shape is None or (
+        len(data.shape or ()) == len(shape)
+        and all(
+            one is None or other in (one if isinstance(one, set) else {one})
+            for one, other in zip(shape, data.shape, strict=True)
+        )
     )
     if not fits or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
@@ -332,24 +332,46 @@ def checked_head(head: Any) -> dict[str, Any]:
         "details": dict(head["details"]),
         "delta": number("delta", head["delta"], above=0.0),
         "steps": whole("steps", head["steps"], least=1),
-        "sensing": Sensing(**head.get("sensing", {})),
+        "sensing": Sensing(**head["sensing"]),
+        "sets": list(head["sets"]),
+        "formulas": dict(head["formulas"]),
     }
 
 
-def what_differs(head: Mapping[str, Any], problem: ReachAvoidProblem, same_values: Callable[[], bool]) -> str:
-    """How a problem differs from the head of a file by more than rounding; functions are compared by their values."""
-    pairs = {name: (head[name], getattr(problem, name)) for name in ("delta", "steps", "view_time", "sensing")}
-    layout = (name for name in LAYOUT if name != "names")  # which are labels
-    pairs |= {name: (getattr(head["grid"], name), getattr(problem.grid, name)) for name in layout}
-    if head["recipe"] and problem.recipe:
-        pairs["recipe"] = head["recipe"], json.loads(json.dumps(dict(problem.recipe)))
-    pairs = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-    if not pairs:
-        if same_values():
-            return ""
-        if not np.array_equal(head["inputs"], problem.inputs):
-            pairs["inputs"] = head["inputs"].tolist(), problem.inputs.tolist()
-    found = [
-        f"{name} is {reprlib.repr(its)} there and {reprlib.repr(ours)} here" for name, (its, ours) in pairs.items()
-    ]
-    return "; ".join(found) or "the values of its functions differ by more than rounding"
+def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
+    """The tables that formulas look up, and the values of black boxes, by name."""
+    names = [f"{group}/{name}" for group in ("tables", "opaque") if group in file for name in file[group]]
+    return {name: stored(file, name, "float64", None) for name in names}
+
+
+def problem_of_file(
+    path: str | os.PathLike[str],
+    head: Mapping[str, Any],
+    arrays: Mapping[str, FloatArray],
+    problem: ReachAvoidProblem | None,
+) -> ReachAvoidProblem:
+    """The problem that a file describes, or `problem` after checking that it is that one.
+
+    Raises
+    ------
+    TableFileError
+        If it is another one, or is needed because of black boxes and is not given.
+    """
+    if problem is None:
+        try:
+            tables = [values for name, values in sorted(arrays.items(), key=_number) if name.startswith("tables/")]
+            return problem_from(head, tables)
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            raise TableFileError(f"the problem of {path} cannot be read: {error}") from error
+    if problem.steps is None and head["details"].get("endless"):
+        problem = replace(problem, steps=head["steps"])  # as many as it took
+    if problem.digest != head["digest"] and (other := what_differs(head, arrays, problem)):
+        raise TableFileError(
+            f"{path} was solved for another problem: its digest is {head['digest'][:12]}..., that of "
+            f"{problem.name!r} is {problem.digest[:12]}...; {other}"
+        )
+    return problem
+
+
+def _number(entry: tuple[str, Any]) -> int:
+    return int(entry[0].split("/")[1]) if entry[0].startswith("tables/") else -1
