@@ -17,7 +17,7 @@ from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import Sets, recursion
 from sdhj.table.batches import PLAYER, Table
-from sdhj.table.files import opened
+from sdhj.table.files import arrays_in, opened, problem_of_file
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
