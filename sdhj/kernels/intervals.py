@@ -25,11 +25,13 @@ _inlined = inlined(error_model="numpy")
 
 @_inlined
 def lesser(a, b):
+    """The second where one is NaN."""
     return a if a < b else b
 
 
 @_inlined
 def larger(a, b):
+    """The second where one is NaN."""
     return a if a > b else b
 
 
@@ -62,8 +64,8 @@ def widened(low, high, units, zero):
 @_inlined
 def of_signs(low, high, negative, positive):
     """Widened ends of products or quotients, none of them negative, or none positive, where that is so."""
-    low = low - (abs(low) * STEP + TINY) if negative else larger(low - abs(low) * STEP, 0.0)
-    high = high + (abs(high) * STEP + TINY) if positive else lesser(high + abs(high) * STEP, 0.0)
+    low = low - (abs(low) * STEP + TINY) if negative else larger(0.0, low - abs(low) * STEP)
+    high = high + (abs(high) * STEP + TINY) if positive else lesser(0.0, high + abs(high) * STEP)
     return low, high
 
 
@@ -108,8 +110,8 @@ def wave(low, high, p, q, shift, units):
     """sin or cos, p and q at the ends: its maxima are at shift, its minima at shift + 1/2, in turns and mod 1."""
     least, most = widened(lesser(p, q), larger(p, q), units, 0.0)
     low, high = low * TURN - shift, high * TURN - shift
-    most = 1.0 if _holds_whole(low, high) else lesser(most, 1.0)
-    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else larger(least, -1.0)
+    most = 1.0 if _holds_whole(low, high) else lesser(1.0, most)
+    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else larger(-1.0, least)
     return least + 0.0 * (p + q), most  # not beyond where they are defined
 
 
@@ -127,7 +129,7 @@ def mod(a, b, c, d, p, q):
     low, high = lesser(c, 0.0), larger(d, 0.0)
     p, q = p - (abs(p) * STEP + TINY), q + (abs(q) * STEP + TINY)
     known = ((c > 0.0) | (d < 0.0)) & (farthest(a, b) / nearest(c, d) <= LAPS)
-    return (larger(p, low) if rises else low) if known else NAN, lesser(q, high) if rises else high
+    return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high
 
 
 @_inlined
@@ -135,7 +137,7 @@ def power(low, high, p, q, n):
     """p and q: the least and the largest n-th power of the base's ends, or of its absolute values where n is even."""
     least, most = widened(p, q, 0.5 * abs(n) + 1.0, TINY)
     even = n % 2 == 0
-    least = larger(least, 0.0) if even | (low >= 0.0) else least
-    most = lesser(most, 0.0) if (not even) & (high <= 0.0) else most
+    least = larger(0.0, least) if even | (low >= 0.0) else least
+    most = lesser(0.0, most) if (not even) & (high <= 0.0) else most
     most = most if (n >= 0) | (farthest(p, q) < LARGE) else INF
     return least if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, most

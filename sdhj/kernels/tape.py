@@ -6,6 +6,7 @@ is compiled for a formula.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -266,7 +267,7 @@ def _shared_out(play: Any, count: int, tape: Tape, *arrays: FloatArray) -> None:
     threads = get_num_threads()
     ends = [count * i // threads for i in range(threads + 1)]
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(play, tape, *arrays, *part) for part in zip(ends, ends[1:])]:
+        for done in [pool.submit(play, tape, *arrays, *part) for part in pairwise(ends)]:
             done.result()
 
 
@@ -395,7 +396,7 @@ def _elementary_bounds(op, a, b, out, work, count):
     else:
         for m in range(count):
             low, high = intervals.widened(out[0, m], out[1, m], units, zero)
-            out[0, m], out[1, m] = larger(low, lowest), lesser(high, highest)
+            out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
     if op == POW:
         for m in range(count):
             out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
