@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import get_num_threads  # type: ignore[attr-defined]
+from numba import get_num_threads
 
 from sdhj.kernels import FloatArray, elementary, intervals
 from sdhj.kernels.compiling import kernel
@@ -204,71 +204,72 @@ def _interpolated(tables, first, lookup, position, corner):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _gridded(tape, row, room, place, out, count):
-    lookup, position, corner = tape.lookups[row], np.empty(6), np.empty(64)
+def _gridded(lookup, places, tables, room, place, out, count):
+    position, corner = np.empty(6), np.empty(64)
     for m in range(count):
         fine = True
         for axis in range(lookup[0]):
-            x = (room[place[lookup[1 + axis]], m] - tape.places[row, axis]) / tape.places[row, 6 + axis]
+            x = (room[place[lookup[1 + axis]], m] - places[axis]) / places[6 + axis]
             position[axis] = min(max(x, 0.0), lookup[7 + axis] - 1.0)
             fine &= x == x
-        out[m] = _interpolated(tape.tables, lookup[13], lookup, position, corner)[0] if fine else NAN
+        out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
 @kernel(nogil=True, error_model="numpy")
-def _play(tape, points, parameters, out, start, stop):
-    """`play` of the points from start to stop.
+def play_part(tape, points, parameters, out, start, stop):
+    """`play` of the points from start to stop; compiled code may call it, too.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
+    code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
-    room, place, spare = np.empty((tape.slots + 1, width)), np.arange(tape.slots), tape.slots
+    room, place, spare = np.empty((slots + 1, width)), np.arange(slots), slots
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
-        for k in range(tape.code.shape[0]):
-            op, slot, first = tape.code[k, 0], tape.code[k, 1], tape.code[k, 2]
+        for k in range(code.shape[0]):
+            op, slot, first = code[k, 0], code[k, 1], code[k, 2]
             result = room[spare]
             if op == X:
                 for m in range(count):
                     result[m] = points[at + m, first]
             elif op == P or op == CONST:
-                number = parameters[first] if op == P else tape.value[k]
+                number = parameters[first] if op == P else value[k]
                 for m in range(count):
                     result[m] = number
             elif op == GRIDDED:
-                _gridded(tape, first, room, place, result, count)
+                _gridded(lookups[first], places[first], tables, room, place, result, count)
             else:
                 a = room[place[first]]
-                b = room[place[tape.code[k, 3]]] if _BINARY[op] else a
+                b = room[place[code[k, 3]]] if _BINARY[op] else a
                 if op < POWER or MIN <= op <= FLOOR:
                     _arithmetic(op, a, b, result, count)
                 elif op == POWER:
-                    _power(a, int(tape.value[k]), result, count)
+                    _power(a, int(value[k]), result, count)
                 elif op <= HYPOT or op == MOD:
                     _elementary(op, a, b, result, count)
                 else:
-                    _truths(op, a, b, room[place[tape.code[k, 4]]] if op == WHERE else a, result, count)
+                    _truths(op, a, b, room[place[code[k, 4]]] if op == WHERE else a, result, count)
             place[slot], spare = spare, place[slot]
-        for i in range(tape.outputs.size):
-            result = room[place[tape.outputs[i]]]
+        for i in range(outputs.size):
+            result = room[place[outputs[i]]]
             for m in range(count):
                 out[i, at + m] = result[m]
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
     """Values of a tape at points (M, C) with parameters (P,), into out (K, M)."""
-    _shared_out(_play, len(points), tape, points, parameters, out)
+    if len(points) * len(tape.code) < MANY:
+        play_part(tuple(tape), points, parameters, out, 0, len(points))  # handed over in half the time of a named one
+    else:
+        _share_out(play_part, len(points), tuple(tape), points, parameters, out)
 
 
-def _shared_out(play: Any, count: int, tape: Tape, *arrays: FloatArray) -> None:
-    """Play all, by several threads where there is much to do: a parallel kernel would compile everything once more."""
-    if count * len(tape.code) < MANY:
-        return play(tape, *arrays, 0, count)
+def _share_out(part: Any, count: int, *arguments: Any) -> None:
+    """Play parts in several threads; a parallel kernel would compile everything once more."""
     threads = get_num_threads()
-    ends = [count * i // threads for i in range(threads + 1)]
+    ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(play, tape, *arrays, *part) for part in pairwise(ends)]:
-            done.result()
+        list(pool.map(lambda part_ends: part(*arguments, *part_ends), ends))
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -407,15 +408,15 @@ def _elementary_bounds(op, a, b, out, work, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _gridded_bounds(tape, row, room, place, out, count):
+def _gridded_bounds(lookup, places, tables, room, place, out, count):
     """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis."""
-    lookup, position, corner = tape.lookups[row], np.empty(6), np.empty(64)
+    position, corner = np.empty(6), np.empty(64)
     ends, number, at = np.empty((2, 6)), np.empty(6, np.int64), np.empty(6, np.int64)
     for m in range(count):
         fine, total = True, 1
         for axis in range(lookup[0]):
             operand, last = room[place[lookup[1 + axis]]], lookup[7 + axis] - 1.0
-            lower, spacing = tape.places[row, axis], tape.places[row, 6 + axis]
+            lower, spacing = places[axis], places[6 + axis]
             low, high = intervals.of_sum(operand[0, m] - lower, operand[1, m] - lower)
             low, high = intervals.of_sum(low / spacing, high / spacing)
             fine &= (low == low) & (high == high)
@@ -429,7 +430,7 @@ def _gridded_bounds(tape, row, room, place, out, count):
                 inside = np.floor(ends[0, axis]) + at[axis]
                 last = at[axis] == number[axis] - 1
                 position[axis] = ends[0, axis] if at[axis] == 0 else (ends[1, axis] if last else inside)
-            value, most = _interpolated(tape.tables, lookup[13], lookup, position, corner)
+            value, most = _interpolated(tables, lookup[13], lookup, position, corner)
             fine &= value == value
             out[0, m], out[1, m], largest = lesser(value, out[0, m]), larger(value, out[1, m]), larger(most, largest)
             axis = lookup[0] - 1
@@ -452,46 +453,47 @@ def _or_nothing(a, b, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _play_bounds(tape, low, high, parameters_low, parameters_high, out, start, stop):
+def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, start, stop):
     """`play_bounds` of the boxes from start to stop; rows as in `_play`."""
+    code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
-    room, place, spare = np.empty((tape.slots + 1, 2, width)), np.arange(tape.slots), tape.slots
+    room, place, spare = np.empty((slots + 1, 2, width)), np.arange(slots), slots
     work = np.empty((2, width))
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
-        for k in range(tape.code.shape[0]):
-            op, slot, first = tape.code[k, 0], tape.code[k, 1], tape.code[k, 2]
+        for k in range(code.shape[0]):
+            op, slot, first = code[k, 0], code[k, 1], code[k, 2]
             result = room[spare]
             a, b = result, result
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
             elif op == P or op == CONST:
-                least = parameters_low[first] if op == P else tape.value[k]
-                most = parameters_high[first] if op == P else tape.value[k]
+                least = parameters_low[first] if op == P else value[k]
+                most = parameters_high[first] if op == P else value[k]
                 for m in range(count):
                     result[0, m], result[1, m] = least, most
             elif op == GRIDDED:
-                _gridded_bounds(tape, first, room, place, result, count)
+                _gridded_bounds(lookups[first], places[first], tables, room, place, result, count)
             elif op == WHERE:
-                b, c = room[place[tape.code[k, 3]]], room[place[tape.code[k, 4]]]
+                b, c = room[place[code[k, 3]]], room[place[code[k, 4]]]
                 _truth_bounds(op, room[place[first]], b, c, result, count)
                 b = result
             else:
                 a = room[place[first]]
-                b = room[place[tape.code[k, 3]]] if _BINARY[op] else a
+                b = room[place[code[k, 3]]] if _BINARY[op] else a
                 if op < POWER or MIN <= op <= FLOOR:
                     _simple_bounds(op, a, b, result, count)
                 elif op == POWER:
-                    _power_bounds(a, int(tape.value[k]), result, work, count)
+                    _power_bounds(a, int(value[k]), result, work, count)
                 elif op <= HYPOT or op == MOD:
                     _elementary_bounds(op, a, b, result, work, count)
                 else:
                     _truth_bounds(op, a, b, a, result, count)
             _or_nothing(a, b, result, count)
             place[slot], spare = spare, place[slot]
-        for i in range(tape.outputs.size):
-            result = room[place[tape.outputs[i]]]
+        for i in range(outputs.size):
+            result = room[place[outputs[i]]]
             for m in range(count):
                 out[0, i, at + m], out[1, i, at + m] = result[0, m], result[1, m]
 
@@ -508,4 +510,8 @@ def play_bounds(
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
     """
-    _shared_out(_play_bounds, len(low), tape, low, high, parameters_low, parameters_high, out)
+    arguments = (tuple(tape), low, high, parameters_low, parameters_high, out)
+    if len(low) * len(tape.code) < MANY // 4:
+        play_bounds_part(*arguments, 0, len(low))
+    else:
+        _share_out(play_bounds_part, len(low), *arguments)
