@@ -1,0 +1,318 @@
+"""Operations of formulas as compiled kernels play them: values against NumPy and Arb, intervals against Arb."""
+
+import math
+import warnings
+from itertools import product
+
+import naive_formulas as naive
+import numpy as np
+import pytest
+import tapes
+
+from sdhj.kernels.elementary import ERRORS
+from sdhj.kernels.tape import OPERATIONS, play, play_bounds
+
+AWKWARD = [0.0, 1.0, 0.5, 2.0, 7 / 16, 19 / 16, math.pi / 4, math.pi / 2, math.pi, 0.1, 3.0, 100.0, 1e6, 1e10]
+AWKWARD += [5e-324, 1e-310, 1e-200, 1e-17, 1e200, 1.7e308, 708.0, 745.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0)]
+AWKWARD = sorted([-a for a in AWKWARD] + AWKWARD)
+NAMES = {"neg": "negative", "sqr": "square", "pow": "power", "min": "minimum", "max": "maximum", "mod": "remainder",
+         "less": "less", "lesseq": "less_equal", "equal": "equal", "abs": "absolute", "div": "divide", "sub": "subtract",
+         "mul": "multiply", "and": "multiply", "or": "maximum"}  # fmt: skip
+POWERS = [0, 1, 2, 3, 7, 8, 64, -1, -2, -3, -64]
+SCALARS = [(op, 0) for op in OPERATIONS[3:36] if op != "power"] + [("power", n) for n in POWERS]
+VALUES_OFF = {"power": 33.0, **ERRORS}  # units in the last place
+BITS = ("less", "lesseq", "equal", "and", "or", "not", "where")
+
+
+def awkward_boxes(op, rng, count):
+    """(low, high) (M, operands): of awkward numbers, many of width 0, and moderate ones."""
+    shape = (count, tapes.arity(op))
+    ends = rng.choice(AWKWARD, (2, *shape))
+    moderate = rng.random((count, 1)) < 0.5
+    centre = rng.normal(size=shape) * 10.0 ** rng.integers(-1, 2, (count, 1))
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    low, high = np.where(moderate, centre, low), np.where(moderate, centre + rng.exponential(0.5, shape), high)
+    high = np.where(rng.random(shape) < 0.3, low, high)
+    if op in tapes.TRUTHS or op == "where":
+        columns = slice(0, 1 if op == "where" else None)
+        low[:, columns], high[:, columns] = low[:, columns] > 0.1, 1.0 * (high[:, columns] > 0.0)
+        high = np.maximum(low, high)
+    return low, high
+
+
+def numpy_values(op, n, points):
+    columns = points.T
+    with np.errstate(all="ignore"):
+        if op == "power":
+            return columns[0] ** float(n)
+        if op == "where":
+            return np.where(columns[0] != 0.0, columns[1], columns[2])
+        if op == "not":
+            return 1.0 - columns[0]
+        return np.asarray(getattr(np, NAMES.get(op, op))(*columns), float)
+
+
+@pytest.mark.parametrize(("op", "n"), SCALARS)
+def test_values_are_numpys(op, n):
+    """Where NumPy's is a number, within the error of both; where ours is undefined, by a rule that says so."""
+    rng = np.random.default_rng(0)
+    points = awkward_boxes(op, rng, 3000)[0]
+    ours, theirs = tapes.values(tapes.of_one(op, n), points)[0], numpy_values(op, n, points)
+    undefined = np.isnan(ours)
+    assert np.isnan(ours[np.isnan(theirs)]).all()
+    same = ~undefined & ~(np.isinf(ours) & np.isinf(theirs))
+    units = np.spacing(np.abs(theirs[same]).clip(2.3e-308, 1.7e308))
+    off = np.abs(ours[same] - theirs[same]) / units if same.any() else np.zeros(1)
+    if op == "arctan2":  # NumPy tells -0 from 0; past the largest float a quotient is one in the rounding
+        off = off[points[same][:, 0] != 0.0]
+    assert off.max() <= VALUES_OFF.get(op, 0.0) + 4.0 * (op in VALUES_OFF), points[same][off.argmax()]
+    allowed = {"sin": np.abs(points[:, 0]) > 1e8, "cos": np.abs(points[:, 0]) > 1e8, "tan": np.abs(points[:, 0]) > 1e8,
+               "log": points[:, 0] <= 0.0, "div": points[:, -1] == 0.0, "pow": points[:, 0] <= 0.0,
+               "power": (points[:, 0] == 0.0) & (n < 0)}  # fmt: skip
+    if op == "mod":
+        with np.errstate(all="ignore"):
+            allowed["mod"] = ~(np.abs(points[:, 0] / points[:, 1]) < 2.0**24)
+    assert (undefined <= (np.isnan(theirs) | allowed.get(op, False))).all()
+
+
+@pytest.mark.parametrize("op", sorted(ERRORS))
+def test_values_are_as_good_as_promised(op):
+    """Against Arb, at random arguments of many sizes and near zeros of sine and cosine."""
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(3000, tapes.arity(op))) * 10.0 ** rng.integers(-3, 3, (3000, 1))
+    points[:500, 0] = np.round(rng.uniform(-4e7, 4e7, 500)) * (math.pi / 2)
+    points[500:1000] = rng.uniform(0.0, 1.0, (500, tapes.arity(op)))
+    points[1000:1500] = np.abs(points[1000:1500])
+    worst = 0.0
+    for point, value in zip(points, tapes.values(tapes.of_one(op), points)[0], strict=True):
+        if np.isfinite(value) and abs(value) > 1e-300:
+            worst = max(worst, naive.units_off(float(value), naive.exact(op, [float(x) for x in point])))
+    assert 0.4 < worst <= ERRORS[op]
+
+
+@pytest.mark.parametrize(("op", "n"), SCALARS)
+def test_intervals_hold_what_is_exact(op, n):
+    """Of every point: exact results and our own values; an undefined one makes the interval undefined."""
+    rng = np.random.default_rng(2)
+    tape = tapes.of_one(op, n)
+    low, high = awkward_boxes(op, rng, 700)
+    found = tapes.bounds(tape, low, high)[:, 0]
+    assert (np.isnan(found[0]) == np.isnan(found[1])).all() and not np.isinf(found).any()
+    assert 0.05 < np.isfinite(found[0]).mean()
+    with np.errstate(over="ignore", invalid="ignore"):
+        inside = low + rng.random(low.shape) * (high - low)
+    inside = np.clip(np.where(np.isfinite(inside), inside, low), low, high)
+    for points in (low, high, inside, np.where(rng.random(low.shape) < 0.5, low, high), np.clip(0.0, low, high)):
+        if op in tapes.TRUTHS:
+            points = np.round(points)
+        elif op == "where":
+            points = np.concatenate([np.round(points[:, :1]), points[:, 1:]], axis=1)
+        ours = tapes.values(tape, points)[0]
+        for point, value, (least, most) in zip(points.tolist(), ours, found.T, strict=True):
+            if np.isfinite(least):
+                result = naive.exact(op, point, n)
+                assert result is not None and naive.lies_within(result, least, most), (point, least, most, result)
+                assert least <= value <= most, (point, least, value, most)
+
+
+@pytest.mark.parametrize(("op", "n"), SCALARS)
+def test_intervals_of_points_are_narrow(op, n):
+    """Of boxes of width 0 all ends lie within the promised error of each other; only where it must, nothing is known."""
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(2000, tapes.arity(op))) * 10.0 ** rng.integers(-2, 2, (2000, 1))
+    if op in tapes.TRUTHS:
+        points = np.round(np.abs(np.tanh(points)))
+    values, (low, high) = (
+        tapes.values(tapes.of_one(op, n), points)[0],
+        tapes.bounds(tapes.of_one(op, n), points, points)[:, 0],
+    )
+    finite = np.isfinite(values)
+    assert np.isfinite(low[finite]).mean() > 0.99
+    finite &= np.isfinite(low)
+    width = (high - low)[finite] / np.spacing(np.abs(values[finite]).clip(1e-290))
+    limit = 0.0 if op in ("neg", "abs", "min", "max", "floor", "sign", *BITS) else 2.0 + 2.5 * abs(n)
+    assert width.max() <= max(limit + 4.0, 2.0 * (2.0 * ERRORS.get(op, 0) + 3.0)) * (op not in BITS)
+
+
+def test_zeros_and_ends_stay_exact():
+    """A sum of squares is >= 0 and so has a root, |x| touches 0, and sin, cos and arcs stay in their ranges."""
+    rows = [("x", 0, (0,), 0.0), ("x", 1, (1,), 0.0), ("sqr", 2, (0,), 0.0), ("mul", 3, (1, 1), 0.0)]
+    rows += [("add", 4, (2, 2), 0.0), ("sqrt", 5, (4,), 0.0), ("abs", 6, (0,), 0.0), ("sqrt", 7, (6,), 0.0)]
+    rows += [("hypot", 8, (0, 1), 0.0), ("sqrt", 9, (8,), 0.0), ("mul", 10, (6, 6), 0.0), ("sqrt", 11, (10,), 0.0)]
+    rows += [("sin", 12, (1,), 0.0), ("arcsin", 13, (12,), 0.0), ("exp", 14, (0,), 0.0), ("sqrt", 15, (14,), 0.0)]
+    low, high = tapes.bounds(tapes.made(rows, range(16)), [[-1.0, 0.0], [0.0, 0.0]], [[2.0, 9.0], [0.0, 0.0]])
+    assert np.isfinite(low).all() and (low[[5, 7, 9, 11, 15], :] >= 0.0).all()
+    assert (high[[2, 3, 5, 6, 8, 11], 1] == 0.0).all() and low[12, 0] == -1.0 and high[12, 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("op", "n", "low", "high", "least", "most"),
+    [
+        ("sqr", 0, [-1.0], [2.0], 0.0, 4.0),
+        ("power", 4, [-2.0], [1.0], 0.0, 16.0),
+        ("power", 3, [-2.0], [1.0], -8.0, 1.0),
+        ("power", -2, [-2.0], [-1.0], 0.25, 1.0),
+        ("power", -1, [2.0], [4.0], 0.25, 0.5),
+        ("hypot", 0, [-3.0, -1.0], [2.0, 4.0], 0.0, 5.0),
+        ("hypot", 0, [3.0, 4.0], [6.0, 8.0], 5.0, 10.0),
+        ("mod", 0, [7.5, 2.0], [7.75, 2.0], 1.5, 1.75),
+        ("mod", 0, [7.5, 2.0], [8.25, 2.0], 0.0, 2.0),
+        ("mod", 0, [-0.5, 2.0], [-0.25, 2.0], 1.5, 1.75),
+        ("mod", 0, [0.25, -2.0], [0.5, -2.0], -1.75, -1.5),
+        ("mod", 0, [0.25, -2.0], [9.0, -2.0], -2.0, 0.0),
+        ("mod", 0, [1.0, 2.0], [1.5, 3.0], 0.0, 3.0),
+        ("sin", 0, [0.5], [3.0], math.sin(3.0), 1.0),
+        ("sin", 0, [3.0], [6.0], -1.0, math.sin(3.0)),
+        ("cos", 0, [-0.5], [0.25], math.cos(0.5), 1.0),
+        ("cos", 0, [100.0], [200.0], -1.0, 1.0),
+        ("tan", 0, [2.0], [4.0], math.tan(2.0), math.tan(4.0)),
+        ("arctan2", 0, [1.0, -1.0], [2.0, 1.0], math.pi / 4, 3 * math.pi / 4),
+        ("arctan2", 0, [-1.0, 0.5], [1.0, 1.0], -math.atan(2.0), math.atan(2.0)),
+        ("arctan2", 0, [0.0, -1.0], [0.0, 1.0], -math.pi, math.pi),
+        ("arctan2", 0, [0.0, 0.0], [0.0, 0.0], -math.pi, math.pi),
+        ("pow", 0, [0.5, -1.0], [2.0, 2.0], 0.25, 4.0),
+        ("pow", 0, [0.0, 0.5], [4.0, 0.5], 0.0, 2.0),
+        ("mul", 0, [-1.0, -2.0], [3.0, 1.0], -6.0, 3.0),
+        ("div", 0, [-1.0, 2.0], [3.0, 4.0], -0.5, 1.5),
+        ("less", 0, [0.0, 1.0], [1.0, 2.0], 0.0, 1.0),
+        ("lesseq", 0, [0.0, 1.0], [1.0, 2.0], 1.0, 1.0),
+        ("equal", 0, [1.0, 1.0], [1.0, 1.0], 1.0, 1.0),
+        ("where", 0, [0.0, 1.0, 5.0], [1.0, 2.0, 6.0], 1.0, 6.0),
+        ("where", 0, [1.0, 1.0, 5.0], [1.0, 2.0, 6.0], 1.0, 2.0),
+    ],
+)
+def test_intervals_are_tight(op, n, low, high, least, most):
+    for slot in range(tapes.arity(op)):
+        found = tapes.bounds(tapes.of_one(op, n, slot), [low], [high])[:, 0, 0]
+        assert found == pytest.approx([least, most], abs=1e-14) and found[0] <= least <= most <= found[1]
+
+
+@pytest.mark.parametrize(
+    ("op", "n", "low", "high"),
+    [
+        ("div", 0, [1.0, 0.0], [1.0, 1.0]),
+        ("sqrt", 0, [-1e-300], [1.0]),
+        ("log", 0, [0.0], [1.0]),
+        ("pow", 0, [0.0, 0.0], [1.0, 1.0]),
+        ("pow", 0, [-0.1, 2.0], [1.0, 2.0]),
+        ("power", -2, [-1.0], [1.0]),
+        ("arcsin", 0, [0.0], [1.0 + 1e-15]),
+        ("arccos", 0, [-1.1], [1.0]),
+        ("tan", 0, [1.0], [2.0]),
+        ("mod", 0, [1.0, -1.0], [1.0, 1.0]),
+        ("mod", 0, [1.0, 1.0], [1e9, 1.0]),
+        ("sin", 0, [0.0], [1e9]),
+        ("exp", 0, [0.0], [710.0]),
+        ("mul", 0, [0.0, 0.0], [1e200, 1e200]),
+    ],
+)
+def test_what_may_be_undefined_or_too_large_is_not_known(op, n, low, high):
+    assert np.isnan(tapes.bounds(tapes.of_one(op, n), [low], [high])).all()
+
+
+@pytest.mark.parametrize(("op", "n"), SCALARS)
+def test_what_is_undefined_stays_so(op, n):
+    """NaN in any operand, but in the branch that `where` does not take."""
+    for place in range(tapes.arity(op)):
+        for slot in range(tapes.arity(op)):
+            point = [1.0] * tapes.arity(op)
+            point[place] = math.nan
+            lost = (op, place) != ("where", 2)
+            assert np.isnan(tapes.values(tapes.of_one(op, n, slot), [point])[0, 0]) == lost
+            assert np.isnan(tapes.bounds(tapes.of_one(op, n, slot), [point], [point])).all() == lost
+    infinite = [[math.inf] * tapes.arity(op)]
+    if op not in BITS:
+        assert np.isnan(tapes.bounds(tapes.of_one(op, n), [[1.0] * tapes.arity(op)], infinite)).all()
+
+
+def test_where_needs_both_branches_only_while_its_condition_is_open():
+    tape, nan = tapes.of_one("where"), math.nan
+    low, high = [[0.0, 1.0, nan], [1.0, 1.0, nan], [0.0, nan, 1.0]], [[1.0, 2.0, nan], [1.0, 2.0, nan], [0.0, nan, 2.0]]
+    assert np.isnan(tapes.bounds(tape, low, high)[0, 0]).tolist() == [True, False, False]
+
+
+def test_leaves_and_blocks():
+    """Coordinates, parameters and constants of more points than a block has, with no points, and with many."""
+    rows = [
+        ("x", 0, (1,), 0.0),
+        ("p", 1, (1,), 0.0),
+        ("const", 2, (), 2.5),
+        ("add", 0, (0, 1), 0.0),
+        ("mul", 1, (0, 2), 0.0),
+    ]
+    tape = tapes.made(rows, [1, 0, 2])
+    for count in (0, 1, 127, 128, 129, 1000, 600_000):
+        points = np.arange(2.0 * count).reshape(count, 2)
+        expected = [2.5 * (points[:, 1] + 4.0), points[:, 1] + 4.0, np.full(count, 2.5)]
+        assert np.array_equal(tapes.values(tape, points, [0.0, 4.0]), expected)
+        low, high = tapes.bounds(tape, points, points + 1.0, [0.0, 4.0], [0.0, 5.0])
+        assert np.allclose(low, expected, rtol=1e-15, atol=0) and (low <= expected).all()
+        assert np.allclose(high[1], expected[1] + 2.0, rtol=1e-15, atol=0)
+
+
+def random_tables(rng, axes):
+    nodes = rng.integers(2, 5, axes)
+    lower, spacing = rng.normal(size=axes), rng.uniform(0.1, 1.0, axes)
+    table = rng.normal(size=nodes)
+    fill = [0] * (6 - axes)
+    rows = [("x", k, (k,), 0.0) for k in range(axes)] + [("gridded", 0, (0,), 0.0)]
+    lookup = [axes, *range(axes), *fill, *nodes, *fill, 3]
+    tape = tapes.made(rows, [0], None, [lookup], [[*lower, *fill, *spacing, *fill]], [7.0, 8.0, 9.0, *table.ravel()])
+    return tape, table, lower, spacing
+
+
+@pytest.mark.parametrize("axes", range(1, 7))
+def test_gridded(axes):
+    """Values against a slow twin, intervals against samples: they hold them and are no wider than their hull."""
+    rng = np.random.default_rng(axes)
+    tape, table, lower, spacing = random_tables(rng, axes)
+    ends = lower + spacing * (np.array(table.shape) - 1)
+    low, high = np.sort(rng.uniform(lower - 0.3, ends + 0.3, (2, 60, axes)), axis=0)
+    low[::3] = high[::3]
+    found = tapes.bounds(tape, low, high)[:, 0]
+    nodes = np.array(
+        list(product(*[low_ + step * np.arange(n) for low_, step, n in zip(lower, spacing, table.shape, strict=True)]))
+    )
+    least, most = np.full(60, np.inf), np.full(60, -np.inf)
+    sides = [np.where(pick, high, low) for pick in product([False, True], repeat=axes)]
+    for points in sides + [np.clip(node, low, high) for node in nodes] + [rng.uniform(low, high) for _ in range(20)]:
+        values = tapes.values(tape, points)[0]
+        assert ((found[0] <= values) & (values <= found[1])).all()
+        least, most = np.minimum(least, values), np.maximum(most, values)
+        expected = [naive.interpolated(table, (p - lower) / spacing) for p in points[:3]]
+        assert np.allclose(values[:3], expected, rtol=0, atol=1e-13)
+    assert np.allclose(found, [least, most], rtol=0, atol=1e-12)
+    low[0, axes - 1] = np.nan
+    assert np.isnan(tapes.values(tape, low)[0]).tolist() == [True] + [False] * 59
+    assert np.isnan(tapes.bounds(tape, low, high)[0, 0]).tolist() == [True] + [False] * 59
+
+
+def check_random_tapes(seed, count):
+    """Values at points of boxes lie in the intervals; with few slots, all results have the same bits."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        rows = tapes.random_rows(rng, 3, 30)
+        every, outputs = tapes.made(rows, range(30)), rng.choice(30, 4, replace=False)
+        low, high = tapes.random_boxes(rng, 150, 3)
+        found = tapes.bounds(every, low, high)
+        assert np.array_equal(
+            tapes.bounds(tapes.in_few_slots(rows, outputs), low, high), found[:, outputs], equal_nan=True
+        )
+        known = np.isfinite(found[0])
+        assert np.array_equal(np.isnan(found[0]), ~known) and np.array_equal(np.isnan(found[1]), ~known)
+        for _ in range(5):
+            points = tapes.random_points(rng, low, high)
+            values = tapes.values(every, points)
+            assert (~known | (found[0] <= values) & (values <= found[1])).all()
+            few = tapes.values(tapes.in_few_slots(rows, outputs), points)
+            assert np.array_equal(few, values[outputs], equal_nan=True)
+
+
+def test_random_tapes():
+    check_random_tapes(0, 60)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_many_random_tapes(seed):
+    check_random_tapes(seed, 500)
