@@ -9,9 +9,9 @@ PRECISION = 400  # bits
 
 
 def exact(op, operands, n=0):
-    """(least, largest) number that an operation's exact result at floats can be; None where it is undefined.
+    """An operation's exact result at floats, a fraction or Arb's ball; None where it is undefined.
 
-    Fractions where the result is rational, else Arb's ball. n: exponent of `power`. Zeros have no signs.
+    n: exponent of `power`. Zeros have no signs.
     """
     rational = RATIONAL.get(op)
     if rational is not None:
@@ -20,15 +20,14 @@ def exact(op, operands, n=0):
         result = rational(*map(Fraction, operands), n) if op == "power" else rational(*map(Fraction, operands))
         return None if result is None else Fraction(result)
     flint.ctx.prec = PRECISION
-    result = BALLS[op](*map(flint.arb, operands)) if DOMAINS.get(op, lambda *_: True)(*operands) else None
-    return result
+    return BALLS[op](*map(flint.arb, operands)) if DOMAINS.get(op, lambda *_: True)(*operands) else None
 
 
 def lies_within(result, low, high):
-    """Whether an exact result is surely between two floats."""
+    """Whether an exact result is between two floats, as far as 120 digits can tell."""
     if isinstance(result, Fraction):
         return Fraction(low) <= result <= Fraction(high)
-    return bool(flint.arb(low) <= result) and bool(result <= flint.arb(high))
+    return not (result < flint.arb(low) or result > flint.arb(high))
 
 
 def units_off(value, result):

@@ -64,9 +64,8 @@ def widened(low, high, units, zero):
 @_inlined
 def of_signs(low, high, negative, positive):
     """Widened ends of products or quotients, none of them negative, or none positive, where that is so."""
-    low = low - (abs(low) * STEP + TINY) if negative else larger(0.0, low - abs(low) * STEP)
-    high = high + (abs(high) * STEP + TINY) if positive else lesser(0.0, high + abs(high) * STEP)
-    return low, high
+    low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)
+    return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)
 
 
 @_inlined
