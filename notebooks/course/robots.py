@@ -7,7 +7,7 @@ import numpy as np
 
 import sdhj
 from course.draw.sets import canvas
-from sdhj.arm.workspace import Disk, Line, Still
+from sdhj.arm.workspace import Disk, Line, Segment, Still
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import Dynamics, ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -24,7 +24,7 @@ def away(moving: Disk) -> Callable[[FloatArray, float], FloatArray]:
 
 def away_over(moving: Disk) -> Callable[[FloatArray, float, float], FloatArray]:
     """The same for all the disk sweeps from one time to another."""
-    return lambda points, t0, t1: moving.path.swept_distance(points, points, t0, t1) - moving.radius
+    return lambda points, t0, t1: moving.path.swept_distance(Segment.point(points), t0, t1) - moving.radius
 
 
 def point_robot(

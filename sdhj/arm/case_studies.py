@@ -10,12 +10,11 @@ import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still, skeleton_clearance
+from sdhj.arm.workspace import Arm, Circle, Disk, Line, Still
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import number, whole
 from sdhj.problem.dynamics import MOST_INPUTS, Dynamics
@@ -27,7 +26,6 @@ AXES = ("q1", "q2", "px", "py")
 JOINTS = (0, 1)  # the axes that the obstacles OBS(t) and the target TAR(t) depend on
 ALL_AXES = (0, 1, 2, 3)
 MOST = 1_000_000  # the largest value of `nodes` and `steps`
-BLOCK = 2**18  # rows at a time in the 4-D level sets: some tens of MB of intermediate results
 
 TARGET = Disk(Line((0.05, 0.20), (0.10, -0.05)), 0.06)
 OBSTACLES = (
@@ -35,18 +33,6 @@ OBSTACLES = (
     Disk(Line((0.24, -0.02), (-0.10, 0.12)), 0.04),
     Disk(Circle((0.0, -0.22), 0.07, 2.0, -1.0), 0.04),
 )
-
-
-def _in_blocks(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
-    """function(points) (M,) for points (M, n), in blocks of rows so that intermediate results stay small."""
-    blocks = [points[start : start + BLOCK] for start in range(0, len(points), BLOCK)]
-    return np.concatenate([function(block) for block in blocks]) if blocks else np.empty(0)
-
-
-@lru_cache(maxsize=64)  # many queries are for few different times
-def _placed(disks: tuple[Disk, ...], t: float) -> tuple[FloatArray, FloatArray]:
-    """Centres (D, 2) and radii (D,) of the disks at time t."""
-    return np.array([disk.centre(t) for disk in disks]), np.array([disk.radius for disk in disks])
 
 
 @dataclass(frozen=True)
@@ -76,31 +62,29 @@ class ArmScene:
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
-        elbow, tip = self.arm.joints(q)  # the expensive part, computed once for all obstacles
-        return skeleton_clearance(elbow, tip, *_placed(self.obstacles, t)) - self.arm.half_width
+        return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""
-        gaps = [self.arm.swept_distance(q, disk.path, t0, t1) - disk.radius for disk in self.obstacles]
-        return np.minimum.reduce(gaps) - self.arm.half_width
+        distances = [self.arm.swept_distance(q, disk.path, t0, t1) for disk in self.obstacles]
+        return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
         """Clearance of the thick arm to the pursuer's disk in states (M, 4), at any time t; shape (M,), m."""
-        gap = self.agent_radius + self.arm.half_width
-        return _in_blocks(lambda block: self.arm.distance(block[:, :2], block[:, 2:]) - gap, states)
+        return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
         """Signed distance of the end-effector at joint angles q (M, 2) to the edge of the target; shape (M,), m."""
         assert self.target is not None
-        return np.linalg.norm(self.arm.tip(q) - self.target.centre(t), axis=1) - self.target.radius
+        return np.hypot(*(self.arm.tip(q) - self.target.centre(t)).T) - self.target.radius
 
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
         """Signed distance of the end-effector to the edge of the evader in states (M, 4); shape (M,), m."""
+        return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
-        def value(block: FloatArray) -> FloatArray:
-            return np.linalg.norm(self.arm.tip(block[:, :2]) - block[:, 2:], axis=1) - self.agent_radius
-
-        return _in_blocks(value, states)
+    def _contact(self, disk: Disk) -> float:
+        """The distance between a disk's centre and the skeleton where the arm touches it, m."""
+        return disk.radius + self.arm.half_width
 
     def obstacle_sets(self) -> tuple[UnsafeSet, ...]:
         """G1 of App. A.3: the obstacles as one unsafe set of joint angles; an empty tuple if there are no obstacles."""

@@ -3,72 +3,82 @@
 Lengths are in metres, angles in radians, times in seconds. Distances are measured from the arm's *skeleton* (its two
 links as line segments) to a point or to the trace of a moving point; an arm of half-width w is clear of a disk of
 radius r where ``distance - r - w > 0``.
+
+All functions of states and times are plain NumPy that `sdhj.formulas` reads: no decisions but `np.where`.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.skeleton import POINT, joints, skeleton_distances
 from sdhj.problem.checks import number, pair
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
 
 
-def _dot_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
+class Segment(NamedTuple):
+    """Segments that begin at `start` and go on for `length` in a `direction`; all of them broadcast.
+
+    Distances to them need neither divisions nor a case for segments that are points.
+
+    Attributes
+    ----------
+    start, direction : (..., 2)
+        The direction has length 1.
+    length : float, or (...)
+    """
+
+    start: FloatArray
+    direction: FloatArray
+    length: Any
+
+    @classmethod
+    def point(cls, points: FloatArray) -> "Segment":
+        """Points (..., 2), as segments of length 0."""
+        return cls(points, np.array([1.0, 0.0]), 0.0)
+
+    def at(self, along: Any) -> FloatArray:
+        """The point (..., 2) that is `along`, (...) or a number, from the start."""
+        return self.start + np.asarray(along)[..., None] * self.direction
+
+    @property
+    def end(self) -> FloatArray:
+        return self.at(self.length)
+
+    def coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where points (..., 2) are, seen from the start: along the direction, and to its left; both (...)."""
+        out, (x, y) = points - self.start, np.moveaxis(self.direction, -1, 0)
+        return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Distance of points (..., 2) from the segments, (...)."""
+        along, left = self.coordinates(points)
+        beyond = np.maximum(along - self.length, np.minimum(along, 0.0))  # 0 beside the segment
+        return np.hypot(beyond, left)
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _norm(a: FloatArray) -> FloatArray:
-    return np.sqrt(_dot_product(a, a))
-
-
-def _foot(start: FloatArray, along: FloatArray, points: FloatArray) -> FloatArray:
-    """The s at which start + s * along is nearest to each point, not clipped; 0 where `along` has no length."""
-    square = _dot_product(along, along)
-    return _dot_product(points - start, along) / np.where(square > POINT, square, np.inf)
-
-
-def point_segment_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Distance from points (..., 2) to the segments start-end (..., 2), broadcast; start and end may be equal."""
-    along = end - start
-    s = np.clip(_foot(start, along, points), 0.0, 1.0)
-    return _norm(start + s[..., None] * along - points)
-
-
-def segment_segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
-    """Distance between the segments a-b and c-d, all (..., 2) and broadcast.
+def segment_distance(one: Segment, other: Segment) -> FloatArray:
+    """Distance between segments, broadcast.
 
     Two segments that do not cross are nearest at an end of one of them. Where rounding hides a crossing, it is
     within rounding of an end, and that end's distance is within rounding of zero.
     """
-    nearest = np.minimum(
-        np.minimum(point_segment_distance(a, c, d), point_segment_distance(b, c, d)),
-        np.minimum(point_segment_distance(c, a, b), point_segment_distance(d, a, b)),
-    )
-    splits_cd = _cross(b - a, c - a) * _cross(b - a, d - a) < 0.0
-    splits_ab = _cross(d - c, a - c) * _cross(d - c, b - c) < 0.0
-    return np.where(splits_cd & splits_ab, 0.0, nearest)
+    ends, others = (one.start, one.end), (other.start, other.end)
+    nearest = reduce(np.minimum, [other.distance(end) for end in ends] + [one.distance(end) for end in others])
+    split = np.multiply(*(one.coordinates(end)[1] for end in others)) < 0.0
+    splits = np.multiply(*(other.coordinates(end)[1] for end in ends)) < 0.0
+    return np.where(split & splits, 0.0, nearest)
 
 
-def skeleton_clearance(elbow: FloatArray, tip: FloatArray, centres: FloatArray, radii: FloatArray) -> FloatArray:
-    """Least distance from the arm's links, origin-elbow and elbow-tip (M, 2), to disks; shape (M,).
-
-    The disks have radii (D,) and centres (D, 2), or (M, D, 2) for different centres in each row. The distance to a
-    centre is bit-for-bit the smaller `point_segment_distance`; one compiled pass, as simulations spend most time here.
-    """
-    out = np.empty(len(elbow))
-    skeleton_distances(elbow, tip, np.broadcast_to(centres, (len(elbow), len(radii), 2)), radii, out)
-    return out
+def _unit(angle: FloatArray) -> FloatArray:
+    """The direction (..., 2) of an angle (...)."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -89,9 +99,9 @@ class Still:
         """Position at the times t; shape (*t.shape, 2)."""
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
-    def swept_distance(self, start: FloatArray, end: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Distance from the segments start-end (M, 2) to the trace over [t0, t1], here a point; shape (M,)."""
-        return point_segment_distance(self.at(t0), start, end)
+    def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
+        """Distance (...) from segments to the trace over [t0, t1], here a point."""
+        return segment.distance(self.at(t0))
 
 
 @dataclass(frozen=True)
@@ -114,9 +124,11 @@ class Line:
         """Position at the times t; shape (*t.shape, 2)."""
         return np.asarray(self.start) + np.asarray(t, dtype=np.float64)[..., None] * np.asarray(self.velocity)
 
-    def swept_distance(self, start: FloatArray, end: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Distance from the segments start-end (M, 2) to the trace over [t0, t1], here a segment; shape (M,)."""
-        return segment_segment_distance(start, end, self.at(t0), self.at(t1))
+    def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
+        """Distance (...) from segments to the trace over [t0, t1], here a segment."""
+        speed = self.speed
+        direction = np.array(self.velocity) / speed if speed else np.array([1.0, 0.0])
+        return segment_distance(segment, Segment(self.at(t0), direction, speed * (t1 - t0)))
 
 
 @dataclass(frozen=True)
@@ -142,40 +154,28 @@ class Circle:
     def at(self, t: ArrayLike) -> FloatArray:
         """Position at the times t; shape (*t.shape, 2)."""
         angle = self.rate * np.asarray(t, dtype=np.float64) + self.phase
-        return np.asarray(self.centre) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return np.asarray(self.centre) + self.radius * _unit(angle)
 
-    def _arc_distance(self, points: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Distance from points (M, 2) to the arc travelled over [t0, t1]; shape (M,)."""
-        span = abs(self.rate) * (t1 - t0)
-        first = min(self.rate * t0, self.rate * t1) + self.phase
-        out = points - np.asarray(self.centre)
-        facing = np.mod(np.arctan2(out[..., 1], out[..., 0]) - first, TURN) <= span
-        ends = np.minimum(_norm(points - self.at(t0)), _norm(points - self.at(t1)))
-        return np.where(facing, np.abs(_norm(out) - self.radius), ends)
-
-    def swept_distance(self, start: FloatArray, end: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Distance from the segments start-end (M, 2) to the trace over [t0, t1], here an arc; shape (M,).
+    def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
+        """Distance (...) from segments to the trace over [t0, t1], here an arc.
 
         A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
-        minimum of | distance from the centre - radius | along the segment, and its own distance to the arc is the
-        answer. Such minima are where the segment crosses the circle, at the foot of the perpendicular from the centre
-        where the line stays outside, and at ends of the segment. `reach` is half the chord that the circle cuts from
-        the segment's line (0 where it cuts none), so foot - reach and foot + reach, clipped to the segment, are all
-        of them: an end inside the circle lies between the two, an end outside that is a minimum has both beyond it.
-        Each candidate is the distance between two points that exist, so the answer is too small by rounding at most.
+        minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where
+        the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays outside,
+        and at ends of the segment. `reach` is half the chord that the circle cuts from the segment's line (0 where it
+        cuts none), so foot - reach and foot + reach, clipped to the segment, are all of them: an end inside the circle
+        lies between the two, an end outside that is a minimum has both beyond it. Each candidate is the distance
+        between two points that exist, so the answer is too small by rounding at most.
         """
-        along = end - start
-        centre = np.asarray(self.centre)
-        foot = _foot(start, along, centre)
-        depth = self.radius**2 - np.square(_norm(start + foot[..., None] * along - centre))
-        square = _dot_product(along, along)
-        reach = np.sqrt(np.maximum(depth, 0.0) / np.where(square > POINT, square, np.inf))
-        nearest = np.minimum(
-            point_segment_distance(self.at(t0), start, end), point_segment_distance(self.at(t1), start, end)
-        )
-        for s in (foot - reach, foot + reach):
-            candidate = start + np.clip(s, 0.0, 1.0)[..., None] * along
-            nearest = np.minimum(nearest, self._arc_distance(candidate, t0, t1))
+        foot, left = segment.coordinates(np.array(self.centre))
+        reach = np.sqrt(np.maximum(self.radius**2 - np.square(left), 0.0))
+        first = self.rate * (t0 if self.rate >= 0.0 else t1) + self.phase
+        nearest = np.minimum(segment.distance(self.at(t0)), segment.distance(self.at(t1)))
+        for along in (foot - reach, foot + reach):
+            out = segment.at(np.clip(along, 0.0, segment.length)) - np.array(self.centre)
+            angle = np.mod(np.arctan2(out[..., 1], out[..., 0]) - first, TURN)
+            radial = np.abs(np.hypot(out[..., 0], out[..., 1]) - self.radius)
+            nearest = np.where(angle <= abs(self.rate) * (t1 - t0), np.minimum(nearest, radial), nearest)
         return nearest
 
 
@@ -257,20 +257,21 @@ class Arm:
         if self.kinematics not in KINEMATICS:
             raise ValueError(f"kinematics must be one of {', '.join(KINEMATICS)}, got {self.kinematics!r}")
 
-    def joints(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions of elbow and tip, each of shape (..., 2), at joint angles q (..., 2)."""
+    def links(self, q: FloatArray) -> tuple[Segment, Segment]:
+        """The two links at joint angles q (..., 2)."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")
         l1, l2 = self.lengths
         relative = self.kinematics == "relative"
-        reach = l2 if relative else l1 + l2
-        first, second = q[..., 0].ravel(), q[..., 1].ravel()
-        if relative:
-            second = first + second
-        elbow, tip = np.empty((first.size, 2)), np.empty((first.size, 2))
-        joints(np.cos(first), np.sin(first), np.cos(second), np.sin(second), (l1, reach), elbow, tip)
-        return elbow.reshape(q.shape), tip.reshape(q.shape)
+        upper = Segment(np.zeros(2), _unit(q[..., 0]), l1)
+        angle = q[..., 0] + q[..., 1] if relative else q[..., 1]
+        return upper, Segment(upper.end, _unit(angle), l2 if relative else l1 + l2)
+
+    def joints(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions of elbow and tip, each of shape (..., 2), at joint angles q (..., 2)."""
+        upper, lower = self.links(q)
+        return upper.end, lower.end
 
     def tip(self, q: FloatArray) -> FloatArray:
         """The end-effector's position E[q] of Eq. (4), shape (..., 2)."""
@@ -278,22 +279,19 @@ class Arm:
 
     def distance(self, q: FloatArray, points: FloatArray) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to points, one (2,) or one for each row (M, 2); shape (M,), m."""
-        elbow, tip = self.joints(q)
-        points = np.asarray(points, dtype=np.float64)
-        if points.shape not in ((2,), elbow.shape):
-            raise ValueError(f"points must have shape (2,) or {elbow.shape}, got {points.shape}")
-        return skeleton_clearance(elbow, tip, points[..., None, :], np.zeros(1))
+        upper, lower = self.links(q)
+        if points.shape not in ((2,), lower.start.shape):
+            raise ValueError(f"points must have shape (2,) or {lower.start.shape}, got {points.shape}")
+        return np.minimum(upper.distance(points), lower.distance(points))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]; shape (M,), m.
 
         It is the infimum over all times, not over samples (Sec. 6.2.1), and exact up to rounding for every `path`.
+        `t1` must not be before `t0`.
         """
-        if not t0 <= t1:
-            raise ValueError(f"an interval needs t0 <= t1, got [{t0}, {t1}]")
-        elbow, tip = self.joints(q)
-        base = np.zeros(2)
-        return np.minimum(path.swept_distance(base, elbow, t0, t1), path.swept_distance(elbow, tip, t0, t1))
+        upper, lower = self.links(q)
+        return np.minimum(path.swept_distance(upper, t0, t1), path.swept_distance(lower, t0, t1))
 
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
         """Outline of the region R(q) that the arm occupies at the joint angles q (2,), for drawing.
