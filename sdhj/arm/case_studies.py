@@ -90,8 +90,7 @@ class ArmScene:
         """G1 of App. A.3: the obstacles as one unsafe set of joint angles; an empty tuple if there are no obstacles."""
         if not self.obstacles:
             return ()
-        rate = max(disk.speed for disk in self.obstacles)
-        return (UnsafeSet(JOINTS, self.obstacles_value, self.obstacles_swept_value, rate, "obstacles"),)
+        return (UnsafeSet(JOINTS, self.obstacles_value, self.obstacles_swept_value, "obstacles"),)
 
 
 def arm_case_study(
