@@ -66,7 +66,7 @@ def plain_arm(**options: Any) -> sdhj.ReachAvoidProblem:
     unsafe = [sdhj.UnsafeSet((0, 1, 2, 3), lambda q, t: clearance(q, q[:, 2], q[:, 3]) - PURSUER, name="pursuer")]
     for k, disk in enumerate(OBSTACLES):
         apart = lambda q, t, disk=disk: clearance(q, *on_path(disk.path, t)) - disk.radius  # noqa: E731
-        unsafe.append(sdhj.UnsafeSet((0, 1), apart, rate=disk.speed, name=f"disk {k}"))
+        unsafe.append(sdhj.UnsafeSet((0, 1), apart, name=f"disk {k}"))
     problem = sdhj.arm_case_study(**options)
     return replace(problem, target=sdhj.TargetSet((0, 1), target), unsafe=unsafe, recipe={})
 

@@ -151,7 +151,7 @@ def swinging_bar(nodes: int = 31, radius: float = 0.1) -> sdhj.ReachAvoidProblem
         grid=sdhj.Grid([-1.5, -1], [1.5, 1], [3 * (nodes - 1) // 2 + 1, nodes], names=["$x$ (m)", "$y$ (m)"]),
         dynamics=sdhj.Dynamics(inputs=speeds, drift=speeds, gain=np.eye(2), bounds=[0.1, 0.1]),
         target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.1, p[:, 1] - 0.5) - 0.3),
-        unsafe=[sdhj.UnsafeSet((0, 1), apart, rate=rate, name="bar")],
+        unsafe=[sdhj.UnsafeSet((0, 1), apart, name="bar")],
         delta=0.2,
         steps=20,
         view_time="swept",

@@ -105,10 +105,7 @@ class Robot:
             grid=sdhj.Grid(self.lower, self.upper, self.nodes, periodic, ends=self.ends or "unsafe"),
             dynamics=sdhj.Dynamics(inputs, drift, np.array(self.gain, dtype=float), self.bounds),
             target=None if self.target is None else sdhj.TargetSet(*self.target),
-            unsafe=[
-                sdhj.UnsafeSet(one.axes, one.level, rate=one.rate, name=one.name, sampling=sampling)
-                for one in self.hazards
-            ],
+            unsafe=[sdhj.UnsafeSet(one.axes, one.level, name=one.name, sampling=sampling) for one in self.hazards],
             delta=self.delta,
             steps=self.steps,
         )

@@ -99,7 +99,7 @@ def car(nodes: int) -> sdhj.ReachAvoidProblem:
             sdhj.UnsafeSet(
                 (0, 1, 3, 4), lambda p, t: distance(p, (p[:, 2], p[:, 3])) - CAPTURE, name="pursuer", sampling="steep"
             ),
-            sdhj.UnsafeSet((0, 1), lambda p, t: distance(p, crossing(t)) - 0.4, rate=0.6, name="disk"),
+            sdhj.UnsafeSet((0, 1), lambda p, t: distance(p, crossing(t)) - 0.4, name="disk"),
         ],
         delta=0.4,
         steps=4,

@@ -83,7 +83,7 @@ def thin(sampling: str) -> Any:
     """Two fences of which only parts are felt at the nodes, sampled in one way each."""
     fence = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 1.06) - 0.07, name="fence", sampling=sampling)
     post = sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.3), name="post", sampling="steep")
-    low = sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] - 0.4 - 0.05 * np.sin(t), rate=0.05, name="low", sampling=sampling)
+    low = sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] - 0.4 - 0.05 * np.sin(t), name="low", sampling=sampling)
     return plane(fence, post, low)
 
 
@@ -95,7 +95,7 @@ def moving(swept: bool, **given: Any) -> Any:
         return np.hypot(p[:, 0] - nearest, p[:, 1] - 1.4) - 0.35
 
     ball = sdhj.UnsafeSet(
-        (0, 1), lambda p, t: disk(2.6 - 0.3 * t, 1.4, 0.35)(p, t), over if swept else None, rate=0.3, name="ball"
+        (0, 1), lambda p, t: disk(2.6 - 0.3 * t, 1.4, 0.35)(p, t), over if swept else None, name="ball"
     )
     post = sdhj.UnsafeSet((0, 1), disk(1.0, 0.7, 0.25), name="post")
     target = sdhj.TargetSet((0, 1), lambda p, t: disk(3.3 - 0.05 * t, 1.5, 0.45)(p, t))

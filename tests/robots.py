@@ -49,8 +49,7 @@ class Robot:
     def problem(self, **changed):
         everything = tuple(range(self.grid.ndim))
         unsafe = [
-            sdhj.UnsafeSet(axes, level_set, rate=rate, name=f"set {k}")
-            for k, (axes, level_set, rate) in enumerate(self.obstacles)
+            sdhj.UnsafeSet(axes, level_set, name=f"set {k}") for k, (axes, level_set, rate) in enumerate(self.obstacles)
         ]
         dynamics = sdhj.Dynamics(self.inputs, self.drift, self.gain, self.bound)
         target = sdhj.TargetSet(everything, self.target)

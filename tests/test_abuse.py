@@ -152,9 +152,9 @@ def test_a_reused_buffer_is_copied():
         return kept[: len(p)]
 
     points = np.array([[0.0], [1.0]])
-    part = UnsafeSet((0,), reused, rate=1.0)
+    part = UnsafeSet((0,), reused)
     assert part.over(points, 0.0, 1.0, "sampled").tolist() == [-1.0, 0.0]
-    rising = UnsafeSet((0,), lambda p, t: reused(p, -t), rate=1.0)  # the least value comes first
+    rising = UnsafeSet((0,), lambda p, t: reused(p, -t))  # the least value comes first
     assert rising.over(points, 0.0, 1.0, "sampled").tolist() == [0.0, 1.0]
     assert not np.shares_memory(TargetSet((0,), reused).level_set(points, 0.0), kept)
 

@@ -103,7 +103,7 @@ def leg(place, **changed):
     return sdhj.ReachAvoidProblem(
         grid=grid,
         dynamics=sdhj.Dynamics(inputs, lambda p, u: u + 0.1 * np.sin(p[:, ::-1]), np.eye(2), [WIND[place]] * 2),
-        unsafe=[sdhj.UnsafeSet((0, 1), disk, rate=0.8, name="disk")],
+        unsafe=[sdhj.UnsafeSet((0, 1), disk, name="disk")],
         delta=DELTA,
         steps=STEPS,
         **given,

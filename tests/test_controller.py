@@ -199,7 +199,7 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
 def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
-    nowhere = sdhj.UnsafeSet((0,), lambda p, t: np.ones(len(p)), rate=1.0)  # moves: each step has its own tubes
+    nowhere = sdhj.UnsafeSet((0,), lambda p, t: np.ones(len(p)))  # moves: each step has its own tubes
     everywhere = sdhj.TargetSet((0,), lambda p, t: np.full(len(p), -1.0))  # the true sets refute nothing
     dynamics = replace(problem.dynamics, bounds=np.full(2, bounds))
     problem = replace(problem, dynamics=dynamics, target=everywhere, unsafe=(nowhere,))

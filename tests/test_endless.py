@@ -66,7 +66,7 @@ def test_no_step_is_asked_for(staying):
 
 
 def test_what_depends_on_time_asks_for_the_step():
-    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0 + 0.1 * t) - 0.2, rate=0.1, name="moving")
+    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0 + 0.1 * t) - 0.2, name="moving")
     controller = Controller(sdhj.solve(replace(interval_problem(), unsafe=(moving,)), progress=False))
     q = np.zeros(1)
     assert controller.steps_to_go(q, 0) is not None

@@ -209,7 +209,7 @@ def test_nothing_fast_slips_between_the_time_steps(method):
     def bullet(points, t):
         return np.abs(points[:, 0] - (-4.5 + 18.0 * (t - 0.5))) - 0.02  # over the axis from t = 0.53 to 0.97
 
-    problem = dataclasses.replace(problem, unsafe=(sdhj.UnsafeSet((0,), bullet, rate=18.0, name="bullet"),))
+    problem = dataclasses.replace(problem, unsafe=(sdhj.UnsafeSet((0,), bullet, name="bullet"),))
     if method == "joint":
         tubes = dict(JointGames(problem, DOUBLE).reach(np.full(81, -1.0), 1)).values()
     else:

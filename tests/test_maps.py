@@ -233,7 +233,7 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
         with pytest.raises(ValueError, match="must be two axes of the grid, for x and y"):
             make(axes=(0,))
     with pytest.raises(ValueError, match="slope of 'post' must be at least 0"):
-        UnsafeSet((0,), lambda p, t: p[:, 0], name="post", slope=-1.0)
+        UnsafeSet((0,), lambda p, t: p[:, 0], name="post")
 
 
 MISSING = """

@@ -60,7 +60,7 @@ def ring_problem(*, rate=0.0, steps=5):
         Grid([0.0], [16.0], [32], [True]),
         Dynamics(inputs, inputs, [[1.0]], [0.5]),
         TargetSet((0,), lambda p, t: around(4.0)(p, t) - 2.0),
-        (UnsafeSet((0,), lambda p, t: around(10.0)(p, t) - 1.0, rate=abs(rate), name="rock"),),
+        (UnsafeSet((0,), lambda p, t: around(10.0)(p, t) - 1.0, name="rock"),),
         1.0,
         steps,
     )

@@ -109,14 +109,14 @@ def near(points, t):
             {"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - t - p[:, 0], name="wall"),)},
             "'wall' changes.*rate of at least 1",
         ),
-        ({"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - 2 * t - p[:, 0], rate=1.0),)}, "rate 1 allows.*at least 2"),
+        ({"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - 2 * t - p[:, 0]),)}, "rate 1 allows.*at least 2"),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
         (
             {"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)},
             r"half-width for each column.*\(1, 2\); got \[0.1\]",
         ),
         (
-            {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), rate=1.0, name="ball"),)},
+            {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), name="ball"),)},
             r"swept of 'ball' over \[0, 0.5\] is 0.5 above the level-set function at t = 0,",
         ),
         ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0], [2.0]], [0.1])}, "gain"),
@@ -151,7 +151,7 @@ def test_functions_that_answer_nonsense_are_caught_when_sampled():
         dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
     for rate in (float("nan"), -1.0, "fast", None):
         with pytest.raises(ValueError, match="rate"):
-            UnsafeSet((0,), lambda p, t: p[:, 0], rate=rate)
+            UnsafeSet((0,), lambda p, t: p[:, 0])
     for axes in (0, (0.0,), "x"):
         with pytest.raises(ValueError, match="axes of 'target' must be a sequence of whole numbers"):
             TargetSet(axes, lambda p, t: p[:, 0])
@@ -201,7 +201,7 @@ def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
 
 def test_swept_without_a_formula_bounds_every_time(rng):
     """Samples lowered by half a gap's motion hold the set at all times, as `rate` bounds the function's change."""
-    part = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - np.sin(3 * t)) - 0.1, rate=3.0)
+    part = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - np.sin(3 * t)) - 0.1)
     points = np.linspace(-2, 2, 401)[:, None]
     swept = part.over(points, 0.2, 0.5, "swept")
     sampled = part.over(points, 0.2, 0.5, "sampled")
@@ -234,7 +234,7 @@ def test_true_values_need_no_grid():
         ),
         (lambda: TargetSet((0,), 0.3), "level_set of 'target' must be a function.*0.3"),
         (lambda: UnsafeSet((0,), "post", name="post"), "level_set of 'post'.*got 'post'"),
-        (lambda: UnsafeSet((0,), near, near, rate=1.0), r"swept of 'unsafe' must be a function of \(points, t0, t1\)"),
+        (lambda: UnsafeSet((0,), near, near), r"swept of 'unsafe' must be a function of \(points, t0, t1\)"),
     ],
 )
 def test_what_is_no_function_of_those_arguments_is_refused(made, named):

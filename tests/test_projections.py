@@ -34,7 +34,7 @@ def chase_problem(*, nodes=15, steps=3, moving=False, view_time="swept"):
         Grid([-2.0, -1.5, -1.5], [2.0, 1.5, 1.5], [nodes, nodes, nodes], names=["x", "y", "z"]),
         Dynamics(inputs, drift, np.eye(3), [0.1, 0.3, 0.3]),
         TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5),
-        (UnsafeSet((0, 1, 2), ball, rate=rate, name="ball"),),
+        (UnsafeSet((0, 1, 2), ball, name="ball"),),
         0.25,
         steps,
         view_time,
@@ -48,9 +48,7 @@ def current_problem(*, nodes=(31, 31, 16), speed=0.5, view_time="swept", rate=0.
         w = points[:, 2]
         return np.stack([u[0] + speed * np.cos(w), speed * np.sin(w), np.zeros(len(points))], axis=1)
 
-    rock = UnsafeSet(
-        (0, 1), lambda p, t: np.hypot(p[:, 0] + rate * t, p[:, 1] - 1.0) - 0.3, rate=abs(rate), name="rock"
-    )
+    rock = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + rate * t, p[:, 1] - 1.0) - 0.3, name="rock")
     return ReachAvoidProblem(
         Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], nodes, [False, False, True], ["x", "y", "w"]),
         Dynamics([[-1.0], [0.0], [1.0]], drift, np.array([[0.0], [0.0], [1.0]]), [1.0]),

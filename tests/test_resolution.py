@@ -84,7 +84,7 @@ def test_a_wall_across_the_seam_of_a_periodic_axis_and_one_that_comes_later_are_
     grid = Grid([0.0, 0.0], [8.0, 8.0], [40, 41], [True, False])
     seam = UnsafeSet((0, 1), lambda p, t: 0.02 - np.abs(np.abs(p[:, 0] - 4.0) - 3.9), name="not a wall")
     seam = replace(seam, level_set=lambda p, t: np.abs((p[:, 0] - 7.9 + 4.0) % 8.0 - 4.0) - 0.02, name="seam")
-    later = UnsafeSet((1,), lambda p, t: np.abs(p[:, 0] - 9.1 + 0.5 * t) - 0.02, rate=0.5, name="later")
+    later = UnsafeSet((1,), lambda p, t: np.abs(p[:, 0] - 9.1 + 0.5 * t) - 0.02, name="later")
     problem = replace(room(), grid=grid)
     for part in (seam, later):
         with pytest.warns(ResolutionWarning, match=part.name):

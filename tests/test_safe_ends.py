@@ -155,7 +155,7 @@ def test_the_grid_may_as_well_go_on(method, moving):
     """
     part = None
     if moving:
-        part = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5 + 0.4 * t, p[:, 1]) - 0.45, rate=0.4, name="boat")
+        part = UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5 + 0.4 * t, p[:, 1]) - 0.45, name="boat")
     near = sdhj.solve(craft([-1.0, -1.0], [1.0, 1.0], (41, 41), part=part), METHODS[method], progress=False)
     far = sdhj.solve(craft([-3.0, -1.0], [3.0, 1.0], (121, 41), part=part), METHODS[method], progress=False)
     one, other = (table.values(start=0, within=table.steps) <= 0 for table in (near, far))

@@ -160,7 +160,7 @@ def test_what_leaves_over_a_safe_end_is_out_of_danger():
     """A runner at speed 1 ahead of a wall that closes in from below at 0.8: who reaches the end is safe."""
     grid = Grid([0.0], [4.0], [81], ends=[("unsafe", "safe")])
     dynamics = Dynamics([[0.0], [1.0]], [[0.0], [1.0]], np.eye(1), [0.0])
-    wall = UnsafeSet((0,), lambda p, t: p[:, 0] - 0.8 * t, rate=0.8, name="wall")
+    wall = UnsafeSet((0,), lambda p, t: p[:, 0] - 0.8 * t, name="wall")
     problem = ReachAvoidProblem(grid, dynamics, None, (wall,), 0.25, 20)
     table = sdhj.solve(problem, "lax", progress=False)
     report = sdhj.monte_carlo(Controller(table), 500, "none", progress=False)
@@ -204,7 +204,7 @@ def test_what_cannot_be_asked_for():
         ReachAvoidProblem(grid, still, None, (), 0.1, 2)
     with pytest.raises(ValueError, match="every grid node is in an unsafe set"):
         ReachAvoidProblem(grid, still, None, (UnsafeSet((0,), lambda p, t: p[:, 0] - 2),), 0.1, 2)
-    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.1, rate=1.0)
+    moving = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.1)
     with pytest.raises(ValueError, match="depend on time; give a number of steps"):
         ReachAvoidProblem(grid, still, None, (moving,), 0.1, None)
     target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - t) - 0.3)

@@ -53,7 +53,7 @@ class Case:
             functions = [lambda u, function=function: function(u, 0.0) for function in functions]
         dynamics = Dynamics([[u] for u in self.inputs], *functions)
         target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - self.centre(t)) - self.radius)
-        wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], rate=abs(self.rate), name="wall")
+        wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], name="wall")
         grid = Grid([-4.0], [4.0], [25 if self.timed else 97])  # where time matters a game takes many more steps
         return ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps, "instantaneous")
 

@@ -19,7 +19,7 @@ def interval_problem(
     disturbance spreads in a step (2 * 0.2 * 0.5 = 0.2 < 2), cut where the wall may be touched.
     """
     dynamics = Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [disturbance])
-    part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], rate=abs(rate), name="wall")
+    part = UnsafeSet((0,), lambda p, t: wall + rate * t - p[:, 0], name="wall")
     return ReachAvoidProblem(
         Grid([-4.0], [4.0], [nodes], ends=ends),
         dynamics,
@@ -62,7 +62,7 @@ def torus_problem(*, nodes=12, steps=3, view_time="swept"):
         Grid([-np.pi, -np.pi], [np.pi, np.pi], [nodes, nodes], [True, True]),
         Dynamics(inputs, inputs, np.eye(2), [0.4, 0.4]),
         TargetSet((0, 1), lambda p, t: np.hypot(wrapped(p[:, 0] + 1 - 0.2 * t), wrapped(p[:, 1])) - 0.8),
-        (UnsafeSet((0, 1), obstacle, rate=2.0, name="orbiting disk"),),
+        (UnsafeSet((0, 1), obstacle, name="orbiting disk"),),
         0.2,
         steps,
         view_time,

@@ -60,7 +60,7 @@ def point_robot(
         grid=canvas(nodes),
         dynamics=Dynamics(inputs, drift=inputs, gain=np.eye(2), bounds=np.array([v_max, v_max])),
         target=TargetSet((0, 1), away(target)),
-        unsafe=(UnsafeSet((0, 1), away(obstacle), away_over(obstacle), rate=obstacle.speed, name="obstacles"),),
+        unsafe=(UnsafeSet((0, 1), away(obstacle), away_over(obstacle), name="obstacles"),),
         delta=delta,
         steps=steps,
         name="point robot",

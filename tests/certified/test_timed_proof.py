@@ -58,7 +58,7 @@ class Case:
         )
         grid = sdhj.Grid([-3.0] * self.ndim, [3.0] * self.ndim, [31] * self.ndim)
         target = sdhj.TargetSet(tuple(range(self.ndim)), self.target)
-        wall = sdhj.UnsafeSet((0,), self.unsafe, rate=abs(self.rate), name="wall")
+        wall = sdhj.UnsafeSet((0,), self.unsafe, name="wall")
         return sdhj.ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps)
 
     def bounds(self, scale=1.0):

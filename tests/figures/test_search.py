@@ -42,7 +42,6 @@ def planted(radius: float) -> Controller:
     needle = sdhj.UnsafeSet(
         (0, 1),
         lambda p, t: np.hypot(np.hypot(*toys.wrapped(p - middle).T), 10 * (t - end)) - radius,
-        rate=10.0,
         name="needle",
     )
     return Controller(replace(table, problem=replace(table.problem, unsafe=(*table.problem.unsafe, needle))))

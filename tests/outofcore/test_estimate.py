@@ -25,7 +25,7 @@ def moving_problem():
         dynamics=sdhj.Dynamics([[1.0], [-1.0]], [[1.0, 0.0], [-1.0, 0.0]], np.eye(2), [0.1, 0.1]),
         target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.4),
         unsafe=[
-            sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.6, p[:, 1] - t) - 0.3, rate=1.0, name="disk"),
+            sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.6, p[:, 1] - t) - 0.3, name="disk"),
             sdhj.UnsafeSet((1,), lambda p, t: 0.9 - np.abs(p[:, 0]), name="walls"),
         ],
         delta=0.1,
@@ -97,7 +97,7 @@ def test_an_estimate_does_not_warn_of_what_comes_later(recwarn):
     """A disk that is not there in the first step is there for a solve."""
     problem = dataclasses.replace(
         moving_problem(),
-        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - t + 0.15, rate=1.0, name="late")],
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - t + 0.15, name="late")],
     )
     estimate(problem)
     assert [str(warning.message) for warning in recwarn if "danger" in str(warning.message)] == []

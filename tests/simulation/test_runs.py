@@ -92,7 +92,7 @@ def test_a_start_in_an_unsafe_set_has_collided() -> None:
 
 def test_moving_sets_are_judged_at_their_time() -> None:
     """A wall that arrives after 0.3 s: a run that is in the target by then has reached it, a later one has collided."""
-    wall = sdhj.UnsafeSet((0,), lambda p, t: np.full(len(p), 0.3 - t), rate=1.0, name="late wall")
+    wall = sdhj.UnsafeSet((0,), lambda p, t: np.full(len(p), 0.3 - t), name="late wall")
     controller = judged_by(toys.interval_table(), unsafe=(wall,))
     assert simulate(controller, [0.9], adversary="none").outcome == "reached"
     run = simulate(controller, [-1.3], adversary="none")
