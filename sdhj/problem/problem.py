@@ -459,11 +459,12 @@ def rates(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
     Between two nodes a velocity may be steeper, by a share of second order in their distance.
     """
     grid, dynamics = problem.grid, problem.dynamics
+    nodes = Interval(grid, dynamics, 0.0, problem.delta)
     slope, push = np.zeros((grid.ndim, grid.ndim)), np.zeros(grid.ndim)
     steps = range(problem.steps + 1 if dynamics.timed else 1)
     times = [problem.delta * (step + share) for step in steps for share in (INSTANTS if dynamics.timed else [0.0])]
     for j, t in product(range(len(problem.inputs)), times):
-        for axis, (drift, *gain) in enumerate(problem.interval(0).parts_at_nodes(j, t)):
+        for axis, (drift, *gain) in enumerate(nodes.parts_at_nodes(j, t)):
             push[axis] = max(push[axis], sum(float(np.abs(one).max()) for one in gain))
             steep = np.zeros(grid.ndim)
             for part in (drift, *gain):
