@@ -90,17 +90,12 @@ def _cosine(r):
 
 
 @_inlined
-def sin(x):
+def sine(x, ahead):
+    """sin(x + ahead pi/2), for a whole number `ahead`."""
     r, quarter = _reduced(x)
+    quarter += ahead
     value = _cosine(r) if quarter & 1 else _sine(r)
     return -value if quarter & 2 else value
-
-
-@_inlined
-def cos(x):
-    r, quarter = _reduced(x)
-    value = _sine(r) if quarter & 1 else _cosine(r)
-    return -value if (quarter + 1) & 2 else value
 
 
 @_inlined

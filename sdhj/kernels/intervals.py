@@ -7,8 +7,6 @@ interval has the exact results in it, and those of the rounded operation, whiche
 a rounded sum, product, quotient or root rises with the exact one, but for an elementary function both errors count.
 """
 
-import math
-
 import numpy as np
 
 from sdhj.kernels.compiling import inlined
@@ -48,17 +46,15 @@ def farthest(low, high):
 
 
 @_inlined
-def of_sum(low, high):
-    """Sums that are tiny are exact, so nothing is added for them: a sum of squares stays >= 0."""
-    return low - abs(low) * STEP, high + abs(high) * STEP
+def hull(p, q, r, s):
+    return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))
 
 
 @_inlined
-def widened(low, high, units, zero):
-    """The ends of a function that is at most so many units in the last place off, and by `zero` where it gives 0."""
-    share = (2.0 * units + 1.0) * STEP
-    less, more = abs(low) * share + (zero if low == 0.0 else TINY), abs(high) * share + (zero if high == 0.0 else TINY)
-    return low - less, high + more
+def widened(low, high, share, tiny, zero):
+    """Ends moved outward by a share of them, and by `tiny`, or by `zero` an end that is 0."""
+    less, more = zero if low == 0.0 else tiny, zero if high == 0.0 else tiny
+    return low - (abs(low) * share + less), high + (abs(high) * share + more)
 
 
 @_inlined
@@ -70,31 +66,18 @@ def of_signs(low, high, negative, positive):
 
 @_inlined
 def mul(a, b, c, d):
-    p, q, r, s = a * c, a * d, b * c, b * d
+    low, high = hull(a * c, a * d, b * c, b * d)
     negative, positive = (a < 0.0) & (d > 0.0) | (b > 0.0) & (c < 0.0), (a < 0.0) & (c < 0.0) | (b > 0.0) & (d > 0.0)
-    return of_signs(lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s)), negative, positive)
+    return of_signs(low, high, negative, positive)
 
 
 @_inlined
 def div(a, b, c, d):
-    p, q, r, s = a / c, a / d, b / c, b / d
     above, below = c > 0.0, d < 0.0
+    low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
-    low, high = of_signs(lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s)), negative, positive)
+    low, high = of_signs(low, high, negative, positive)
     return low if above | below else NAN, high
-
-
-@_inlined
-def sqr(low, high):
-    near, far = nearest(low, high), farthest(low, high)
-    return of_signs(near * near, far * far, False, far > 0.0)
-
-
-@_inlined
-def sqrt(low, high):
-    """Of a negative number it is NaN; roots are no smaller than 1e-162, or exact."""
-    p, q = math.sqrt(low), math.sqrt(high)
-    return p - p * STEP, q + q * STEP
 
 
 @_inlined
@@ -105,25 +88,26 @@ def _holds_whole(low, high):
 
 
 @_inlined
-def wave(low, high, p, q, shift, units):
-    """sin or cos, p and q at the ends: its maxima are at shift, its minima at shift + 1/2, in turns and mod 1."""
-    least, most = widened(lesser(p, q), larger(p, q), units, 0.0)
+def wave(low, high, p, q, shift):
+    """sin or cos, p and q at the ends: its maxima are at shift, its minima at shift + 1/2, in turns and modulo 1."""
     low, high = low * TURN - shift, high * TURN - shift
-    most = 1.0 if _holds_whole(low, high) else lesser(1.0, most)
-    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else larger(-1.0, least)
-    return least + 0.0 * (p + q), most  # not beyond where they are defined
+    most = 1.0 if _holds_whole(low, high) else larger(p, q)
+    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)
+    return least + 0.0 * (p + q), most  # NaN where an end is too large
 
 
 @_inlined
-def tan(low, high, p, q, units):
-    least, most = widened(p, q, units, 0.0)
-    low, high = low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5
-    return NAN if _holds_whole(low, high) else least, most
+def tan(low, high, least):
+    """Its least value, NaN across a pole."""
+    return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least
 
 
 @_inlined
 def mod(a, b, c, d, p, q):
-    """p and q: mod(a, c) and mod(b, c). By a constant, and where no lap ends, it rises with its first operand."""
+    """p and q: mod(a, c) and mod(b, d). By a constant, and where no lap ends, it rises with its first operand.
+
+    A lap that ends between a and b, less than one lap apart, leaves the second value below the first.
+    """
     rises = (c == d) & ((b - a < abs(c)) & (p < q) | (a == b))
     low, high = lesser(c, 0.0), larger(d, 0.0)
     p, q = p - (abs(p) * STEP + TINY), q + (abs(q) * STEP + TINY)
@@ -133,10 +117,7 @@ def mod(a, b, c, d, p, q):
 
 @_inlined
 def power(low, high, p, q, n):
-    """p and q: the least and the largest n-th power of the base's ends, or of its absolute values where n is even."""
-    least, most = widened(p, q, 0.5 * abs(n) + 1.0, TINY)
-    even = n % 2 == 0
-    least = larger(0.0, least) if even | (low >= 0.0) else least
-    most = lesser(0.0, most) if (not even) & (high <= 0.0) else most
-    most = most if (n >= 0) | (farthest(p, q) < LARGE) else INF
-    return least if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, most
+    """p and q: the least and the largest n-th power, widened; odd powers have the sign of their base."""
+    p, q = larger(0.0, p) if low >= 0.0 else p, lesser(0.0, q) if (high <= 0.0) & (n % 2 != 0) else q
+    q = q if (n >= 0) | (farthest(p, q) < LARGE) else INF
+    return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q

@@ -29,15 +29,26 @@ BLOCK = 128  # points played at a time: rows of all slots stay in the first-leve
 MANY = 2**21  # operations of all points; fewer are not shared out to threads
 LARGEST = np.finfo(np.float64).max
 
-_BINARY = np.array(
-    [op in "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where".split() for op in OPERATIONS]
-)
-_UNITS = np.array([float(ERRORS.get(op, 0)) for op in OPERATIONS])
+
+def _which(names: str) -> Any:
+    return np.isin(OPERATIONS, names.split())
+
+
+_BINARY = _which("add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where")
+_PLAYED_AS = np.arange(len(OPERATIONS))  # what is the same for values: truths are 0 and 1
+_PLAYED_AS[[SQR, AND, OR]] = MUL, MUL, MAX
+# How intervals follow from values at ends: an operation falls with an operand where there is a 1, and rises elsewhere,
+# or does so with an absolute value. Then the ends move outward, by a share and by what a tiny result, or 0, may be off.
+_FALLS = np.stack([_which("neg not arccos less lesseq"), _which("sub")], axis=1).astype(np.int64)
+_ABSOLUTE = _which("abs sqr hypot")
+_SHARE = np.array([(2 * ERRORS.get(op, 0) + 1) * STEP for op in OPERATIONS])
+_SHARE[_which("neg abs min max floor mod sign less lesseq and or not")] = 0.0
+_TINY = np.where((_SHARE == 0.0) | _which("add sub"), 0.0, TINY)  # sums that are tiny are exact
+_ZERO = np.where(_which("sqr exp pow power arctan2"), TINY, 0.0)
 _RANGES = np.full((len(OPERATIONS), 2), [-INF, INF])
-_RANGES[[EXP, POW, HYPOT, ARCCOS], 0], _RANGES[ARCCOS, 1] = 0.0, PI_UP
-_RANGES[TANH], _RANGES[ARCTAN2] = [-1.0, 1.0], [-PI_UP, PI_UP]
-_RANGES[ARCTAN] = _RANGES[ARCSIN] = [-PI_UP / 2, PI_UP / 2]
-_ZERO = np.where(np.isin(OPERATIONS, ("exp", "pow", "arctan2")), TINY, 0.0)  # what a result that is 0 may be off
+_RANGES[_which("abs sqr sqrt exp pow hypot arccos"), 0], _RANGES[ARCCOS, 1] = 0.0, PI_UP
+_RANGES[_which("tanh sin cos")], _RANGES[ARCTAN2] = [-1.0, 1.0], [-PI_UP, PI_UP]
+_RANGES[_which("arctan arcsin")] = [-PI_UP / 2, PI_UP / 2]
 
 
 class Tape(NamedTuple):
@@ -78,9 +89,6 @@ def _arithmetic(op, a, b, out, count):
     elif op == ABS:
         for m in range(count):
             out[m] = abs(a[m])
-    elif op == SQR:
-        for m in range(count):
-            out[m] = a[m] * a[m]
     elif op == SQRT:
         for m in range(count):
             out[m] = np.sqrt(a[m])
@@ -106,12 +114,9 @@ def _elementary(op, a, b, out, count):
     elif op == LOG:
         for m in range(count):
             out[m] = elementary.log(a[m])
-    elif op == SIN:
+    elif op == SIN or op == COS:
         for m in range(count):
-            out[m] = elementary.sin(a[m])
-    elif op == COS:
-        for m in range(count):
-            out[m] = elementary.cos(a[m])
+            out[m] = elementary.sine(a[m], op - SIN)
     elif op == TAN:
         for m in range(count):
             out[m] = elementary.tan(a[m])
@@ -169,18 +174,26 @@ def _truths(op, a, b, c, out, count):
     elif op == EQUAL:
         for m in range(count):
             out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
-    elif op == AND:
-        for m in range(count):
-            out[m] = a[m] * b[m]
-    elif op == OR:
-        for m in range(count):
-            out[m] = a[m] + b[m] - a[m] * b[m]
     elif op == NOT:
         for m in range(count):
             out[m] = 1.0 - a[m]
     elif op == WHERE:
         for m in range(count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
+
+
+@kernel(nogil=True, error_model="numpy")
+def _values(op, a, b, c, n, out, count):
+    """Play an operation of operands (BLOCK,) each; of `power` n is the exponent."""
+    op = _PLAYED_AS[op]
+    if op < POWER or MIN <= op <= FLOOR:
+        _arithmetic(op, a, b, out, count)
+    elif op == POWER:
+        _power(a, n, out, count)
+    elif op <= HYPOT or op == MOD:
+        _elementary(op, a, b, out, count)
+    else:
+        _truths(op, a, b, c, out, count)
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -241,14 +254,8 @@ def play_part(tape, points, parameters, out, start, stop):
             else:
                 a = room[place[first]]
                 b = room[place[code[k, 3]]] if _BINARY[op] else a
-                if op < POWER or MIN <= op <= FLOOR:
-                    _arithmetic(op, a, b, result, count)
-                elif op == POWER:
-                    _power(a, int(value[k]), result, count)
-                elif op <= HYPOT or op == MOD:
-                    _elementary(op, a, b, result, count)
-                else:
-                    _truths(op, a, b, room[place[code[k, 4]]] if op == WHERE else a, result, count)
+                c = room[place[code[k, 4]]] if op == WHERE else a
+                _values(op, a, b, c, int(value[k]), result, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             result = room[place[outputs[i]]]
@@ -273,52 +280,68 @@ def _share_out(part: Any, count: int, *arguments: Any) -> None:
 
 
 @kernel(nogil=True, error_model="numpy")
-def _simple_bounds(op, a, b, out, count):
-    """Operands and result are (2, BLOCK): least and largest."""
-    if op == ADD:
+def _magnitudes(a, out, count):
+    for m in range(count):
+        out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
+
+
+@kernel(nogil=True, error_model="numpy")
+def _at_ends(op, a, b, n, out, work, count):
+    """The values at those ends of the operands where they are extreme, and what waves are between ends."""
+    if _ABSOLUTE[op] or (op == POWER and n % 2 == 0):
+        _magnitudes(a, work[0], count)
+        _magnitudes(b, work[1], count)
+        a, b = work[0], work[1]
+    i, j = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]
+    _values(op, a[i], b[j], a[i], n, out[0], count)
+    _values(op, a[1 - i], b[1 - j], a[i], n, out[1], count)
+    if op == POW or op == ARCTAN2:  # they rise with an operand, or fall, as the other one is
+        for i in range(2):
+            _values(op, a[i], b[1 - i], a[i], n, work[0, i], count)
         for m in range(count):
-            out[0, m], out[1, m] = intervals.of_sum(a[0, m] + b[0, m], a[1, m] + b[1, m])
-    elif op == SUB:
+            out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], work[0, 0, m], work[0, 1, m])
+    elif op == SIN or op == COS:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.of_sum(a[0, m] - b[1, m], a[1, m] - b[0, m])
-    elif op == MUL:
+            shift = 0.25 if op == SIN else 0.0
+            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
+
+
+@kernel(nogil=True, error_model="numpy")
+def _monotone(op, a, b, n, out, work, count):
+    """Operations that are monotone, at least in pieces: from the values at ends."""
+    _at_ends(op, a, b, n, out, work, count)
+    share, tiny, zero = _SHARE[op] if op != POWER else (abs(n) + 3.0) * STEP, _TINY[op], _ZERO[op]
+    lowest, highest = _RANGES[op, 0] if op != POWER or n % 2 != 0 else 0.0, _RANGES[op, 1]
+    for m in range(count):
+        low, high = intervals.widened(out[0, m], out[1, m], share, tiny, zero)
+        out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
+    if op == TAN:
+        for m in range(count):
+            out[0, m] = intervals.tan(a[0, m], a[1, m], out[0, m])
+    elif op == POWER:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.power(a[0, m], a[1, m], out[0, m], out[1, m], n)
+    elif op == MOD:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
+    elif op == POW:
+        for m in range(count):
+            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
+    elif op == ARCTAN2:
+        for m in range(count):
+            cut = (a[0, m] <= 0.0) & (a[1, m] >= 0.0) & (b[0, m] <= 0.0)  # or the origin
+            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
+
+
+@kernel(nogil=True, error_model="numpy")
+def _bounds(op, a, b, c, n, out, work, count):
+    """As `_values`, but all but n are (2, BLOCK): least and largest; work (2, 2, BLOCK): overwritten."""
+    if op == MUL:
         for m in range(count):
             out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])
     elif op == DIV:
         for m in range(count):
             out[0, m], out[1, m] = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
-    elif op == NEG:
-        for m in range(count):
-            out[0, m], out[1, m] = -a[1, m], -a[0, m]
-    elif op == ABS:
-        for m in range(count):
-            out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
-    elif op == SQR:
-        for m in range(count):
-            out[0, m], out[1, m] = intervals.sqr(a[0, m], a[1, m])
-    elif op == SQRT:
-        for m in range(count):
-            out[0, m], out[1, m] = intervals.sqrt(a[0, m], a[1, m])
-    elif op == MIN:
-        for m in range(count):
-            out[0, m], out[1, m] = lesser(a[0, m], b[0, m]), lesser(a[1, m], b[1, m])
-    elif op == MAX:
-        for m in range(count):
-            out[0, m], out[1, m] = larger(a[0, m], b[0, m]), larger(a[1, m], b[1, m])
-    elif op == FLOOR:
-        for m in range(count):
-            out[0, m], out[1, m] = np.floor(a[0, m]), np.floor(a[1, m])
-
-
-@kernel(nogil=True, error_model="numpy")
-def _truth_bounds(op, a, b, c, out, count):
-    """What rises with each operand is played at both ends; c: the third operand of `where` only."""
-    if op == LESS:
-        for m in range(count):
-            out[0, m], out[1, m] = 1.0 if a[1, m] < b[0, m] else 0.0, 1.0 if a[0, m] < b[1, m] else 0.0
-    elif op == LESSEQ:
-        for m in range(count):
-            out[0, m], out[1, m] = 1.0 if a[1, m] <= b[0, m] else 0.0, 1.0 if a[0, m] <= b[1, m] else 0.0
     elif op == EQUAL:
         for m in range(count):
             out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0
@@ -328,83 +351,10 @@ def _truth_bounds(op, a, b, c, out, count):
             sure, never = a[0, m] > 0.0, a[1, m] <= 0.0
             low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))
             high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
-            both = (b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never
-            out[0, m], out[1, m] = low if both & (a[0, m] == a[0, m]) else NAN, high
+            fine = (a[0, m] == a[0, m]) & ((b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never)
+            out[0, m], out[1, m] = low if fine else NAN, high
     else:
-        _truths(op, a[0], b[0], a[0], out[0], count)
-        _truths(op, a[1], b[1], a[1], out[1], count)
-        if op == NOT:
-            for m in range(count):
-                out[0, m], out[1, m] = out[1, m], out[0, m]
-
-
-@kernel(nogil=True, error_model="numpy")
-def _power_bounds(a, n, out, work, count):
-    """Of an even power the base counts by its absolute value; a negative one falls where it rises with its base."""
-    for m in range(count):
-        low, high = a[0, m], a[1, m]
-        if n % 2 == 0:
-            low, high = nearest(low, high), farthest(low, high)
-        work[0, m], work[1, m] = low if n >= 0 else high, high if n >= 0 else low
-    _power(work[0], n, out[0], count)
-    _power(work[1], n, out[1], count)
-    for m in range(count):
-        out[0, m], out[1, m] = intervals.power(a[0, m], a[1, m], out[0, m], out[1, m], n)
-
-
-@kernel(nogil=True, error_model="numpy")
-def _at_ends(op, a, b, out, work, count):
-    """The least and the largest value at the ends of the operands: of what rises or falls in each of them."""
-    if op == HYPOT:
-        for m in range(count):
-            work[0, m], work[1, m] = nearest(a[0, m], a[1, m]), nearest(b[0, m], b[1, m])
-        _elementary(op, work[0], work[1], out[0], count)
-        for m in range(count):
-            work[0, m], work[1, m] = farthest(a[0, m], a[1, m]), farthest(b[0, m], b[1, m])
-        _elementary(op, work[0], work[1], out[1], count)
-        return
-    _elementary(op, a[0], b[0], out[0], count)
-    _elementary(op, a[1], b[0], out[1], count)
-    if op == ARCCOS:
-        for m in range(count):
-            out[0, m], out[1, m] = out[1, m], out[0, m]
-    if op == POW or op == ARCTAN2:
-        for m in range(count):
-            low, high = out[0, m], out[1, m]
-            out[0, m], out[1, m] = lesser(low, high), larger(low, high)
-        for i in range(2):
-            _elementary(op, a[i], b[1], work[0], count)
-            for m in range(count):
-                value = work[0, m]
-                out[0, m], out[1, m] = lesser(value, out[0, m]), larger(value, out[1, m])
-
-
-@kernel(nogil=True, error_model="numpy")
-def _elementary_bounds(op, a, b, out, work, count):
-    """Of what `_elementary` plays: its values at the ends, moved outward by more than its error."""
-    units, lowest, highest, zero = _UNITS[op], _RANGES[op, 0], _RANGES[op, 1], _ZERO[op]
-    _at_ends(op, a, b, out, work, count)
-    if op == SIN or op == COS:
-        shift = 0.25 if op == SIN else 0.0
-        for m in range(count):
-            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift, units)
-    elif op == TAN:
-        for m in range(count):
-            out[0, m], out[1, m] = intervals.tan(a[0, m], a[1, m], out[0, m], out[1, m], units)
-    elif op == MOD:
-        for m in range(count):
-            out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
-    else:
-        for m in range(count):
-            low, high = intervals.widened(out[0, m], out[1, m], units, zero)
-            out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
-    if op == POW:
-        for m in range(count):
-            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
-    elif op == ARCTAN2:
-        for m in range(count):
-            cut = (a[0, m] <= 0.0) & (a[1, m] >= 0.0) & (b[0, m] <= 0.0)  # or the origin
-            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
+        _monotone(op, a, b, n, out, work, count)
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -417,10 +367,10 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
         for axis in range(lookup[0]):
             operand, last = room[place[lookup[1 + axis]]], lookup[7 + axis] - 1.0
             lower, spacing = places[axis], places[6 + axis]
-            low, high = intervals.of_sum(operand[0, m] - lower, operand[1, m] - lower)
-            low, high = intervals.of_sum(low / spacing, high / spacing)
+            low, high = (operand[0, m] - lower) / spacing, (operand[1, m] - lower) / spacing
+            low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
-            ends[0, axis], ends[1, axis] = min(max(low - TINY, 0.0), last), min(max(high + TINY, 0.0), last)
+            ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
             number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0
             at[axis] = 0
             total *= number[axis]
@@ -458,13 +408,12 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
     code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
     room, place, spare = np.empty((slots + 1, 2, width)), np.arange(slots), slots
-    work = np.empty((2, width))
+    work = np.empty((2, 2, width))
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
             op, slot, first = code[k, 0], code[k, 1], code[k, 2]
             result = room[spare]
-            a, b = result, result
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
@@ -475,21 +424,13 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
                     result[0, m], result[1, m] = least, most
             elif op == GRIDDED:
                 _gridded_bounds(lookups[first], places[first], tables, room, place, result, count)
-            elif op == WHERE:
-                b, c = room[place[code[k, 3]]], room[place[code[k, 4]]]
-                _truth_bounds(op, room[place[first]], b, c, result, count)
-                b = result
             else:
                 a = room[place[first]]
                 b = room[place[code[k, 3]]] if _BINARY[op] else a
-                if op < POWER or MIN <= op <= FLOOR:
-                    _simple_bounds(op, a, b, result, count)
-                elif op == POWER:
-                    _power_bounds(a, int(value[k]), result, work, count)
-                elif op <= HYPOT or op == MOD:
-                    _elementary_bounds(op, a, b, result, work, count)
-                else:
-                    _truth_bounds(op, a, b, a, result, count)
+                c = room[place[code[k, 4]]] if op == WHERE else a
+                _bounds(op, a, b, c, int(value[k]), result, work, count)
+            if op < ADD or op >= WHERE:
+                a, b = result, result
             _or_nothing(a, b, result, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
