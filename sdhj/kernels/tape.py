@@ -70,7 +70,8 @@ class Tape(NamedTuple):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _arithmetic(op, a, b, out, count):
+def _arithmetic(op, room, i, j, k, count):
+    a, b, out = room[i], room[j], room[k]
     if op == ADD:
         for m in range(count):
             out[m] = a[m] + b[m]
@@ -104,7 +105,8 @@ def _arithmetic(op, a, b, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _elementary(op, a, b, out, count):
+def _elementary(op, room, i, j, k, count):
+    a, b, out = room[i], room[j], room[k]
     if op == POW:
         for m in range(count):
             out[m] = elementary.pow(a[m], b[m])
@@ -144,8 +146,9 @@ def _elementary(op, a, b, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _power(a, n, out, count):
+def _power(room, i, n, k, count):
     """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
+    a, out = room[i], room[k]
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
     for digit in range(6, -1, -1):
@@ -161,7 +164,8 @@ def _power(a, n, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _truths(op, a, b, c, out, count):
+def _truths(op, room, i, j, k, last, count):
+    a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
         for m in range(count):
             out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else 0.0 * a[m])
@@ -183,17 +187,17 @@ def _truths(op, a, b, c, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _values(op, a, b, c, n, out, count):
-    """Play an operation of operands (BLOCK,) each; of `power` n is the exponent."""
+def _values(op, room, i, j, k, n, last, count):
+    """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
     op = _PLAYED_AS[op]
     if op < POWER or MIN <= op <= FLOOR:
-        _arithmetic(op, a, b, out, count)
+        _arithmetic(op, room, i, j, k, count)
     elif op == POWER:
-        _power(a, n, out, count)
+        _power(room, i, n, k, count)
     elif op <= HYPOT or op == MOD:
-        _elementary(op, a, b, out, count)
+        _elementary(op, room, i, j, k, count)
     else:
-        _truths(op, a, b, c, out, count)
+        _truths(op, room, i, j, k, last, count)
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -252,10 +256,8 @@ def play_part(tape, points, parameters, out, start, stop):
             elif op == GRIDDED:
                 _gridded(lookups[first], places[first], tables, room, place, result, count)
             else:
-                a = room[place[first]]
-                b = room[place[code[k, 3]]] if _BINARY[op] else a
-                c = room[place[code[k, 4]]] if op == WHERE else a
-                _values(op, a, b, c, int(value[k]), result, count)
+                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
+                _values(op, room, i, place[code[k, 3]] if _BINARY[op] else i, spare, int(value[k]), last, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             result = room[place[outputs[i]]]
@@ -286,20 +288,22 @@ def _magnitudes(a, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _at_ends(op, a, b, n, out, work, count):
+def _at_ends(op, pairs, i, j, k, n, count):
     """The values at those ends of the operands where they are extreme, and what waves are between ends."""
+    work, rows = pairs.shape[0] - 2, pairs.reshape(-1, pairs.shape[2])  # the row of a lower end, then of the upper one
     if _ABSOLUTE[op] or (op == POWER and n % 2 == 0):
-        _magnitudes(a, work[0], count)
-        _magnitudes(b, work[1], count)
-        a, b = work[0], work[1]
-    i, j = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]
-    _values(op, a[i], b[j], a[i], n, out[0], count)
-    _values(op, a[1 - i], b[1 - j], a[i], n, out[1], count)
+        _magnitudes(pairs[i], pairs[work], count)
+        _magnitudes(pairs[j], pairs[work + 1], count)
+        i, j = work, work + 1
+    p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]
+    _values(op, rows, 2 * i + p, 2 * j + q, 2 * k, n, 0, count)
+    _values(op, rows, 2 * i + 1 - p, 2 * j + 1 - q, 2 * k + 1, n, 0, count)
+    a, out, other = pairs[i], pairs[k], pairs[work]
     if op == POW or op == ARCTAN2:  # they rise with an operand, or fall, as the other one is
-        for i in range(2):
-            _values(op, a[i], b[1 - i], a[i], n, work[0, i], count)
+        for p in range(2):
+            _values(op, rows, 2 * i + p, 2 * j + 1 - p, 2 * work + p, n, 0, count)
         for m in range(count):
-            out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], work[0, 0, m], work[0, 1, m])
+            out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], other[0, m], other[1, m])
     elif op == SIN or op == COS:
         for m in range(count):
             shift = 0.25 if op == SIN else 0.0
@@ -307,9 +311,10 @@ def _at_ends(op, a, b, n, out, work, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _monotone(op, a, b, n, out, work, count):
+def _monotone(op, pairs, i, j, k, n, count):
     """Operations that are monotone, at least in pieces: from the values at ends."""
-    _at_ends(op, a, b, n, out, work, count)
+    _at_ends(op, pairs, i, j, k, n, count)
+    a, b, out = pairs[i], pairs[j], pairs[k]
     share, tiny, zero = _SHARE[op] if op != POWER else (abs(n) + 3.0) * STEP, _TINY[op], _ZERO[op]
     lowest, highest = _RANGES[op, 0] if op != POWER or n % 2 != 0 else 0.0, _RANGES[op, 1]
     for m in range(count):
@@ -334,9 +339,16 @@ def _monotone(op, a, b, n, out, work, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _bounds(op, a, b, c, n, out, work, count):
-    """As `_values`, but all but n are (2, BLOCK): least and largest; work (2, 2, BLOCK): overwritten."""
-    if op == MUL:
+def _bounds(op, pairs, i, j, k, n, last, count):
+    """As `_values`, of pairs (rows, 2, BLOCK): least and largest; the last two rows of them are overwritten."""
+    a, b, c, out = pairs[i], pairs[j], pairs[last], pairs[k]
+    if op == ADD:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.widened(a[0, m] + b[0, m], a[1, m] + b[1, m], STEP, 0.0, 0.0)
+    elif op == SUB:
+        for m in range(count):
+            out[0, m], out[1, m] = intervals.widened(a[0, m] - b[1, m], a[1, m] - b[0, m], STEP, 0.0, 0.0)
+    elif op == MUL:
         for m in range(count):
             out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])
     elif op == DIV:
@@ -354,7 +366,7 @@ def _bounds(op, a, b, c, n, out, work, count):
             fine = (a[0, m] == a[0, m]) & ((b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never)
             out[0, m], out[1, m] = low if fine else NAN, high
     else:
-        _monotone(op, a, b, n, out, work, count)
+        _monotone(op, pairs, i, j, k, n, count)
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -407,8 +419,7 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
     """`play_bounds` of the boxes from start to stop; rows as in `_play`."""
     code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
-    room, place, spare = np.empty((slots + 1, 2, width)), np.arange(slots), slots
-    work = np.empty((2, 2, width))
+    room, place, spare, i, j = np.empty((slots + 3, 2, width)), np.arange(slots), slots, 0, 0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
@@ -425,13 +436,12 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
             elif op == GRIDDED:
                 _gridded_bounds(lookups[first], places[first], tables, room, place, result, count)
             else:
-                a = room[place[first]]
-                b = room[place[code[k, 3]]] if _BINARY[op] else a
-                c = room[place[code[k, 4]]] if op == WHERE else a
-                _bounds(op, a, b, c, int(value[k]), result, work, count)
+                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
+                j = place[code[k, 3]] if _BINARY[op] else i
+                _bounds(op, room, i, j, spare, int(value[k]), last, count)
             if op < ADD or op >= WHERE:
-                a, b = result, result
-            _or_nothing(a, b, result, count)
+                i, j = spare, spare
+            _or_nothing(room[i], room[j], result, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             result = room[place[outputs[i]]]
