@@ -15,8 +15,9 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import ascending, option, whole
+from sdhj.problem.checks import ascending, option
 from sdhj.problem.maps import map_level_set, polygon_level_set
+from sdhj.problem.tubes import table_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # factor inside sets of sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
@@ -193,55 +194,3 @@ def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
     if len(pair := ascending(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return pair
-
-
-def table_level_set(table: Any, within: int | None = None) -> StaticLevelSet:
-    """Level-set function of the tube of a table, as the target of a second problem that leads into it.
-
-    Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
-    delta, within all steps that are left or `within` of them: the states from which the table reaches its target or,
-    without one, stays safe. It is empty after the table's last step and at times other than its sampling times; if
-    nothing depends on time in the table's problem, step 0 is used at every time.
-
-    For a certified table the target is exactly its certified cells, and a certified table of the second problem proves
-    the whole way: a cell is in its target if certified cells of the first table cover it. Rounding at the handover may
-    move a state out of them by what it may in three steps (`sdhj.certified.cells.DRIFT`), within the slack of every
-    certified set. Tubes of other tables are not proved, so method "certified" refuses them as targets.
-
-    Raises
-    ------
-    ValueError
-        If `table` is not a table, or does not have `within` steps.
-    """
-    if not hasattr(table, "values_at"):
-        raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
-    most = table.steps if within is None else whole("within", within, least=0, most=table.steps)
-    problem = table.problem
-
-    def step_at(t: float) -> int | None:
-        step = 0 if problem.timeless else max(round((t - problem.time(0)) / problem.delta), 0)
-        on_time = problem.timeless or abs(problem.time(step) - t) <= 1e-9 * problem.delta
-        return step if on_time and step <= table.steps else None
-
-    def level_set(points: FloatArray, t: float) -> FloatArray:
-        step = step_at(t)
-        if step is None:
-            return np.ones(len(points))
-        if table.method == "certified":
-            return np.where(table.contains(points, start=step, within=most), -1.0, 1.0)
-        tube = table.values(start=step, within=most)
-        return np.minimum(problem.grid.interpolate(tube, points), max(float(tube.max()), 1.0))
-
-    def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        if t0 != t1 and not problem.timeless:
-            raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
-        step = step_at(t0)
-        if step is None:
-            return np.ones(len(low)), np.ones(len(low))
-        off = table.proof.unsure  # with sensing the certified states are predictions
-        every, some = table.over(low - off, high + off, start=step, within=most)
-        return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
-
-    if table.method == "certified":
-        level_set.enclosure = enclosure  # type: ignore[attr-defined]
-    return level_set
