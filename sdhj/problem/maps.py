@@ -238,21 +238,19 @@ def _inside(right: FloatArray, corners: FloatArray, directions: FloatArray) -> F
     count = len(corners)
     low, high = (int(place(corners[:, 0])) for place in (np.argmin, np.argmax))
     high += count * (high < low)
-    todo: list[Any] = [
-        np.maximum,
-        (low, high),
-        (high, low + count),
-    ]  # chains of edges, and below how they are put together
+    todo: list[Any] = [np.maximum, (low, high), (high, low + count)]  # chains of edges, and what puts two together
     done: list[FloatArray] = []
     while todo:
         one = todo.pop()
         if not isinstance(one, tuple):
             done.append(one(done.pop(), done.pop()))
-        elif one[1] - one[0] == 1:
-            done.append(right[:, one[0] % count])
+            continue
+        first, last = one
+        if last - first == 1:
+            done.append(right[:, first % count])
         else:
-            corner, turns_left = _cut(*one, corners, directions)
-            todo += [np.maximum if turns_left else np.minimum, (one[0], corner), (corner, one[1])]
+            corner, turns_left = _cut(first, last, corners, directions)
+            todo += [np.maximum if turns_left else np.minimum, (first, corner), (corner, last)]
     return done[0]
 
 
