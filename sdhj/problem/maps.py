@@ -261,8 +261,8 @@ def _cut(first: int, last: int, corners: FloatArray, directions: FloatArray) -> 
     out = ahead - behind  # farthest that way is a corner: both rays go back
     if np.hypot(*out) < 1e-6:  # they are opposite: to the side, to which the other ray does not go
         out = np.array([-ahead[1], ahead[0]])
-        out = -out if out @ behind > 0.0 else out
+        out = -out if (out * behind).sum() > 0.0 else out
     between = np.arange(first + 1, last)
-    corner = int(between[np.argmax(corners[between % count] @ out)])
+    corner = int(between[np.argmax((corners[between % count] * out).sum(axis=1))])
     x, y = directions[(corner - 1) % count] + directions[corner % count]
     return corner, bool(out[0] * y - out[1] * x > 0.0)
