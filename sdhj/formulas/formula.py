@@ -208,11 +208,17 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 
 
 def read(
-    name: str, function: Any, rows: int, given: Sequence[Any], shape: Sequence[int] | None, per_point: bool
+    name: str,
+    function: Any,
+    rows: int,
+    given: Sequence[Any],
+    shape: Sequence[int] | None,
+    per_point: bool,
+    again: bool = True,
 ) -> tuple[list[Node], tuple[int, ...]]:
     """As `traced`, with advice where it fails."""
     try:
-        return traced(name, function, rows, given, shape, per_point)
+        return traced(name, function, rows, given, shape, per_point, again)
     except NotTraced as error:
         raise ValueError(
             f"{error}. What cannot be written so is wrapped, with what is known of it: "

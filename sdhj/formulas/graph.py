@@ -6,6 +6,7 @@ objects. A node is simplified when it is made, but no operand that may be undefi
 
 import math
 import operator
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 from weakref import WeakValueDictionary
@@ -13,6 +14,8 @@ from weakref import WeakValueDictionary
 from sdhj.formulas.rules import RULES
 
 MOST_EXPONENT = 64  # of `power`, a whole number
+MOST_TOTAL = 8  # ... up to which powers are taken not to overflow
+_lock = threading.Lock()
 _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 
@@ -26,9 +29,9 @@ class Node:
     args : tuple of Node
     value : the number of a constant, the exponent of a power, the table of a look-up, or for a leaf (index, row)
     truth : bool
-        Whether it is a truth value, 0 or 1.
+        Whether it is 0 or 1 wherever it is defined.
     total : bool
-        Whether it is defined for all finite coordinates and parameters.
+        Whether it is defined, and does not overflow, for all coordinates and parameters that a state may have.
     """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
@@ -55,19 +58,20 @@ class Node:
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
     """The node with these parts."""
-    key = (op, args, repr(value) if isinstance(value, float) else value)  # -0.0 is not 0.0, and NaN is NaN
+    key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
     if found is None:
         found, rule = Node(), RULES[op]
         found.op, found.args, found.value, found.truth = op, args, value, rule.truth
-        found.total = rule.total and all(arg.total for arg in args) and not (op == "const" and math.isnan(value))
+        found.total = rule.total and all(arg.total for arg in args)
         if op == "where":
             found.truth = args[1].truth and args[2].truth
         elif op == "const":
-            found.truth = isinstance(value, bool)
+            found.truth, found.total = value in (0.0, 1.0) or math.isnan(value), math.isfinite(value)
         elif op == "power":
-            found.total = found.total and value >= 0
-        found = _nodes.setdefault(key, found)
+            found.total = found.total and 0 <= value <= MOST_TOTAL
+        with _lock:
+            found = _nodes.setdefault(key, found)
     return found
 
 
@@ -76,8 +80,8 @@ def leaf(kind: str, index: int, row: int = 0) -> Node:
     return interned(kind, (), (index, row))
 
 
-def constant(value: float | bool) -> Node:
-    return interned("const", (), value if isinstance(value, bool) else float(value))
+def constant(value: float) -> Node:
+    return interned("const", (), float(value) + 0.0)  # signs of zeros are not told apart
 
 
 def node(value: Any) -> Node:
@@ -121,13 +125,13 @@ def make(op: str, *args: Node, value: Any = None) -> Node:
 
 def _add(a: Node, b: Node) -> Node | None:
     if is_constant(a, 0.0) or is_constant(b, 0.0):
-        return _number(b if is_constant(a, 0.0) else a)
+        return b if is_constant(a, 0.0) else a
     return make("sub", a, b.args[0]) if b.op == "neg" else None
 
 
 def _sub(a: Node, b: Node) -> Node | None:
     if is_constant(b, 0.0):
-        return _number(a)
+        return a
     if a is b and a.total:
         return constant(0.0)
     return make("neg", b) if is_constant(a, 0.0) else None
@@ -138,19 +142,19 @@ def _mul(a: Node, b: Node) -> Node | None:
         if is_constant(one, 0.0) and other.total:
             return constant(0.0)
         if is_constant(one, 1.0):
-            return _number(other)
+            return other
         if is_constant(one, -1.0):
             return make("neg", other)
     return make("sqr", a) if a is b else None
 
 
 def _div(a: Node, b: Node) -> Node | None:
-    return _number(a) if is_constant(b, 1.0) else None
+    return a if is_constant(b, 1.0) else None
 
 
 def _where(condition: Node, a: Node, b: Node) -> Node | None:
     if is_constant(condition):
-        return a if condition.value else b
+        return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
 
 
@@ -170,11 +174,6 @@ def _same(a: Node, b: Node) -> Node | None:
     return a if a is b else None
 
 
-def _number(one: Node) -> Node | None:
-    """A node in place of a sum or a product that it equals; a truth value is a number only once it is computed with."""
-    return None if one.truth else one
-
-
 SIMPLER: dict[str, Callable[..., Node | None]] = {
     **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
     **{"min": _min, "max": _max, "and": _same, "or": _same},
@@ -187,7 +186,7 @@ def power(a: Node, b: Node) -> Node:
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
-    cheap = {1.0: lambda: make("add", a, constant(0.0)), 2.0: lambda: make("sqr", a), 0.5: lambda: make("sqrt", a)}
+    cheap = {1.0: lambda: a, 2.0: lambda: make("sqr", a), 0.5: lambda: make("sqrt", a)}
     if exponent in cheap:
         return cheap[exponent]()
     if exponent == -1.0:

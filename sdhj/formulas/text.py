@@ -30,7 +30,7 @@ def _details(one: Node, operands: list[int], tables: list[Lookup]) -> list[str]:
     if one.op in ("x", "p"):
         return [str(one.value[0])]
     if one.op == "const":
-        return [str(one.value).lower() if isinstance(one.value, bool) else float(one.value).hex()]
+        return [one.value.hex()]
     if one.op == "power":
         return [*words, str(one.value)]
     if one.op == "gridded":
@@ -80,7 +80,7 @@ def _node(op: str, words: list[str], nodes: list[Node], tables: Sequence[Any], l
         return leaf(op, _index(*words, most=limits[op]))
     if op == "const":
         (word,) = words
-        return constant(word == "true" if word in ("true", "false") else float.fromhex(word))
+        return constant(float.fromhex(word))
     if op == "power":
         base, exponent = words
         if not abs(int(exponent)) <= MOST_EXPONENT:
@@ -183,7 +183,7 @@ def _shown(one: Node, text: Mapping[Node, str], names: Sequence[str], parameters
     if one.op in ("x", "p"):
         return (names if one.op == "x" else parameters)[one.value[0]]
     if one.op == "const":
-        return format(one.value, ".6g") if not isinstance(one.value, bool) else str(one.value)
+        return format(one.value, ".6g")
     if one.op in SIGNS:
         return f"{inside(one.args[0])}{SIGNS[one.op]}{inside(one.args[1], one.op in ('sub', 'div'))}"
     if one.op in ("sqr", "power"):
