@@ -2,13 +2,13 @@
 
 Entries lie in object arrays, so shapes, views, layouts and writing into them are NumPy's own; which type an answer has
 (float64, int64 or bool) NumPy says, too. What is not known refuses, and a refusal counts even where the function
-catches it. Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, are replaced in the module
-`numpy` while a function is traced; they behave as ever for all other arguments, and in all other threads.
+catches it. Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, stand in a module of the tracer's
+that users' modules have for `np` while a function is traced; it is as ever for all other arguments and threads.
 """
 
 import functools
 import itertools
-import operator
+import sys
 import sysconfig
 import threading
 import traceback
@@ -28,6 +28,7 @@ from sdhj.formulas.graph import Node, constant, interned, leaf, make, power
 ROWS = (3, 5, 7, 11, 13, 17, 19, 23)  # points that a function is traced with: a number that no other length equals
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = str(Path(__file__).parent)
+ROOT = str(Path(__file__).parents[1])
 INSTALLED = {sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")}
 FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
 _numbers = itertools.count(1)
@@ -113,7 +114,7 @@ class Traced(NDArrayOperatorsMixin):
     shape = property(lambda self: self.entries.shape)
     ndim = property(lambda self: self.entries.ndim)
     size = property(lambda self: self.entries.size)
-    T = property(lambda self: Traced(self.entries.T, self.dtype))
+    T = property(lambda self: self._moved("transpose"))
     real = property(lambda self: self)
 
     def _decided(self, *_: Any, **__: Any) -> Any:
@@ -138,7 +139,7 @@ class Traced(NDArrayOperatorsMixin):
     def __getitem__(self, at: Any) -> "Traced":
         if _holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", WHERE)
-        return _wrapped(self.entries[at], self.dtype)
+        return _wrapped(entries_of(self)[at], self.dtype)
 
     @_noted
     def __setitem__(self, at: Any, value: Any) -> None:
@@ -189,7 +190,7 @@ class Traced(NDArrayOperatorsMixin):
         return Traced(_written_as(self, np.dtype(dtype)).entries.copy("K"), np.dtype(dtype))
 
     def copy(self, order: Any = "C") -> "Traced":
-        return Traced(self.entries.copy(order), self.dtype)
+        return Traced(entries_of(self).copy(order), self.dtype)
 
     def __copy__(self) -> "Traced":
         return self.copy("K")
@@ -208,7 +209,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @_noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
-        return _wrapped(getattr(self.entries, name)(*args, **options), self.dtype)
+        return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:
@@ -551,7 +552,7 @@ JOINING = {getattr(np, name) for name in JOINS.split() if hasattr(np, name)}
 # ---- what is replaced in numpy
 
 
-LISTS = "min max amin amax sum prod mean any all where clip linalg.norm"  # which may be given a list
+LISTS = "min max amin amax sum prod mean any all where clip"  # which may be given a list
 
 
 def _joined(value: Any) -> Any:
@@ -621,25 +622,54 @@ def _room(name: str, rows: int, trace: int) -> Callable[..., Any]:
     return make_room
 
 
+class _NumPy:
+    """The module numpy, or one within, with other functions in some places."""
+
+    def __init__(self, module: Any, new: dict[str, Any]) -> None:
+        vars(self).update(new, _module=module)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(vars(self)["_module"], name)
+
+
+def _numpy(rows: int) -> _NumPy:
+    makers = {"array": _array, "asarray": _as_array, "asanyarray": _as_array, "ascontiguousarray": _contiguous}
+    new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
+    new |= {name: _room(name, rows, _state.trace) for name in ("full", *FILLED)}
+    new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
+    new |= {one.__name__: _Ufunc(one) for one in REDUCED}
+    return _NumPy(np, new | {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)})})
+
+
+def _globals_of(function: Any) -> list[dict[str, Any]]:
+    """Where the name `np` is looked up by a function and those of the user's that it may call.
+
+    Compiled modules are not among them: they take what np.empty gives for an array without a look at it.
+    """
+    while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
+        function = inner
+    function = getattr(function, "__func__", function)
+    called = function if hasattr(function, "__globals__") else getattr(type(function), "__call__", None)
+    files = [(one, getattr(one, "__file__", None) or "") for one in list(sys.modules.values())]
+    user = [vars(one) for one, file in files if file.endswith(".py") and not file.startswith((*INSTALLED, ROOT))]
+    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *user]
+
+
 @contextmanager
-def _replaced(rows: int) -> Iterator[None]:
-    """NumPy's modules with functions that know traced arrays; no kernel is compiled meanwhile, whose code names them."""
+def _replaced(function: Any, rows: int) -> Iterator[None]:
+    """Users' modules with a NumPy that knows traced arrays; no kernel is compiled meanwhile, whose code names it."""
     with global_compiler_lock:
-        trace = _state.trace or 0
-        new: dict[str, Any] = {name: _listing(operator.attrgetter(name)(np)) for name in LISTS.split()}
-        new |= {name: _room(name, rows, trace) for name in ("full", *FILLED)}
-        makers = {"array": _array, "asarray": _as_array, "asanyarray": _as_array, "ascontiguousarray": _contiguous}
-        new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
-        new |= {one.__name__: _Ufunc(getattr(np, one.__name__)) for one in REDUCED}
-        places = {name: (np.linalg if "." in name else np, name.rpartition(".")[2]) for name in new}
-        before = {name: getattr(*place) for name, place in places.items()}
+        new, before = _numpy(rows), list[tuple[dict[str, Any], str, Any]]()
         try:
-            for name, place in places.items():
-                setattr(*place, new[name])
+            for names in _globals_of(function):
+                for name in ("np", "numpy"):
+                    if names.get(name) is np or isinstance(names.get(name), _NumPy):
+                        before.append((names, name, names[name]))
+                        names[name] = new
             yield
         finally:
-            for name, place in places.items():
-                setattr(*place, before[name])
+            for names, name, module in reversed(before):
+                names[name] = module
 
 
 # ---- a function
@@ -724,7 +754,7 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Seque
     _state.trace, _state.refused, _state.made = next(_numbers), [], 0
     given = [_argument(one, rows) for one in arguments]
     try:
-        with _replaced(rows):
+        with _replaced(function, rows):
             answer, error = _traced(function(*given)).entries, None
     except Exception as failed:
         error = failed

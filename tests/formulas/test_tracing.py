@@ -458,12 +458,11 @@ def test_a_trace_within_a_trace():
 
     def outer(p, t):
         inner.append(nodes_of(lambda q, s: np.min([q[:, 0], q[:, 1]], axis=0)))
-        with pytest.raises(NotTraced):
-            nodes_of(lambda q, s: q[:, 0] if s > 0 else q[:, 1])
         return np.max([p[:, 0], p[:, 1]], axis=0)
 
     check(outer)
     assert inner[0][0].op == "min"
+    refused(lambda p, t: tries(p, nodes_of(TRACE["time"])), DECISION)
     refused(lambda p, t: p[:, 0] + (0.0 if nodes_of(lambda q, s: q[:, 0] + t) else 1.0), "kept from another call")
 
 
