@@ -217,7 +217,9 @@ class Dynamics:
         for j, u in enumerate(self.inputs):
             values = known | {"u": sealed(u)}
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = read(label, given, rows, [values[each] for each in takes], shape, "points" in takes, again=j == 0)
+            found, one = read(
+                label, given, rows, [values[each] for each in takes], shape, "points" in takes, again=j == 0
+            )
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
             outputs += found
