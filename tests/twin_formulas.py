@@ -1,4 +1,4 @@
-"""A slow twin of formulas: a graph in plain Python floats, one point at a time, by the rules. Imports nothing of sdhj."""
+"""A slow twin of formulas: a graph in plain floats, one point at a time, by the rules. Imports nothing of sdhj."""
 
 import math
 from itertools import product

@@ -1,0 +1,545 @@
+"""Arrays whose entries are nodes: NumPy's operations on them build the graph of what a function computes.
+
+Entries lie in object arrays, so shapes, views, layouts and writing into them are NumPy's own; which type an answer has
+(float64, int64 or bool) NumPy says, too. What is not known refuses, and a refusal counts even where the function
+catches it.
+"""
+
+import functools
+import sysconfig
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib.array_utils import normalize_axis_tuple
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from sdhj.formulas.graph import Node, constant, make, power
+
+MOST_NODES = 200_000  # entries that one function may compute
+HERE = str(Path(__file__).parent)
+INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
+FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
+
+
+class _State(threading.local):
+    """What is being traced in this thread.
+
+    Attributes
+    ----------
+    trace : int or None
+        The number of the trace: arrays of another one do not belong in it.
+    refused : list of (what, place)
+    made : int
+        How many entries have been computed.
+    """
+
+    trace: int | None = None
+    refused: "list[tuple[str, str]]"
+    made = 0
+
+
+state = _State()
+
+
+class NotTraced(ValueError):
+    """Something in a function that formulas do not know: what, and how to write it."""
+
+    def __init__(self, what: str, instead: str = "") -> None:
+        what = what.strip()
+        super().__init__(f"{what}; {instead}" if instead else what)
+        if state.trace is not None:
+            state.refused.append((str(self), _place()))
+
+
+def _place() -> str:
+    """File and line of the user's frame that is at work: the innermost one that is not installed."""
+    frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
+    ours = [one for one in frames if not one.filename.startswith(INSTALLED)]
+    return "file {0.filename}, line {0.lineno}".format((ours or frames)[-1])
+
+
+def noted(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method whose errors count as refusals: whoever catches them goes another way than with numbers."""
+
+    @functools.wraps(method)
+    def watched(*args: Any, **options: Any) -> Any:
+        try:
+            return method(*args, **options)
+        except NotTraced:
+            raise
+        except Exception as error:
+            raise NotTraced(f"{type(error).__name__}: {error}") from error
+
+    return watched
+
+
+WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
+
+
+class Traced(NDArrayOperatorsMixin):
+    """An array of nodes that behaves as NumPy's array of the values would, or refuses.
+
+    Parameters
+    ----------
+    entries : object array of Node
+        Read-only where NumPy has an argument, or a number that is no array.
+    dtype : what NumPy's array has, one of float64, int64 and bool
+    """
+
+    __array_priority__ = 2000
+
+    def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
+        if dtype not in (FLOAT, WHOLE, TRUTH):
+            raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
+        self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
+
+    @property
+    def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
+        numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
+        return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
+
+    shape = property(lambda self: self.entries.shape)
+    ndim = property(lambda self: self.entries.ndim)
+    size = property(lambda self: self.entries.size)
+    T = property(lambda self: self._moved("transpose"))
+    real = property(lambda self: self)
+
+    def _decided(self, *_: Any, **__: Any) -> Any:
+        raise NotTraced("a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE)
+
+    __bool__ = __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _decided
+    __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"<traced array of shape {self.shape}>"
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise NotTraced("a conversion to a plain array", "np.stack and np.array make arrays of what is computed")
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __iter__(self) -> Iterator["Traced"]:
+        return (self[k] for k in range(len(self)))
+
+    @noted
+    def __getitem__(self, at: Any) -> "Traced":
+        if holds_traced(at):
+            raise NotTraced("an index or a mask that depends on values", WHERE)
+        return _wrapped(entries_of(self)[at], self.dtype)
+
+    @noted
+    def __setitem__(self, at: Any, value: Any) -> None:
+        if not self.entries.flags.writeable:
+            raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
+        value = written_as(traced_array(value), self.dtype).entries
+        if isinstance(at, Traced):
+            if at.dtype != TRUTH or value.ndim or at.shape != self.shape:
+                raise NotTraced("writing where values say so", WHERE)
+            value, at = _each("where", entries_of(at), value, self.entries), ...
+        elif holds_traced(at):
+            raise NotTraced("writing where values say so", WHERE)
+        self.entries[at] = value if value.ndim else value[()]
+
+    @noted
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
+        options = _given(options)
+        if method == "reduce" and ufunc in REDUCED and out is None:
+            return _reduced(ufunc, *inputs, **{"axis": 0} | options)
+        if method not in ("__call__", "outer") or options:
+            raise NotTraced(f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}")
+        arrays = [traced_array(one) for one in inputs]
+        if method == "outer":
+            arrays[0] = arrays[0].reshape(*arrays[0].shape, *[1] * arrays[1].ndim)
+        answer = _computed(ufunc, arrays, _type_of(ufunc, inputs))
+        return _number(answer) if out is None or out[0] is None else _put(answer, out[0])
+
+    @noted
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        if function in FUNCTIONS:
+            try:
+                return FUNCTIONS[function](*args, **(options := _given(options)))
+            except TypeError as error:
+                raise NotTraced(f"numpy.{function.__name__} {_listed(options)}") from error
+        if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
+            raise NotTraced(f"numpy.{function.__name__} {_listed(options)}")
+        joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
+        kind = np.result_type(*map(_weak_type, joined))
+        return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
+
+    @noted
+    def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
+        """As NumPy's; a whole number of a number is refused."""
+        if not copy and np.dtype(dtype) == self.dtype:
+            return self
+        if np.dtype(dtype) == TRUTH:
+            return Traced(_true(self), TRUTH)
+        return Traced(written_as(self, np.dtype(dtype)).entries.copy("K"), np.dtype(dtype))
+
+    def copy(self, order: Any = "C") -> "Traced":
+        return Traced(entries_of(self).copy(order), self.dtype)
+
+    def __copy__(self) -> "Traced":
+        return self.copy("K")
+
+    def __deepcopy__(self, _: Any) -> "Traced":
+        return self.copy("K")
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("sum", "prod", "mean", "min", "max", "any", "all", "clip", "dot"):
+            return functools.partial(getattr(np, name), self)
+        if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
+            return functools.partial(self._moved, name)
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise NotTraced(f"the attribute {name!r} of an array")
+
+    @noted
+    def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
+        return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    """Options without those that say what holds without them."""
+    return {name: value for name, value in options.items() if not _default(name, value)}
+
+
+def _default(name: str, value: Any) -> bool:
+    return (
+        value is np._NoValue
+        or (name in ("out", "initial", "dtype") and value is None)
+        or (name == "where" and value is True)
+    )
+
+
+def _listed(options: dict[str, Any]) -> str:
+    return f"with {', '.join(sorted(options))}" if options else ""
+
+
+def holds_traced(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(holds_traced, value))
+    return isinstance(value, Traced)
+
+
+def _inside(value: Any) -> Any:
+    """Arguments of a function that moves entries."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(_inside, value)) if holds_traced(value) else value
+    return entries_of(value) if isinstance(value, Traced) else value
+
+
+def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
+    """What NumPy has made of entries: arrays of nodes, a node, or lists of such."""
+    if isinstance(answer, list | tuple):
+        return type(answer)(_wrapped(one, dtype) for one in answer)
+    if isinstance(answer, np.ndarray):
+        nodes = answer.dtype == object and all(isinstance(one, Node) for one in answer.flat)
+        return Traced(answer if nodes else _nodes_of(answer), dtype)
+    return _number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
+
+
+def _number(array: Traced) -> Traced:
+    """What NumPy gives as a number, not as an array of no dimensions: nothing can be written into it."""
+    if not array.ndim:
+        array.entries.setflags(write=False)
+    return array
+
+
+def _nodes_of(array: Any) -> Any:
+    out = np.empty_like(array, dtype=object, subok=False)
+    out.flat[:] = [one if isinstance(one, Node) else constant(one) for one in array.ravel().tolist()]
+    return out
+
+
+def traced_array(value: Any) -> Traced:
+    """What a function computes with: a traced array, a list of some, a number or a plain array."""
+    if isinstance(value, Traced):
+        if value.trace != state.trace:
+            raise NotTraced("an array that was kept from another call", "compute it anew")
+        return value
+    if isinstance(value, list | tuple) and holds_traced(value):
+        return stacked(value)
+    given = np.asarray(value)
+    if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
+        raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
+    if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:
+        raise NotTraced(f"a constant of type {given.dtype}", "formulas compute with real numbers")
+    if given.dtype.kind in "iu" and np.any(np.abs(given.astype(np.float64)) > 2**53):
+        raise NotTraced("a whole number above 2^53", "formulas compute in double precision")
+    return Traced(_nodes_of(given), {"b": TRUTH, "f": FLOAT}.get(given.dtype.kind, WHOLE))
+
+
+def stacked(values: Any) -> Traced:
+    arrays = list(map(traced_array, values))
+    if len({one.shape for one in arrays}) > 1:
+        raise NotTraced("a list of arrays of different shapes", "np.full_like(other, number) has the shape of another")
+    return Traced(np.stack([one.entries for one in arrays]), np.result_type(*map(_weak_type, values)))
+
+
+def entries_of(value: Any) -> Any:
+    """An object array of nodes of what a function computes with."""
+    return traced_array(value).entries
+
+
+def _weak_type(value: Any) -> Any:
+    """Of an operand: its dtype, or int or float for a Python number, which takes that of other operands."""
+    if isinstance(value, list | tuple) and holds_traced(value):
+        return traced_array(value).dtype
+    if isinstance(value, Traced):  # the time is a Python number when points are plain
+        return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
+    return value if type(value) in (int, float) else np.asarray(value).dtype
+
+
+def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
+    """The dtype that NumPy gives an answer."""
+    if ufunc.signature is not None:
+        return np.result_type(*map(_weak_type, inputs))
+    kinds = (type(one) if isinstance(one, int | float) else one for one in map(_weak_type, inputs))
+    return ufunc.resolve_dtypes((*kinds, *[None] * ufunc.nout))[-1]
+
+
+def written_as(array: Traced, dtype: Any) -> Traced:
+    """An array as what is written into another of some dtype."""
+    if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
+        return Traced(array.entries, dtype)
+    if dtype == TRUTH:
+        return Traced(_true(array), TRUTH)
+    raise NotTraced(f"a conversion of {array.dtype} to {dtype}", "np.floor or np.trunc makes a number whole")
+
+
+def _put(answer: Traced, out: Any) -> Traced:
+    """An answer written into an array, as by `out=` and +=."""
+    if not isinstance(out, Traced):
+        raise NotTraced("writing a result into a plain array", "let the function return a new one")
+    if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
+        return _number(answer)
+    if not np.can_cast(answer.dtype, out.dtype, "same_kind"):
+        raise NotTraced(f"writing numbers of type {answer.dtype} into an array of {out.dtype}")
+    out[...] = answer
+    return out
+
+
+# ---- operations
+
+
+def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
+    """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
+    flags: Any = [["readonly"]] * len(arrays) + [["writeonly", "allocate"]]
+    kinds: Any = [None] * len(arrays) + [np.dtype(object)]
+    with np.nditer([*arrays, None], ["refs_ok", "zerosize_ok"], flags, kinds) as it:
+        out = it.operands[-1]
+    state.made += out.size
+    if state.made > MOST_NODES:
+        raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
+    out.flat[:] = [function(*one) for one in zip(*(array.flat for array in np.broadcast_arrays(*arrays)), strict=True)]
+    return out
+
+
+def _each(op: str, *arrays: Any) -> Any:
+    return mapped(functools.partial(make, op), *arrays)
+
+
+def _true(array: Any) -> Any:
+    """Whether entries are not zero, as NumPy takes numbers for conditions."""
+    zero = constant(0.0)
+    return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
+
+
+def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
+    """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
+    entries, name = [one.entries for one in arrays], f"numpy.{ufunc.__name__}"
+    if ufunc is np.matmul:
+        return _multiplied(np.matmul, *arrays)
+    if ufunc is np.logical_xor:
+        return _computed(np.not_equal, [one.astype(bool) for one in arrays], TRUTH)
+    if dtype == TRUTH:
+        if ufunc in COMPARED:
+            op, *turned = COMPARED[ufunc].split()
+            answer = _each(op, *(entries[::-1] if "swapped" in turned else entries))
+            return Traced(_each("not", answer) if "not" in turned else answer, TRUTH)
+        if ufunc in LOGICAL:
+            return Traced(_each(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
+    elif ufunc in (np.power, np.float_power) and dtype == FLOAT:
+        return Traced(mapped(power, *entries))
+    elif ufunc in OPERATIONS and (dtype == FLOAT or (dtype == WHOLE and ufunc in EXACT)):
+        return Traced(_each(OPERATIONS[ufunc], *entries), dtype)
+    elif ufunc in MADE and dtype == FLOAT:
+        return MADE[ufunc](*(Traced(one) for one in entries))
+    known = ufunc in COMPARED or ufunc in OPERATIONS or ufunc in MADE or ufunc in LOGICAL or ufunc is np.power
+    raise NotTraced(
+        f"{name} of {', '.join(str(one.dtype) for one in arrays)} with an answer of {dtype}" if known else name,
+        "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1" if known else "",
+    )
+
+
+ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
+TWO = "add subtract:sub multiply:mul divide:div hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
+OPERATIONS = {getattr(np, name): op or name for name, _, op in (one.partition(":") for one in f"{ONE} {TWO}".split())}
+EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
+COMPARED = {
+    **{np.less: "less", np.less_equal: "lesseq", np.greater: "less swapped", np.greater_equal: "lesseq swapped"},
+    **{np.equal: "equal", np.not_equal: "equal not"},
+    np.bitwise_xor: "equal not",
+}
+LOGICAL = {
+    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), "and"),
+    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), "or"),
+    **dict.fromkeys((np.logical_not, np.invert), "not"),
+}  # of truth values
+MADE: dict[Any, Callable[..., Traced]] = {
+    np.positive: lambda a: a.copy("K"),
+    np.ceil: lambda a: -np.floor(-a),
+    np.trunc: lambda a: np.where(a < 0.0, -np.floor(-a), np.floor(a)),
+    np.reciprocal: lambda a: 1.0 / a,
+    np.floor_divide: lambda a, b: np.floor(
+        (a - np.remainder(a, b)) / b + 0.5
+    ),  # floor(1 / 0.1) is 10, and 1 // 0.1 is 9
+    np.fmod: lambda a, b: np.where(a < 0.0, -np.remainder(-a, abs(b)), np.remainder(a, abs(b))),
+    np.sinh: lambda a: (np.exp(a) - np.exp(-a)) / 2.0,
+    np.cosh: lambda a: (np.exp(a) + np.exp(-a)) / 2.0,
+    np.exp2: lambda a: 2.0**a,
+    np.expm1: lambda a: np.exp(a) - 1.0,
+    np.log1p: lambda a: np.log(1.0 + a),
+    np.log2: lambda a: np.log(a) / np.log(2.0),
+    np.log10: lambda a: np.log(a) / np.log(10.0),
+    **dict.fromkeys((np.deg2rad, np.radians), lambda a: a * (np.pi / 180.0)),
+    **dict.fromkeys((np.rad2deg, np.degrees), lambda a: a * (180.0 / np.pi)),
+}
+REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.logical_or, np.logical_and)
+
+
+def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
+    """A sum or the like along one axis, several, or all."""
+    array, counts = traced_array(array), ufunc in (np.add, np.multiply)
+    if ufunc in (np.logical_or, np.logical_and):
+        array = array.astype(bool)
+    elif counts and array.dtype == TRUTH:
+        array = array.astype(np.int64)  # NumPy counts
+    places = range(array.ndim) if axis is None else normalize_axis_tuple(axis, array.ndim)
+    for place in sorted(places, reverse=True):
+        slices = [_wrapped(one, array.dtype) for one in np.moveaxis(array.entries, place, 0)]
+        if not slices and not counts:
+            raise NotTraced(f"numpy.{ufunc.__name__} of nothing")
+        rest = np.delete(array.shape, place)
+        whole = reduce(ufunc, slices) if slices else np.full(rest, float(ufunc is np.multiply))
+        entries = np.broadcast_to(entries_of(whole), rest)
+        array = Traced(np.expand_dims(entries, place) if keepdims else entries, array.dtype)
+    return _number(array.copy("K"))
+
+
+def _reducing(ufunc: Any) -> Callable[..., Traced]:
+    return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
+
+
+def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
+    total = _reduced(np.add, a, axis, keepdims)
+    return total / (np.float64(traced_array(a).size) / total.size)
+
+
+def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
+    array = traced_array(x)
+    vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
+    if not vector or ord not in (None, 1, 2, np.inf):
+        raise NotTraced(f"numpy.linalg.norm of order {ord} along {axis}")
+    array = array.astype(np.float64)
+    if ord in (1, np.inf):
+        return _reduced(np.add if ord == 1 else np.maximum, abs(array), axis, keepdims)
+    return np.sqrt(_reduced(np.add, np.square(array), axis, keepdims))
+
+
+def _where(condition: Any, *branches: Any) -> Traced:
+    if len(branches) != 2:
+        raise NotTraced("numpy.where of a condition alone", WHERE)
+    entries = _each("where", _true(condition), *map(entries_of, branches))
+    return Traced(entries, np.result_type(*map(_weak_type, branches)))
+
+
+def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
+    least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
+    if least is None and most is None:
+        raise NotTraced("numpy.clip without bounds")
+    a = a if least is None else np.maximum(a, least)
+    return a if most is None else np.minimum(a, most)
+
+
+def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
+    if any(traced_array(one).dtype != TRUTH for one in condlist):
+        raise NotTraced("numpy.select by numbers", "compare them first")
+    kind = np.result_type(*map(_weak_type, [*choicelist, default]))
+    pairs = reversed([*zip(condlist, choicelist, strict=True)])
+    return Traced(reduce(lambda rest, pair: _where(*pair, rest), pairs, default).entries, kind)
+
+
+def _interp(x: Any, xp: Any, fp: Any) -> Any:
+    if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
+        raise NotTraced("numpy.interp of a table that is not ascending constants")
+    xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
+    x = np.clip(x, xp[0], xp[-1])
+    slopes, out = np.diff(fp) / np.diff(xp), fp[-1]
+    for k in reversed(range(len(slopes))):
+        out = np.where(x < xp[k + 1], fp[k] + slopes[k] * (np.clip(x, xp[k], xp[k + 1]) - xp[k]), out)
+    return out
+
+
+def _diff(a: Any, n: int = 1, axis: int = -1) -> Any:
+    for _ in range(n):
+        size = a.shape[axis]
+        a = np.take(a, range(1, size), axis) - np.take(a, range(size - 1), axis)
+    return a
+
+
+def _ptp(a: Any, axis: Any = None) -> Any:
+    return np.max(a, axis=axis) - np.min(a, axis=axis)
+
+
+def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
+    return _like(a, written_as(traced_array(fill_value), np.dtype(dtype or traced_array(a).dtype)))
+
+
+def _like(a: Any, fill: Traced) -> Traced:
+    entries = np.empty_like(traced_array(a).entries)
+    entries[...] = fill.entries if fill.ndim else fill.entries[()]
+    return Traced(entries, fill.dtype)
+
+
+def _filled_like(value: float) -> Callable[..., Traced]:
+    return lambda a, dtype=None: _like(a, Traced(entries_of(value), np.dtype(dtype or traced_array(a).dtype)))
+
+
+def _multiplied(function: Any, *args: Any, optimize: Any = False) -> Any:
+    """A product of matrices: NumPy's own, which adds and multiplies entries."""
+    arrays = [one for one in args if not isinstance(one, str)]
+    kind = np.result_type(*map(_weak_type, arrays))
+    if kind == TRUTH:
+        raise NotTraced(f"numpy.{function.__name__} of truth values", "np.where(condition, 1.0, 0.0) is a number")
+    return _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
+
+
+FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    **{np.sum: _reducing(np.add), np.prod: _reducing(np.multiply), np.mean: _mean, np.linalg.norm: _norm},
+    **dict.fromkeys((np.min, np.amin), _reducing(np.minimum)),
+    **dict.fromkeys((np.max, np.amax), _reducing(np.maximum)),
+    **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.ptp: _ptp, np.full_like: _full_like},
+    **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff},
+    **{np.zeros_like: _filled_like(0.0), np.ones_like: _filled_like(1.0), np.empty_like: _filled_like(np.nan)},
+    **{one: functools.partial(_multiplied, one) for one in (np.dot, np.einsum, np.inner, np.outer, np.cross)},
+    np.tensordot: lambda a, b, axes=2: _multiplied(lambda *both: np.tensordot(*both, axes), a, b),
+    np.broadcast_arrays: lambda *args: tuple(
+        _wrapped(one, traced_array(given).dtype)
+        for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)
+    ),
+    **{np.shape: lambda a: a.shape, np.ndim: lambda a: a.ndim, np.size: lambda a: a.size},
+}
+MOVING = (
+    "reshape ravel transpose moveaxis swapaxes squeeze expand_dims atleast_1d atleast_2d broadcast_to take roll repeat "
+)
+MOVING += "tile flip split array_split copy delete append diagonal diag permute_dims unstack "
+JOINS = "stack concatenate vstack hstack dstack column_stack concat"
+PLACED = {getattr(np, name) for name in (MOVING + JOINS).split() if hasattr(np, name)}
+JOINING = {getattr(np, name) for name in JOINS.split() if hasattr(np, name)}
