@@ -98,7 +98,7 @@ class Traced(NDArrayOperatorsMixin):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
 
-    @property
+    @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
@@ -113,7 +113,7 @@ class Traced(NDArrayOperatorsMixin):
         raise NotTraced("a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE)
 
     __bool__ = __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _decided
-    __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided  # type: ignore[assignment]
+    __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
@@ -382,12 +382,12 @@ ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr 
 TWO = "add subtract:sub multiply:mul divide:div hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
 OPERATIONS = {getattr(np, name): op or name for name, _, op in (one.partition(":") for one in f"{ONE} {TWO}".split())}
 EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
-COMPARED = {
+COMPARED: dict[Any, str] = {
     **{np.less: "less", np.less_equal: "lesseq", np.greater: "less swapped", np.greater_equal: "lesseq swapped"},
     **{np.equal: "equal", np.not_equal: "equal not"},
     np.bitwise_xor: "equal not",
 }
-LOGICAL = {
+LOGICAL: dict[Any, str] = {
     **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), "and"),
     **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), "or"),
     **dict.fromkeys((np.logical_not, np.invert), "not"),
@@ -397,9 +397,7 @@ MADE: dict[Any, Callable[..., Traced]] = {
     np.ceil: lambda a: -np.floor(-a),
     np.trunc: lambda a: np.where(a < 0.0, -np.floor(-a), np.floor(a)),
     np.reciprocal: lambda a: 1.0 / a,
-    np.floor_divide: lambda a, b: np.floor(
-        (a - np.remainder(a, b)) / b + 0.5
-    ),  # floor(1 / 0.1) is 10, and 1 // 0.1 is 9
+    np.floor_divide: lambda a, b: np.floor((a - np.remainder(a, b)) / b + 0.5),  # 1 // 0.1 is 9
     np.fmod: lambda a, b: np.where(a < 0.0, -np.remainder(-a, abs(b)), np.remainder(a, abs(b))),
     np.sinh: lambda a: (np.exp(a) - np.exp(-a)) / 2.0,
     np.cosh: lambda a: (np.exp(a) + np.exp(-a)) / 2.0,
@@ -517,7 +515,7 @@ def _multiplied(function: Any, *args: Any, optimize: Any = False) -> Any:
     arrays = [one for one in args if not isinstance(one, str)]
     kind = np.result_type(*map(_weak_type, arrays))
     if kind == TRUTH:
-        raise NotTraced(f"numpy.{function.__name__} of truth values", "np.where(condition, 1.0, 0.0) is a number")
+        raise NotTraced("a product of truth values", "np.where(condition, 1.0, 0.0) is a number")
     return _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
 
 
@@ -529,17 +527,15 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff},
     **{np.zeros_like: _filled_like(0.0), np.ones_like: _filled_like(1.0), np.empty_like: _filled_like(np.nan)},
     **{one: functools.partial(_multiplied, one) for one in (np.dot, np.einsum, np.inner, np.outer, np.cross)},
-    np.tensordot: lambda a, b, axes=2: _multiplied(lambda *both: np.tensordot(*both, axes), a, b),
+    np.tensordot: lambda a, b, axes=2: _multiplied(functools.partial(np.tensordot, axes=axes), a, b),
     np.broadcast_arrays: lambda *args: tuple(
         _wrapped(one, traced_array(given).dtype)
         for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)
     ),
     **{np.shape: lambda a: a.shape, np.ndim: lambda a: a.ndim, np.size: lambda a: a.size},
 }
-MOVING = (
-    "reshape ravel transpose moveaxis swapaxes squeeze expand_dims atleast_1d atleast_2d broadcast_to take roll repeat "
-)
-MOVING += "tile flip split array_split copy delete append diagonal diag permute_dims unstack "
+MOVING = "reshape ravel transpose moveaxis swapaxes squeeze expand_dims atleast_1d atleast_2d broadcast_to take roll "
+MOVING += "repeat tile flip split array_split copy delete append diagonal diag permute_dims unstack "
 JOINS = "stack concatenate vstack hstack dstack column_stack concat"
 PLACED = {getattr(np, name) for name in (MOVING + JOINS).split() if hasattr(np, name)}
 JOINING = {getattr(np, name) for name in JOINS.split() if hasattr(np, name)}

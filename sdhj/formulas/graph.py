@@ -231,7 +231,7 @@ def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
 
 
 def linear(outputs: Sequence[Node], first: int, count: int) -> list[list[Node]] | None:
-    """For each output its parts [rest, c_0, c_1, ...], output = rest + sum c_d p_(first + d); None if there are none.
+    """For each output its parts [rest, c_0, c_1, ...] with output = rest + sum c_d p_(first + d), or None.
 
     `count` parameters from number `first` on are looked for; the parts do not read them.
     """

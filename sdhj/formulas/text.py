@@ -77,7 +77,8 @@ def _node(op: str, words: list[str], nodes: list[Node], tables: Sequence[Any], l
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
     if op in limits:
-        return leaf(op, _index(*words, most=limits[op]))
+        (word,) = words
+        return leaf(op, _index(word, limits[op]))
     if op == "const":
         (word,) = words
         return constant(float.fromhex(word))

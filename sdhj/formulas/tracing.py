@@ -1,7 +1,7 @@
 """Tracing: a function is called with arrays of nodes, and what it answers is its graph.
 
-Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, stand in a module of the tracer's that users'
-modules have for `np` while a function is traced; it is as ever for all other arguments and threads.
+Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, stand in a module that users' modules
+have for `np` while a function is traced; it is as ever for all other arguments and threads.
 """
 
 import itertools
@@ -73,7 +73,7 @@ def _as_array(value: Any, dtype: Any = None) -> Traced:
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    array = np.atleast_1d(_as_array(value, dtype))
+    array: Any = np.atleast_1d(_as_array(value, dtype))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
@@ -83,10 +83,11 @@ def _making(original: Any, ours: Any) -> Callable[..., Any]:
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
+NUMPY = {"np", "numpy"}  # as users' modules call it
 FILLED = {"zeros": 0.0, "ones": 1.0, "empty": np.nan}
 
 
-def _room(name: str, rows: int, trace: int) -> Callable[..., Any]:
+def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     """zeros, ones, empty or full, with entries that can be written where a length is that of the points."""
     original = getattr(np, name)
 
@@ -133,8 +134,9 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
     while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
         function = inner
     function = getattr(function, "__func__", function)
-    called = function if hasattr(function, "__globals__") else getattr(type(function), "__call__", None)
-    users = [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
+    called = function if hasattr(function, "__globals__") else type(function).__call__
+    modules = [one for one in list(sys.modules.items()) if not NUMPY.isdisjoint(getattr(one[1], "__dict__", ()))]
+    users = [vars(module) for name, module in modules if _is_users(name, module)]
     return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *users]
 
 
@@ -151,8 +153,8 @@ def _replaced(function: Any, rows: int) -> Iterator[None]:
         new, before = _numpy(rows), list[tuple[dict[str, Any], str, Any]]()
         try:
             for names in _globals_of(function):
-                for name in ("np", "numpy"):
-                    if names.get(name) is np or isinstance(names.get(name), _NumPy):
+                for name in NUMPY & names.keys():
+                    if names[name] is np or isinstance(names[name], _NumPy):
                         before.append((names, name, names[name]))
                         names[name] = new
             yield
