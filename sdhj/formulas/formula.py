@@ -4,7 +4,9 @@ Both are callable with points and parameters, and have `reads` (which coordinate
 over boxes. Of a formula everything is derived from its graph; of a black box its author declares it.
 """
 
+import inspect
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -61,9 +63,12 @@ class Formula:
             if function.coordinates != coordinates or function.parameters != len(names):
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
+        _check_signature(name, function, "points", *names)
         rows = rows_for(coordinates, *lengths)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
         outputs, _ = read(name, function, rows, given, (), True)
+        if outputs[0].truth:
+            raise ValueError(f"{name} must return real numbers, negative inside the set, got bool: a comparison")
         return cls(tuple(outputs), coordinates, len(names), (), name)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
@@ -224,6 +229,22 @@ def read(
             f"{error}. What cannot be written so is wrapped, with what is known of it: "
             f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
         ) from None
+
+
+def _check_signature(name: str, function: Any, *takes: str) -> None:
+    """Raise ValueError if something is no function, or its signature does not accept the arguments."""
+    expected = f"{name} must be a function of ({', '.join(takes)})"
+    if not callable(function):
+        raise ValueError(f"{expected}, got {function!r}")
+    with suppress(TypeError):  # some compiled functions have no signature
+        try:
+            signature = inspect.signature(function)
+        except ValueError:
+            return
+        try:
+            signature.bind(*takes)
+        except TypeError:
+            raise ValueError(f"{expected}, got a function of {signature}") from None
 
 
 @dataclass(frozen=True, eq=False)
