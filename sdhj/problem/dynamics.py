@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import BlackBox, Formula, read
+from sdhj.formulas.formula import BlackBox, Formula, compare, read
 from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, rebuilt
 from sdhj.formulas.tracing import parameter, points_of, rows_for
 from sdhj.kernels import FloatArray
@@ -192,6 +192,23 @@ class Dynamics:
                 gain = self._read("gain", ndim, (ndim, D))
         return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
 
+    def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
+        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it."""
+        for name, formula in self._parts.items():
+            function = getattr(self, name)
+            takes = arguments(name, function)
+            size = len(formula.outputs) // len(self.inputs)
+            for j, u in enumerate(self.inputs):
+                t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
+
+                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u) -> Any:
+                    known = {"points": points, "u": sealed(u), "t": t, "v": np.array(v)}
+                    values = np.asarray(function(*(known[one] for one in takes)))  # noqa: B023
+                    return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
+
+                part = formula.of(range(j * size, (j + 1) * size), formula.shape[1:])
+                compare(part, called, states, t, *(v if name == "velocity" else ()))
+
     def _check_gain(self, ndim: int, components: int) -> None:
         if not callable(self.gain) and self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, components):
             raise ValueError(
@@ -223,7 +240,13 @@ class Dynamics:
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
             outputs += found
-        return Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        return self._parts[name]
+
+    @cached_property
+    def _parts(self) -> dict[str, Formula]:
+        """What was read last from each function, by name."""
+        return {}
 
 
 def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
