@@ -100,3 +100,42 @@ def interpolated(table, position):
     left = min(int(place), len(table) - 2)
     before, behind = (interpolated(table[left + i], position[1:]) for i in range(2))
     return before + (place - left) * (behind - before)
+
+
+def played(rows, point):
+    """Exact results of the rows (operation, number, operands, value) of a formula at a point, as balls.
+
+    None where it is undefined, or where a ball leaves it open: which branch is taken, or a sign.
+    """
+    results = []
+    for op, _, operands, value in rows:
+        if op in ("x", "const"):
+            results.append(flint.arb(point[operands[0]] if op == "x" else value))
+            continue
+        balls = [results[k] for k in operands]
+        if op == "where" and balls[0] is not None:
+            balls = balls[1:2] if balls[0] == 1 else balls[2:]
+        results.append(None if None in balls else _sure(op, balls, int(value)))
+    return results
+
+
+def _sure(op, balls, n):
+    a, b = balls[0], balls[-1]
+    if op == "where":
+        return a
+    if op in ("less", "lesseq", "equal"):
+        if not (a < b or a > b) and not (a.is_exact() and b.is_exact()):
+            return None
+        return flint.arb(int({"less": a < b, "lesseq": a <= b, "equal": a == b}[op]))
+    if op in ("and", "or", "not"):
+        return {"and": a * b, "or": a + b - a * b, "not": 1 - a}[op]
+    if op in ("floor", "sign", "mod"):
+        quotient = a / b if op == "mod" else a
+        whole = quotient.floor() if op != "sign" else quotient.sgn()
+        return (a - whole * b if op == "mod" else whole) if whole.is_exact() else None
+    if op in ("min", "max"):
+        return a.min(b) if op == "min" else a.max(b)
+    simple = {"neg": lambda: -a, "abs": lambda: abs(a), "sqr": lambda: a * a, "power": lambda: a**n,
+              "add": lambda: a + b, "sub": lambda: a - b, "mul": lambda: a * b, "div": lambda: a / b}  # fmt: skip
+    result = simple[op]() if op in simple else BALLS[op](*balls)
+    return result if result.is_finite() else None

@@ -290,7 +290,7 @@ def test_gridded(axes):
 
 
 def check_random_tapes(seed, count):
-    """Values at points of boxes lie in the intervals; with few slots, all results have the same bits."""
+    """Values and exact results at points of boxes lie in the intervals; with few slots, all have the same bits."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         rows = tapes.random_rows(rng, 3, 30)
@@ -306,6 +306,9 @@ def check_random_tapes(seed, count):
             points = tapes.random_points(rng, low, high)
             values = tapes.values(every, points)
             assert (~known | (found[0] <= values) & (values <= found[1])).all()
+            for m in range(4):
+                for result, least, most in zip(naive.played(rows, points[m]), *found[:, :, m], strict=True):
+                    assert result is None or np.isnan(least) or naive.lies_within(result, least, most)
             few = tapes.values(tapes.in_few_slots(rows, outputs), points)
             assert np.array_equal(few, values[outputs], equal_nan=True)
 

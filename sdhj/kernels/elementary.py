@@ -15,20 +15,7 @@ from sdhj.kernels.compiling import inlined
 
 # Units in the last place. fdlibm and Cephes have less than 1 each; here what is left out of the second words of
 # reduced arguments (1 for sin, cos and pow, 2 for tan and the arcs), and quotients, add to it. Tested against Arb.
-ERRORS = {
-    "sin": 3,
-    "cos": 3,
-    "tan": 6,
-    "exp": 2,
-    "log": 2,
-    "arctan": 2,
-    "arctan2": 4,
-    "tanh": 4,
-    "arcsin": 4,
-    "arccos": 4,
-    "pow": 8,
-    "hypot": 3,
-}
+ERRORS = dict(sin=3, cos=3, tan=6, exp=2, log=2, arctan=2, arctan2=4, tanh=4, arcsin=4, arccos=4, pow=4, hypot=3)
 TURNS = 2.0**26  # quarter turns; sin, cos and tan beyond it are NaN: an argument of 1e8 has lost half its digits
 LAPS = 2.0**24  # mod beyond it is NaN, for the same reason
 NAN, INF = math.nan, math.inf

@@ -58,6 +58,8 @@ class Tape(NamedTuple):
     the coordinate or parameter, of `gridded` a row of `lookups`. value (n,): of `const`; the exponent of `power`.
     slots: how many. outputs (K,) int64: slots of the results. lookups (G, 14) int64: number of axes, 6 slots, 6
     numbers of nodes, place of the first entry in `tables`. places (G, 12): 6 times lower, 6 times spacing. tables (T,)
+
+    All these arrays and those that are played are contiguous and may be written to: for others Numba compiles anew.
     """
 
     code: FloatArray
@@ -416,7 +418,7 @@ def _or_nothing(a, b, out, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, start, stop):
-    """`play_bounds` of the boxes from start to stop; rows as in `_play`."""
+    """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
     code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
     room, place, spare, i, j = np.empty((slots + 3, 2, width)), np.arange(slots), slots, 0, 0
