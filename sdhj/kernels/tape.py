@@ -35,6 +35,7 @@ def _which(names: str) -> Any:
 
 
 _BINARY = _which("add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where")
+_DIRECT = _which("add sub mul div equal where")  # each has a rule of its own for intervals
 _PLAYED_AS = np.arange(len(OPERATIONS))  # what is the same for values: truths are 0 and 1
 _PLAYED_AS[[SQR, AND, OR]] = MUL, MUL, MAX
 # How intervals follow from values at ends: an operation falls with an operand where there is a 1, and rises elsewhere,
@@ -284,39 +285,42 @@ def _share_out(part: Any, count: int, *arguments: Any) -> None:
 
 
 @kernel(nogil=True, error_model="numpy")
-def _magnitudes(a, out, count):
+def _magnitudes(room, i, k, count):
+    a, out = room[2 * i : 2 * i + 2], room[2 * k : 2 * k + 2]
     for m in range(count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
 
 
 @kernel(nogil=True, error_model="numpy")
-def _at_ends(op, pairs, i, j, k, n, count):
-    """The values at those ends of the operands where they are extreme, and what waves are between ends."""
-    work, rows = pairs.shape[0] - 2, pairs.reshape(-1, pairs.shape[2])  # the row of a lower end, then of the upper one
+def _at_ends(op, room, i, j, k, n, count):
+    """Row 2 k of `room`, and the next: the values at those ends of the operands where they are extreme.
+
+    The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
+    """
+    work = room.shape[0] // 2 - 2
     if _ABSOLUTE[op] or (op == POWER and n % 2 == 0):
-        _magnitudes(pairs[i], pairs[work], count)
-        _magnitudes(pairs[j], pairs[work + 1], count)
+        _magnitudes(room, i, work, count)
+        _magnitudes(room, j, work + 1, count)
         i, j = work, work + 1
     p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]
-    _values(op, rows, 2 * i + p, 2 * j + q, 2 * k, n, 0, count)
-    _values(op, rows, 2 * i + 1 - p, 2 * j + 1 - q, 2 * k + 1, n, 0, count)
-    a, out, other = pairs[i], pairs[k], pairs[work]
+    _values(op, room, 2 * i + p, 2 * j + q, 2 * k, n, 0, count)
+    _values(op, room, 2 * i + 1 - p, 2 * j + 1 - q, 2 * k + 1, n, 0, count)
+    out, other = room[2 * k : 2 * k + 2], room[2 * work : 2 * work + 2]
     if op == POW or op == ARCTAN2:  # they rise with an operand, or fall, as the other one is
         for p in range(2):
-            _values(op, rows, 2 * i + p, 2 * j + 1 - p, 2 * work + p, n, 0, count)
+            _values(op, room, 2 * i + p, 2 * j + 1 - p, 2 * work + p, n, 0, count)
         for m in range(count):
             out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], other[0, m], other[1, m])
-    elif op == SIN or op == COS:
-        for m in range(count):
-            shift = 0.25 if op == SIN else 0.0
-            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
 
 
 @kernel(nogil=True, error_model="numpy")
-def _monotone(op, pairs, i, j, k, n, count):
-    """Operations that are monotone, at least in pieces: from the values at ends."""
-    _at_ends(op, pairs, i, j, k, n, count)
-    a, b, out = pairs[i], pairs[j], pairs[k]
+def _outward(op, room, i, j, k, n, count):
+    """Intervals from the values at the ends, which are overwritten: outward rounding, and what is between the ends."""
+    a, b, out = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2], room[2 * k : 2 * k + 2]
+    if op == SIN or op == COS:
+        for m in range(count):
+            shift = 0.25 if op == SIN else 0.0
+            out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
     share, tiny, zero = _SHARE[op] if op != POWER else (abs(n) + 3.0) * STEP, _TINY[op], _ZERO[op]
     lowest, highest = _RANGES[op, 0] if op != POWER or n % 2 != 0 else 0.0, _RANGES[op, 1]
     for m in range(count):
@@ -341,9 +345,10 @@ def _monotone(op, pairs, i, j, k, n, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _bounds(op, pairs, i, j, k, n, last, count):
-    """As `_values`, of pairs (rows, 2, BLOCK): least and largest; the last two rows of them are overwritten."""
-    a, b, c, out = pairs[i], pairs[j], pairs[last], pairs[k]
+def _direct_bounds(op, room, i, j, k, last, count):
+    """Intervals of the operations that do not need `_at_ends`; rows as there."""
+    a, b = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2]
+    c, out = room[2 * last : 2 * last + 2], room[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
             out[0, m], out[1, m] = intervals.widened(a[0, m] + b[0, m], a[1, m] + b[1, m], STEP, 0.0, 0.0)
@@ -367,8 +372,6 @@ def _bounds(op, pairs, i, j, k, n, last, count):
             high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
             fine = (a[0, m] == a[0, m]) & ((b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never)
             out[0, m], out[1, m] = low if fine else NAN, high
-    else:
-        _monotone(op, pairs, i, j, k, n, count)
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -379,9 +382,9 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
     for m in range(count):
         fine, total = True, 1
         for axis in range(lookup[0]):
-            operand, last = room[place[lookup[1 + axis]]], lookup[7 + axis] - 1.0
+            row, last = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1.0
             lower, spacing = places[axis], places[6 + axis]
-            low, high = (operand[0, m] - lower) / spacing, (operand[1, m] - lower) / spacing
+            low, high = (room[row, m] - lower) / spacing, (room[row + 1, m] - lower) / spacing
             low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
@@ -409,10 +412,11 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _or_nothing(a, b, out, count):
-    """Both ends of a result NaN where one is not finite or an operand is NaN."""
+def _or_nothing(room, i, j, k, count):
+    """Both ends of a result NaN where one is not finite or an operand is NaN; rows as in `_at_ends`."""
+    a, b, out = room[2 * i], room[2 * j], room[2 * k : 2 * k + 2]
     for m in range(count):
-        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[0, m] == a[0, m]) & (b[0, m] == b[0, m])
+        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
 
 
@@ -421,12 +425,12 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
     """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
     code, value, slots, outputs, lookups, places, tables = tape
     width = min(BLOCK, stop - start)
-    room, place, spare, i, j = np.empty((slots + 3, 2, width)), np.arange(slots), slots, 0, 0
+    room, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
             op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result = room[spare]
+            result = room[2 * spare : 2 * spare + 2]
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
@@ -440,15 +444,19 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
                 j = place[code[k, 3]] if _BINARY[op] else i
-                _bounds(op, room, i, j, spare, int(value[k]), last, count)
+                if _DIRECT[op]:
+                    _direct_bounds(op, room, i, j, spare, last, count)
+                else:
+                    _at_ends(op, room, i, j, spare, int(value[k]), count)
+                    _outward(op, room, i, j, spare, int(value[k]), count)
             if op < ADD or op >= WHERE:
                 i, j = spare, spare
-            _or_nothing(room[i], room[j], result, count)
+            _or_nothing(room, i, j, spare, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
-            result = room[place[outputs[i]]]
+            row = 2 * place[outputs[i]]
             for m in range(count):
-                out[0, i, at + m], out[1, i, at + m] = result[0, m], result[1, m]
+                out[0, i, at + m], out[1, i, at + m] = room[row, m], room[row + 1, m]
 
 
 def play_bounds(
