@@ -156,7 +156,7 @@ def imported(*patterns: str) -> dict[str, set[str]]:
 # Packages imported under another name than the one they are installed by, or that a declared one cannot do without.
 COMES_WITH = {
     "IPython": "ipywidgets",
-    "flint": "python-flint",
+    "flint": "python_flint",
     "ival": "crival",
     "PIL": "pillow",
     "mpl_toolkits": "matplotlib",

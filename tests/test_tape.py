@@ -321,3 +321,14 @@ def test_random_tapes():
 @pytest.mark.parametrize("seed", range(1, 9))
 def test_many_random_tapes(seed):
     check_random_tapes(seed, 500)
+
+
+def test_threads_play_the_same():
+    """Many points are shared out to threads, and each has the bits it has alone."""
+    rng = np.random.default_rng(5)
+    rows = tapes.random_rows(rng, 3, 60)
+    tape, points = tapes.made(rows, [57, 58, 59]), rng.normal(size=(40_001, 3))
+    values, found = tapes.values(tape, points), tapes.bounds(tape, points, points + 0.01)
+    few = [*range(0, 40_001, 997), 40_000]
+    assert np.array_equal(tapes.values(tape, points[few]), values[:, few], equal_nan=True)
+    assert np.array_equal(tapes.bounds(tape, points[few], points[few] + 0.01), found[..., few], equal_nan=True)
