@@ -17,7 +17,7 @@ from sdhj.kernels.compiling import inlined
 # reduced arguments (1 for sin, cos and pow, 2 for tan and the arcs), and quotients, add to it. Tested against Arb.
 ERRORS = dict(sin=3, cos=3, tan=6, exp=2, log=2, arctan=2, arctan2=4, tanh=4, arcsin=4, arccos=4, pow=4, hypot=3)
 TURNS = 2.0**26  # quarter turns; sin, cos and tan beyond it are NaN: an argument of 1e8 has lost half its digits
-LAPS = 2.0**24  # mod beyond it is NaN, for the same reason
+LAPS = 2.0**24  # mod beyond it is NaN: its differences would be rounded
 NAN, INF = math.nan, math.inf
 ROUND = 1.5 * 2.0**52  # added and subtracted: the nearest whole number, which is then in the last bits of the sum
 ROUND_BITS = int(np.float64(ROUND).view(np.int64))
