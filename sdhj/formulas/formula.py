@@ -5,6 +5,7 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 """
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -81,14 +82,22 @@ class Formula:
         points = np.ascontiguousarray(points, dtype=np.float64)
         out = np.empty((len(self.outputs), len(points)))
         play(self.tape, points, np.array(parameters, dtype=np.float64), out)
-        if not np.isfinite(out).all():
-            row = int(np.argmin(np.isfinite(out).all(axis=0)))
-            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
-            raise ValueError(
-                f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
-                "must be finite"
-            )
+        if not math.isfinite(out.sum()):  # the sum is cheap, and finite where all is
+            self._check(out, points, parameters)
+        if len(points) == 1 or not self.shape:
+            return out.reshape(len(points), *self.shape)
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
+
+    def _check(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
+        """Raise ValueError where values are undefined or infinite."""
+        if np.isfinite(out).all():
+            return
+        row = int(np.argmin(np.isfinite(out).all(axis=0)))
+        value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
+        raise ValueError(
+            f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value must "
+            "be finite"
+        )
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).

@@ -6,7 +6,7 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import product
@@ -561,6 +561,15 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
     return BlackBox(some, reads, name=part.name, rate=part.rate)
 
 
+def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
+    """Each input that occurs among some (M,), and the rows where it does."""
+    if len(inputs) == 1:
+        yield int(inputs[0]), slice(None)
+        return
+    for j in np.flatnonzero(np.bincount(inputs)).tolist():
+        yield j, np.flatnonzero(inputs == j)
+
+
 @dataclass(frozen=True, eq=False)
 class Interval:
     """What an input and the adversary can do from one sampling time to the next.
@@ -600,8 +609,8 @@ class Interval:
         if self.dynamics.alike:
             return self.dynamics.gain_at(points, 0, t)
         gain = np.empty((*states.shape, self.dynamics.adversaries))
-        for j in np.unique(inputs):
-            gain[inputs == j] = self.dynamics.gain_at(points[inputs == j], int(j), t)
+        for j, rows in by_input(inputs):
+            gain[rows] = self.dynamics.gain_at(points[rows], j, t)
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
@@ -616,8 +625,8 @@ class Interval:
         if self.dynamics.constant:
             return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
-        for j in np.unique(inputs):
-            velocity[inputs == j] = self.drift(states[inputs == j], int(j), t)
+        for j, rows in by_input(inputs):
+            velocity[rows] = self.drift(states[rows], j, t)
         return velocity
 
     def velocity(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float) -> FloatArray:
@@ -627,9 +636,8 @@ class Interval:
         if self.dynamics.gain is not None:
             return self.undisturbed(states, inputs, t) + np.einsum("mad,md->ma", self.gain(states, inputs, t), v)
         velocity, points = np.empty_like(states), self.grid.wrapped(states)
-        for j in np.unique(inputs):
-            rows = inputs == j
-            velocity[rows] = self.dynamics.velocity_at(points[rows], int(j), v[rows], t)
+        for j, rows in by_input(inputs):
+            velocity[rows] = self.dynamics.velocity_at(points[rows], j, v[rows], t)
         return velocity
 
     def advance(

@@ -17,18 +17,17 @@ LookAhead = Callable[[FloatArray, FloatArray], Reach]  # of states (M, ndim), th
 
 def look_ahead(interval: Interval) -> LookAhead:
     """What tells the boxes of an interval."""
-    if interval.dynamics.stateless:
-        shared = _reach(interval.grid, *interval.reachable(np.array([interval.grid.lower])))
-        return lambda states, rows: shared
-    return lambda states, rows: _reach(interval.grid, *interval.reachable(states[rows]))
+    grid, order = interval.grid, np.arange(interval.grid.ndim)
+    if not interval.dynamics.stateless:
+        return lambda states, rows: _reach(grid, *interval.reachable(states[rows]), order)
+    # one box for all states: the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
+    low, high = interval.reachable(np.array([grid.lower]))
+    different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
+    shared = _reach(grid, low, high, np.argsort(different, kind="stable"))
+    return lambda states, rows: shared
 
 
-def _reach(grid: Grid, low: FloatArray, high: FloatArray) -> Reach:
-    """One box for all states has the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`."""
-    order = np.arange(grid.ndim)
-    if len(low) == 1:
-        different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
-        order = np.argsort(different, kind="stable")
+def _reach(grid: Grid, low: FloatArray, high: FloatArray, order: FloatArray) -> Reach:
     lowest, highest = low.min(axis=1), high.max(axis=1)
     nodes = np.ceil((highest - lowest) / grid.spacing + 1e-6) + 2  # that it can touch, and one more along each axis
     return Reach(low, high, lowest, highest, order, int(nodes.prod(axis=1).max(initial=0)))
