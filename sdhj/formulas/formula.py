@@ -6,10 +6,10 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -106,8 +106,8 @@ class Formula:
         """
         out = np.empty((2, len(self.outputs), len(low)))
         ends = np.array(parameters, dtype=np.float64).reshape(-1, 2).T
-        boxes = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high))
-        play_bounds(self.tape, *boxes, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
+        low, high = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high))
+        play_bounds(self.tape, low, high, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
         undefined = np.isnan(out[0])
         if undefined.any():
             out[0][undefined], out[1][undefined] = -np.inf, np.inf
@@ -165,7 +165,7 @@ class Formula:
         out = np.empty((len(columns), len(self.outputs)), object)
         for row, column in enumerate(columns):
             put = {("x", k): entry for k, entry in enumerate(column)} | {("p", k): one for k, one in enumerate(given)}
-            out[row] = rebuilt(self.outputs, lambda one, put=put: put[one.op, one.value[0]] if one.op in "xp" else None)
+            out[row] = rebuilt(self.outputs, partial(_put, put=put))
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
@@ -178,6 +178,10 @@ class Formula:
             self.shape,
             self.name,
         )
+
+
+def _put(one: Node, put: Mapping[tuple[str, int], Node]) -> Node | None:
+    return put[one.op, one.value[0]] if one.op in ("x", "p") else None
 
 
 def tape_of(outputs: Sequence[Node]) -> Tape:

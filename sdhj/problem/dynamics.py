@@ -181,7 +181,7 @@ class Dynamics:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
             if parts is None:
-                return VectorField(self.inputs, ndim, velocity, None, *_scaled(None, bounds))
+                return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
@@ -218,6 +218,8 @@ class Dynamics:
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
         """A formula of shape (L, *shape), or a black box."""
+        if name in ("bounds", "velocity") and isinstance(getattr(self, name), BlackBox):
+            raise ValueError(f"{name} cannot be a BlackBox; give drift= and gain= as black boxes")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
             return replace(given, name=name)
@@ -250,8 +252,8 @@ class Dynamics:
 
 
 def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
-    """Gain and bounds; what of the bounds depends on the state goes into the gain, and is 1 of the bounds then."""
-    if gain is None or isinstance(bounds, BlackBox) or not bounds.reads.any():
+    """Gain and bounds; bounds that depend on the state go into the gain, and are 1 then."""
+    if not bounds.reads.any():
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
@@ -262,8 +264,27 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         make("mul", a, make("abs", b))
         for a, b in zip(outputs.flat, np.broadcast_to(each, gain.shape).flat, strict=True)
     ]
-    ones = Formula((constant(1.0),) * (count * D), ndim, 1, (count, D), "bounds")
-    return replace(gain, outputs=tuple(scaled)), ones
+    return replace(gain, outputs=tuple(scaled)), _ones(bounds)
+
+
+def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula]:
+    """As `_scaled`, where v does not enter linearly: each component of v is multiplied by its bound."""
+    if not bounds.reads.any():
+        return velocity, None, bounds
+    (count, D), out = bounds.shape, []
+    for j in range(count):
+        most = bounds.outputs[j * D : (j + 1) * D]
+
+        def put(one: Node, most: Sequence[Node] = most) -> Node | None:
+            return make("mul", one, make("abs", most[one.value[0] - 1])) if one.op == "p" and one.value[0] else None
+
+        size = len(velocity.outputs) // count
+        out += rebuilt(velocity.outputs[j * size : (j + 1) * size], put)
+    return replace(velocity, outputs=tuple(out)), None, _ones(bounds)
+
+
+def _ones(bounds: Formula) -> Formula:
+    return replace(bounds, outputs=(constant(1.0),) * len(bounds.outputs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,10 @@ SIZES = {"drift": ("L", "ndim"), "velocity": ("L", "ndim"), "gain": ("L", "ndim"
 
 def described(problem: ReachAvoidProblem) -> dict[str, Any]:
     """The problem as plain numbers, lists and text (JSON), for the head of a file."""
-    functions = {
-        name: {
-            "coordinates": problem.functions[name].coordinates,
-            "parameters": problem.functions[name].parameters,
-            "lines": lines,
-        }
-        for name, lines in problem.texts[0].items()
-    }
+    functions = {}
+    for name, lines in problem.texts[0].items():
+        one: Any = problem.functions[name]
+        functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
     return problem.numbers | {"formulas": {"format": FORMAT, "functions": functions, "opaque": problem.opaque}}
 
 
