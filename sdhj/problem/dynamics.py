@@ -453,12 +453,12 @@ class VectorField:
             columns.append((ends[1] - ends[0]) / (2 * most[d]) if most[d] else 0.0 * ends[0])
         return np.stack(columns, axis=2)
 
-    def velocity_at(self, points: FloatArray, j: int, v: FloatArray, t: float) -> FloatArray:
+    def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
         """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim): (M, ndim)."""
         each = np.broadcast_to(v, (len(points), self.adversaries))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
-        return self._with_disturbance[j](np.column_stack([points, each]), t)
+        return self._with_disturbance[j](np.concatenate([points, each], axis=1), t)
 
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
@@ -650,17 +650,6 @@ class Interval:
             velocity[rows] = self.drift(states[rows], j, t)
         return velocity
 
-    def velocity(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float) -> FloatArray:
-        """Velocity of each state (M, ndim) under its own input (M,) and disturbance (M, D): (M, ndim)."""
-        if self.dynamics.constant:
-            return self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T
-        if self.dynamics.gain is not None:
-            return self.undisturbed(states, inputs, t) + np.einsum("mad,md->ma", self.gain(states, inputs, t), v)
-        velocity, points = np.empty_like(states), self.grid.wrapped(states)
-        for j, rows in by_input(inputs):
-            velocity[rows] = self.dynamics.velocity_at(points[rows], j, v[rows], t)
-        return velocity
-
     def advance(
         self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
     ) -> FloatArray:
@@ -669,17 +658,42 @@ class Interval:
         Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
         """
 
-        def moved(span: float, slope: FloatArray) -> FloatArray:
-            moved = states + span * slope
-            return self.grid.clipped(moved) if walls else moved
-
-        k1 = self.velocity(states, inputs, v, t)
         if self.dynamics.constant:
-            return moved(duration, k1)
-        k2 = self.velocity(moved(duration / 2, k1), inputs, v, t + duration / 2)
-        k3 = self.velocity(moved(duration / 2, k2), inputs, v, t + duration / 2)
-        k4 = self.velocity(moved(duration, k3), inputs, v, t + duration)
+            moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
+            return self.grid.clipped(moved) if walls else moved
+        out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
+        for j, rows in by_input(inputs):
+            if self.dynamics.formulas:
+                out[rows] = self._steps_formula(j, walls)(whole[rows], t, duration)
+            else:
+                out[rows] = self._runge_kutta(whole[rows], j, walls, t, duration)
+        return out
+
+    def _runge_kutta(self, whole: Any, j: int, walls: bool, t: Any, duration: Any) -> Any:
+        """States and disturbances side by side, (M, ndim + D), to states a step later."""
+        states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
+
+        def velocity(q: Any, now: Any) -> Any:
+            return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
+
+        def moved(span: Any, slope: Any) -> Any:
+            return self.grid.clipped(states + span * slope) if walls else states + span * slope
+
+        k1 = velocity(states, t)
+        k2 = velocity(moved(duration / 2, k1), t + duration / 2)
+        k3 = velocity(moved(duration / 2, k2), t + duration / 2)
+        k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
+
+    def _steps_formula(self, j: int, walls: bool) -> Formula:
+        """`_runge_kutta`, read: one tape for a step."""
+        known, grid = self.dynamics.read_methods, self.grid
+        key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
+        if key not in known:
+            count = grid.ndim + self.dynamics.adversaries
+            found = self._runge_kutta(points_of(count, 1), j, walls, parameter(0), parameter(1))
+            known[key] = Formula(tuple(found.entries.flat), count, 2, (grid.ndim,), "where the state moves to")
+        return known[key]
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
