@@ -10,11 +10,13 @@ from typing import Any
 import naive_maps
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 
 import sdhj
 from sdhj import UnsafeSet
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj.certified import Certified
+from sdhj.formulas.graph import ordered
 from sdhj.problem.maps import clearance
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
@@ -113,9 +115,24 @@ def test_what_is_claimed_of_the_slope_holds_and_is_not_idle(rng: np.random.Gener
             change = np.abs(part.level_set(points + step * direction, 0.0) - part.level_set(points, 0.0)).max() / step
             straight = (direction == 0).any()
             steepest, along = max(steepest, change), max(along, change if straight else 0.0)
-    assert part.slope == np.sqrt(2)
-    assert 1.3 < steepest <= part.slope + 1e-9
+    assert 1.3 < steepest <= np.sqrt(2) + 1e-9
     assert 0.99 < along <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_bounds_of_a_map_are_no_wider_than_its_slopes(yaw: float, rng: np.random.Generator) -> None:
+    """A turned box is wider by the sine and the cosine; the slope along an axis of the map is 1."""
+    part = UnsafeSet.from_map(rng.random((15, 20)) < 0.2, resolution=0.1, origin=(0.3, -0.2, yaw))
+    formula = part.level_set
+    assert len(ordered(formula.outputs)) <= 26
+    for width in (0.0, 0.01, 0.3):
+        low = rng.uniform(-1.0, 2.5, (2000, 2))
+        least, greatest = formula.bounds(low, low + width, (0.0, 0.0))
+        for _ in range(20):
+            values = formula(low + width * rng.random(low.shape), 0.0)
+            assert (least <= values).all() and (values <= greatest).all()
+        past = 2.0  # outside the map the table's value and the distance to the map may change, both by this much
+        assert (greatest - least <= past * 2 * width * (np.cos(yaw) + np.sin(yaw)) + 1e-12).all()
 
 
 def test_one_pixel_is_seen_from_everywhere() -> None:
@@ -232,8 +249,6 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
     for make in (partial(UnsafeSet.from_map, free, resolution=1.0), partial(UnsafeSet.polygon, SHAPE)):
         with pytest.raises(ValueError, match="must be two axes of the grid, for x and y"):
             make(axes=(0,))
-    with pytest.raises(ValueError, match="slope of 'post' must be at least 0"):
-        UnsafeSet((0,), lambda p, t: p[:, 0], name="post")
 
 
 MISSING = """
@@ -277,10 +292,66 @@ def test_a_polygon_has_its_signed_distance(vertices: list[list[float]], rng: np.
     values = part.level_set(points, 0.0)
     truth = [naive_maps.to_polygon(x, y, vertices) - 0.25 for x, y in points]
     np.testing.assert_allclose(values, truth, rtol=0, atol=1e-12)
-    assert (values < -0.25).any() and part.slope == 1.0 and part.name == "table" and not part.moving
+    assert (values < -0.25).any() and part.name == "table" and not part.moving
     beside = points + 1e-3 * rng.standard_normal(points.shape)
     change = np.abs(part.level_set(beside, 0.0) - values) / np.linalg.norm(beside - points, axis=1)
     assert 0.99 < change.max() <= 1.0 + 1e-9
+
+
+def any_polygon(rng: np.random.Generator, count: int, places: float) -> np.ndarray:
+    """A triangle to which corners are added anywhere (on a lattice, if `places` is small) as long as no edges meet."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    for _ in range(400):
+        more = np.insert(corners, rng.integers(len(corners)), np.round(rng.random(2) * places) / places, axis=0)
+        if len(corners) < count and shapely.Polygon(more).is_valid:
+            corners = more
+    return corners[:: rng.choice([-1, 1])]
+
+
+ANGLES = np.linspace(0.0, 6 * np.pi, 60)[:, None]
+SPIRAL = np.concatenate([(1 + ANGLES / 9) * np.hstack([np.cos(ANGLES), np.sin(ANGLES)]) * share for share in (1, 0.9)])
+SPIRAL[60:] = SPIRAL[:59:-1]  # out along the one, back along the other
+COMB = [[k // 2 * 2 + k % 2, 3.0 if (k // 2) % 2 else 0.0] for k in range(20)] + [
+    [19.0, -1.0],
+    [0.0, -1.0],
+]  # even tips
+DOUBLE = [
+    [0, 0],
+    [0, 0],
+    [1, 0],
+    [2, 0],
+    [2, 1],
+    [2, 1],
+    [1, 1],
+    [0.5, 1],
+    [0, 1],
+    [0, 0],
+]  # corners twice, or straight
+
+
+@pytest.mark.parametrize("seed", ["spiral", "comb", "double", *range(25)])
+def test_polygons_of_every_shape_are_formulas(seed: Any, rng: np.random.Generator) -> None:
+    """Signed distances to the last digits; away from the edges bounds know inside from outside."""
+    if isinstance(seed, int):
+        rng = np.random.default_rng(seed)
+        vertices = any_polygon(rng, int(rng.integers(3, 25)), [4.0, 10.0, 2.0**40][seed % 3])
+    else:
+        vertices = np.array({"spiral": SPIRAL, "comb": COMB, "double": DOUBLE}[seed], dtype=float)
+    formula = UnsafeSet.polygon(vertices).level_set
+    size = np.ptp(vertices, axis=0)
+    points = vertices.min(axis=0) + size * rng.uniform(-0.3, 1.3, (600, 2))
+    values = formula(points, 0.0)
+    corners = vertices[(vertices != np.roll(vertices, -1, axis=0)).any(axis=1)].tolist()
+    truth = [naive_maps.to_polygon(x, y, corners) for x, y in points]
+    np.testing.assert_allclose(values, truth, rtol=0, atol=1e-13 * size.max())
+    assert len(ordered(formula.outputs)) <= 32 * len(corners)
+    width = 0.02 * size.max()
+    least, greatest = formula.bounds(points - width / 2, points + width / 2, (0.0, 0.0))
+    beside = formula(points + width * rng.uniform(-0.5, 0.5, points.shape), 0.0)
+    assert (least <= beside).all() and (beside <= greatest).all()
+    decided = (least > 0) | (greatest < 0)
+    if isinstance(seed, int) and seed % 3 == 2:  # no corner on the line of another edge
+        assert decided[np.abs(values) > 1.5 * width].mean() > 0.98
 
 
 @pytest.mark.parametrize(
@@ -315,13 +386,12 @@ def flat_problem(nodes: tuple[int, int], part: UnsafeSet) -> sdhj.ReachAvoidProb
 
 
 def test_a_robot_comes_through_the_door_of_its_map(written: Callable[..., Path]) -> None:
-    """Solved, certified by the bounds that the docstring proves, and no run meets a square."""
+    """Solved, certified by the bounds of its formula, and no run meets a square."""
     part = UnsafeSet.from_map(written(), radius=0.02)
     problem = flat_problem((65, 49), part)
     start = [[0.05, -0.2]]
     blocked = (flat() != GREY["free"]).tolist()
-    bounds = LipschitzBounds(sets={"target": [1.0, 1.0], "map": [1.0, 1.0]})
-    for method in (sdhj.HJI(), Certified((64, 48), bounds)):
+    for method in (sdhj.HJI(), Certified((64, 48))):
         table = sdhj.solve(problem, method, progress=False)
         assert table.contains(start, start=0, within=24)[0]
         assert not table.contains([[-0.4 + 16.5 * 0.05, -0.3]], start=0, within=24)[0]  # in the wall
