@@ -8,6 +8,7 @@ import pytest
 from toys import interval_problem, unicycle_problem
 
 import sdhj
+from sdhj.formulas.graph import ordered
 from sdhj.table.controller import Relay
 
 CERTIFIED = sdhj.Certified(cells=(80,))
@@ -45,11 +46,32 @@ def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
         inside = target.level_set(points, t) <= 0
         assert inside.tolist() == (expected or [False] * 4)
         if method is CERTIFIED:
-            low, high = target.level_set.function.enclosure(points - 1e-3, points + 1e-3, t, t)
+            low, high = target.level_set.enclosure(points - 1e-3, points + 1e-3, t, t)
             assert ((high <= 0) == inside).all() and ((low <= 0) == inside)[:3].all()
     if method is CERTIFIED:
         with pytest.raises(ValueError, match="depends on time"):
-            target.level_set.function.enclosure(points, points, 0.0, 0.5)
+            target.level_set.enclosure(points, points, 0.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    "problem", [interval_problem(steps=3, rate=-0.3), unicycle_problem()], ids=["timed", "turning"]
+)
+def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
+    """Interpolated as the grid does, outside of it nothing; a look-up for each step at most."""
+    table, grid = sdhj.solve(problem, progress=False), problem.grid
+    tube = sdhj.TargetSet.from_table(table, within=1).level_set
+    lower, upper = np.array(grid.lower), np.array(grid.upper)
+    points = grid.wrapped(rng.uniform(lower - 0.3, upper + 0.3, (2000, grid.ndim)))
+    for step in range(table.steps + 1):
+        values = table.values(start=0 if problem.timeless else step, within=1)
+        expected = np.minimum(grid.interpolate(values, points), max(values.max(), 1.0))
+        np.testing.assert_allclose(tube(points, problem.time(step)), expected, rtol=0, atol=1e-14)
+        assert (expected <= 0).any() and (expected > 0).any()
+    assert tube.timed != problem.timeless and tube.reads.all()
+    assert sum(one.op == "gridded" for one in ordered(tube.outputs)) <= (1 if problem.timeless else table.steps + 1)
+    low, high = tube.bounds(points - 0.01, points + 0.01, (problem.time(0), problem.time(0)))
+    inside = tube(points + rng.uniform(-0.01, 0.01, points.shape), problem.time(0))
+    assert (low <= inside).all() and (inside <= high).all()
 
 
 def test_boxes_are_in_a_set_as_plain_loops_say(rng):
@@ -67,11 +89,13 @@ def test_boxes_are_in_a_set_as_plain_loops_say(rng):
     assert past.tolist() == [[False], [True]]
 
 
-def test_what_is_no_proof_is_no_target_of_one():
+def test_the_way_to_a_grid_tables_tube_is_proved_and_what_is_no_table_refused():
     problem = interval_problem()
     table = sdhj.solve(problem, progress=False)
-    with pytest.raises(ValueError, match=r"the level set of .the tube of problem. cannot be bounded"):
-        sdhj.solve(chained(problem, table), CERTIFIED, progress=False)
+    second = sdhj.solve(chained(problem, table, within=1), CERTIFIED, progress=False)
+    cells = second.bits(start=0, within=0)
+    middles = (second.axes[0].edges()[1:] + second.axes[0].edges()[:-1])[:, None] / 2
+    assert cells.any() and table.contains(middles[cells], start=0, within=1).all()
     with pytest.raises(ValueError, match=r"what sdhj\.solve returns"):
         sdhj.TargetSet.from_table(problem)
     with pytest.raises(ValueError, match="within"):
