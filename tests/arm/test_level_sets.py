@@ -12,14 +12,12 @@ from sdhj.arm.case_studies import arm_case_study, evader_case_study, scene
 from sdhj.arm.workspace import KINEMATICS, Circle, Disk, Line, Segment, Still
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import ordered
-from sdhj.formulas.tracing import parameter, points_of, traced
 
 ROUNDING = 1e-14  # what the values, and the bounds at a point, may differ by: some units of 1e-16 for each operation
 
 
 def formula(function: Callable[..., Any], coordinates: int, parameters: int = 1) -> Formula:
-    given = [points_of(coordinates, 5), *map(parameter, range(parameters))]
-    return Formula(tuple(traced("level_set", function, 5, given, (), True)), coordinates, parameters)
+    return Formula.read("level_set", function, coordinates, *["t", "t0 t1"][parameters - 1].split())
 
 
 def check(
