@@ -43,7 +43,7 @@ class Formula:
         The function that it was read from, until a problem has compared the two.
     """
 
-    outputs: tuple[Node, ...]
+    outputs: tuple[Node, ...] = field(repr=False)
     coordinates: int
     parameters: int = 1
     shape: tuple[int, ...] = ()

@@ -53,7 +53,7 @@ class Node:
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
-        return f"{self.op}({', '.join(map(str, self.args or [self.value]))})"
+        return f"{self.op} of {len(self.args)}" if self.args else f"{self.op} {self.value}"
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
@@ -73,6 +73,15 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
         with _lock:
             found = _nodes.setdefault(key, found)
     return found
+
+
+def _at_least_zero(one: Node) -> bool:
+    """Whether a node is clearly never negative."""
+    if one.op in ("add", "mul", "min"):
+        return all(map(_at_least_zero, one.args))
+    if one.op == "max":
+        return any(map(_at_least_zero, one.args))
+    return one.op in ("abs", "sqr", "sqrt", "hypot", "exp") or (one.op == "const" and one.value >= 0)
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
