@@ -14,6 +14,7 @@ from sdhj.formulas.rules import RULES
 
 FORMAT = 1
 MOST_LINES = 100_000
+TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # how many operands are truth values
 CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
 
 
@@ -59,21 +60,28 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
     nodes: list[Node] = []
-    limits = {"x": coordinates, "p": parameters}
+    limits, lookups = {"x": coordinates, "p": parameters}, dict[tuple[str, ...], Lookup]()
     for place, line in enumerate(lines):
-        op, *words = line.split()
         try:
+            op, *words = line.split()
             if place == len(lines) - 1:
                 if op != "return" or not words:
                     raise ValueError("the last line must be `return` and the results")
                 return tuple(nodes[_index(word, place)] for word in words)
-            nodes.append(_node(op, words, nodes, tables, limits))
-        except (ValueError, KeyError, IndexError, OverflowError) as error:
-            raise ValueError(f"line {place} of a formula, {line[:80]!r}, cannot be read: {error}") from None
+            nodes.append(_node(op, words, nodes, tables, limits, lookups))
+        except (ValueError, IndexError, OverflowError, AttributeError) as error:
+            raise ValueError(f"line {place} of a formula, {str(line)[:80]!r}, cannot be read: {error}") from None
     raise AssertionError
 
 
-def _node(op: str, words: list[str], nodes: list[Node], tables: Sequence[Any], limits: Mapping[str, int]) -> Node:
+def _node(
+    op: str,
+    words: list[str],
+    nodes: list[Node],
+    tables: Sequence[Any],
+    limits: Mapping[str, int],
+    lookups: dict[tuple[str, ...], Lookup],
+) -> Node:
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
     if op in limits:
@@ -88,25 +96,32 @@ def _node(op: str, words: list[str], nodes: list[Node], tables: Sequence[Any], l
             raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
         return interned(op, (nodes[_index(base, len(nodes))],), int(exponent))
     if op == "gridded":
-        return _gridded(words, nodes, tables)
+        return _gridded(words, nodes, tables, lookups)
     if len(words) != RULES[op].arity:
         raise ValueError(f"{op} has {RULES[op].arity} operands")
-    return interned(op, tuple(nodes[_index(word, len(nodes))] for word in words))
+    operands = tuple(nodes[_index(word, len(nodes))] for word in words)
+    if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
+        raise ValueError(f"{op} needs truth values")
+    return interned(op, operands)
 
 
-def _gridded(words: list[str], nodes: list[Node], tables: Sequence[Any]) -> Node:
+def _gridded(
+    words: list[str], nodes: list[Node], tables: Sequence[Any], lookups: dict[tuple[str, ...], Lookup]
+) -> Node:
     one, two = words.index("lower"), words.index("spacing")
     table = tables[_index(words[0], len(tables))]
     lower, spacing = (list(map(float.fromhex, part)) for part in (words[one + 1 : two], words[two + 1 :]))
     operands = tuple(nodes[_index(word, len(nodes))] for word in words[1:one])
-    lookup = Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
+    lookup = lookups.get(key := (words[0], *words[one:]))
+    if lookup is None:
+        lookup = lookups[key] = Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
     if len(operands) != lookup.values.ndim:
         raise ValueError(f"a table of {lookup.values.ndim} axes needs as many operands")
     return interned("gridded", operands, lookup)
 
 
 def _index(word: str, most: int) -> int:
-    if not (word.isdecimal() and int(word) < most):
+    if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word!r} must be a whole number below {most}")
     return int(word)
 

@@ -1,0 +1,287 @@
+"""Graphs and their texts: what is simplified, what is linear, and what is refused."""
+
+import itertools
+import math
+import pickle
+import random
+
+import naive_formulas as twin
+import numpy as np
+import pytest
+
+from sdhj.formulas.graph import Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
+from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.rules import RULES
+from sdhj.formulas.text import MOST_LINES, alike, parsed, shown, written
+
+X, Y, T = leaf("x", 0), leaf("x", 1), leaf("p", 0)
+ZERO, ONE, NAN = constant(0.0), constant(1.0), constant(math.nan)
+TABLE = Lookup.of([[0.0, 1.0, 0.5], [2.0, -1.0, 0.25]], [-1.0, -1.0], [2.0, 1.0])
+SPECIAL = (0.0, 1.0, -1.0, 0.5, -2.0, 1e200, math.inf, math.nan)
+VALUES = [*itertools.product((-2.0, -1.0, 0.0, 0.5, 1.0, 3.0, 800.0), repeat=2)]
+TRUTH_OPS = [name for name, rule in RULES.items() if rule.truth]
+
+
+def raw(op, *args, value=None):
+    """A node that is not simplified."""
+    return interned(op, args, value)
+
+
+def random_pair(rng, count=8):
+    """The same random expression, simplified as it is made and not."""
+    pairs = [(X, X), (Y, Y), (T, T), *((constant(c), constant(c)) for c in rng.sample(SPECIAL, 3))]
+    for _ in range(count):
+        op = rng.choice([name for name in RULES if name not in ("x", "p", "const", "gridded")])
+        chosen = [rng.choice(pairs) for _ in range(RULES[op].arity)]
+        needed = {"and": 2, "or": 2, "not": 1, "where": 1}.get(op, 0)
+        truths = [pair for pair in pairs if pair[0].truth and pair[1].truth]
+        if needed and not truths:
+            continue
+        chosen[:needed] = [rng.choice(truths) for _ in range(needed)]
+        if op == "power":
+            n = rng.randint(-3, 3)
+            pairs.append((power(chosen[0][0], constant(n)), raw(op, chosen[0][1], value=n)))
+        else:
+            pairs.append((make(op, *(a for a, _ in chosen)), raw(op, *(b for _, b in chosen))))
+    return pairs[-1]
+
+
+def test_equal_nodes_are_one():
+    assert make("add", X, Y) is make("add", X, Y) and make("add", X, Y) is not make("add", Y, X)
+    assert constant(2) is constant(2.0) and constant(math.nan) is constant(math.nan) and constant(-0.0) is ZERO
+    assert leaf("x", 0) is X and leaf("x", 0, 1) is not X
+    assert constant(True) is ONE and ONE.truth and not constant(2.0).truth
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_simplified_and_not_are_the_same_wherever_either_is_defined(seed):
+    one, other = random_pair(random.Random(seed))
+    for point in VALUES:
+        a, b = (twin.value(node, point, [0.7]) for node in (one, other))
+        assert math.isnan(a) == math.isnan(b) or not math.isfinite(b), (one, other, point)
+        assert math.isnan(a) or math.isnan(b) or a == pytest.approx(b, rel=1e-12), (one, other, point)
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        make("mul", ZERO, make("log", X)),
+        make("mul", make("sqrt", X), ZERO),
+        make("sub", make("log", X), make("log", X)),
+        make("sub", make("exp", X), make("exp", X)),
+        make("div", ZERO, X),
+        make("div", X, X),
+        make("where", make("less", make("log", X), ONE), Y, Y),
+        make("where", NAN, X, Y),
+        make("where", make("less", ZERO, ONE), make("log", X), Y),
+        make("min", make("log", X), constant(-math.inf)),
+        make("mul", ZERO, constant(math.inf)),
+        make("sub", constant(math.inf), constant(math.inf)),
+        make("less", NAN, ONE),
+        make("and", ZERO, make("less", make("log", X), ONE)),
+        make("or", ONE, make("less", make("log", X), ONE)),
+        make("not", NAN),
+        make("max", NAN, ONE),
+        make("sign", NAN),
+        make("sqrt", constant(-1.0)),
+        make("div", ONE, ZERO),
+        power(make("log", X), ZERO),
+        power(X, constant(-2.0)),
+        power(NAN, ZERO),
+    ],
+    ids=str,
+)
+def test_what_may_be_undefined_is_kept(node):
+    assert not node.total
+    assert any(math.isnan(twin.value(node, (x, 0.5), [0.0])) for x in (-1.0, 0.0, 1e4, 800.0))
+
+
+def test_what_is_simplified():
+    sine = make("sin", X)
+    assert make("mul", ZERO, sine) is ZERO and make("sub", sine, sine) is ZERO
+    assert make("add", ZERO, X) is X and make("mul", X, ONE) is X and make("div", X, ONE) is X
+    assert make("mul", X, constant(-1.0)).op == "neg" and make("mul", X, X).op == "sqr"
+    assert make("add", X, make("neg", Y)) is make("sub", X, Y) and make("neg", make("neg", X)) is X
+    assert make("add", constant(1.5), constant(2.0)) is constant(3.5)
+    assert [power(X, constant(n)).op for n in (1, 2, 0.5, -1, 3, 2.5, 65)] == "x sqr sqrt div power pow pow".split()
+    assert power(X, ZERO) is ONE and power(X, Y).op == "pow"
+    assert make("where", ONE, X, make("log", Y)) is X
+    assert rebuilt([make("mul", X, Y)], lambda one: ZERO if one is X else None) == [ZERO]
+
+
+def test_a_deep_graph_needs_no_recursion():
+    node = X
+    for _ in range(50_000):
+        node = make("add", make("sin", node), Y)
+    assert len(ordered([node])) == 100_002 and leaves([node], "x") == {0, 1}
+    assert math.isfinite(twin.value(node, (0.1, 0.2), []))
+    del node
+
+
+def test_linear_parts():
+    v, w = leaf("p", 1), leaf("p", 2)
+    drift, gain = make("sin", X), make("cos", Y)
+    node = make(
+        "sub", make("add", drift, make("mul", gain, v)), make("div", make("where", make("less", X, Y), w, v), T)
+    )
+    parts = linear([node, X, make("neg", v)], 1, 2)
+    assert parts is not None and not leaves([one for row in parts for one in row], "p") & {1, 2}
+    rng = np.random.default_rng(0)
+    for x, y, t, *push in rng.uniform(0.5, 2.0, (20, 5)):
+        for one, (rest, *slopes) in zip([node, X, make("neg", v)], parts, strict=True):
+            rest, *slopes = twin.values([rest, *slopes], (x, y), [t])
+            assert twin.value(one, (x, y), [t, *push]) == pytest.approx(rest + np.dot(slopes, push), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        make("sqr", leaf("p", 1)),
+        make("mul", leaf("p", 1), leaf("p", 2)),
+        make("mul", make("sin", leaf("p", 1)), leaf("p", 2)),
+        make("div", X, leaf("p", 1)),
+        make("abs", leaf("p", 1)),
+        make("where", make("less", leaf("p", 1), X), X, Y),
+        make("add", leaf("p", 2), make("max", leaf("p", 1), X)),
+    ],
+    ids=str,
+)
+def test_what_is_not_linear_has_no_parts(node):
+    assert linear([X, node], 1, 2) is None
+
+
+def test_linear_parts_keep_what_may_be_undefined():
+    (parts,) = linear([make("mul", make("log", X), leaf("p", 1))], 1, 1)
+    assert all(math.isnan(one) for one in twin.values(parts, (-1.0, 0.0), [0.0]))
+
+
+def sample():
+    grid = interned("gridded", (X, make("add", Y, T)), TABLE)
+    again = interned("gridded", (Y, X), TABLE)
+    return [make("mul", grid, power(X, constant(-3.0))), make("where", make("less", X, Y), again, constant(0.1)), X]
+
+
+def test_texts_round_trip():
+    tables = []
+    lines = written(sample(), tables)
+    assert len(tables) == 1 and lines[-1].startswith("return ") and not any("true" in line for line in lines)
+    assert list(parsed(lines, tables, 2, 1)) == sample()
+    assert list(parsed(lines, [tables[0].values], 2, 1)) == sample()
+    for seed in range(100):
+        for node in random_pair(random.Random(seed)):
+            text = written([node], [])
+            assert parsed(text, [], 2, 1) == (node,) and written(parsed(text, [], 2, 1), []) == text
+
+
+def test_the_order_of_lines_follows_from_the_graph_alone():
+    first = written([make("add", make("sin", X), make("cos", Y))], [])
+    late = make("cos", leaf("x", 1))
+    assert written([make("add", make("sin", leaf("x", 0)), late)], []) == first
+    assert first == ["x 0", "sin 0", "x 1", "cos 2", "add 1 3", "return 4"]
+
+
+def test_alike_are_texts_whose_constants_differ_by_rounding():
+    def text(c, origin=-1.0, op="add"):
+        table = Lookup.of(TABLE.values, [origin, -1.0], [2.0, 1.0])
+        return written([make(op, interned("gridded", (X, Y), table), make("mul", constant(c), X))], [])
+
+    assert alike(text(0.3), text(0.3 * (1 + 1e-13))) and alike(text(0.3), text(0.3, -1.0 - 1e-13))
+    assert not alike(text(0.3), text(0.3 + 1e-10)) and not alike(text(0.3), text(0.3, -1.0 - 1e-10))
+    assert not alike(text(0.3), text(0.3, op="sub")) and not alike(text(0.3), text(0.3)[1:])
+    assert not alike(written([make("add", X, T)], []), written([make("add", Y, T)], []))
+    assert not alike(written([power(X, constant(3))], []), written([power(X, constant(4))], []))
+
+
+BAD = [
+    "",
+    "x",
+    "x 2",
+    "x -1",
+    "x 0 0",
+    "x 0x0",
+    "x ²",
+    "x ٣",
+    "p 1",
+    "const",
+    "const one",
+    "const 0x1p+99999",
+    "const true",
+    "add 0",
+    "add 0 2",
+    "add 0 -1",
+    "add 0 1 1",
+    "power 0 65",
+    "power 0 -65",
+    "power 0 0x2",
+    "power 0",
+    "and 0 1",
+    "not 0",
+    "where 0 1 1",
+    "sine 0",
+    "__class__ 0",
+    "return 0",
+    "gridded 1 0 1 lower 0x0p+0 0x0p+0 spacing 0x1p+0 0x1p+0",
+    "gridded 0 0 lower 0x0p+0 spacing 0x1p+0",
+    "gridded 0 0 1 lower 0x0p+0 spacing 0x1p+0 0x1p+0",
+    "gridded 0 0 1 spacing 0x1p+0 0x1p+0 lower 0x0p+0 0x0p+0",
+    "gridded 0 0 1 lower 0x0p+0 0x0p+0 spacing 0x1p+0 -0x1p+0",
+    "gridded 0 0 1 lower nan 0x0p+0 spacing 0x1p+0 0x1p+0",
+    "gridded",
+    7,
+    None,
+]
+
+
+@pytest.mark.parametrize("line", BAD, ids=repr)
+def test_bad_lines_are_refused_with_their_number(line):
+    with pytest.raises(ValueError, match=r"line 2 of a formula"):
+        parsed(["x 0", "x 1", line, "return 0"], [TABLE], 2, 1)
+
+
+@pytest.mark.parametrize("line", ["return", "return 2", "return x", "x 0", "", "returns 0"])
+def test_bad_last_lines_are_refused(line):
+    with pytest.raises(ValueError, match=r"line 2 of a formula"):
+        parsed(["x 0", "x 1", line], [], 2, 1)
+
+
+@pytest.mark.parametrize("lines", [[], ["return 0"], ["x 0"] * (MOST_LINES + 1)])
+def test_too_few_or_too_many_lines_are_refused(lines):
+    with pytest.raises(ValueError, match="must have 2 to"):
+        parsed(lines, [], 2, 1)
+
+
+def test_fuzzed_texts_are_read_or_refused():
+    rng, tables = random.Random(0), []
+    lines = written(sample(), tables)
+    words = [*RULES, "return", "lower", "spacing", "nan", "-1", "0", "1", "99", "0x1p+0", "1e5", "", "\x00", "True"]
+    refused = 0
+    for _ in range(3000):
+        text = list(lines)
+        for _ in range(rng.randint(1, 3)):
+            at = rng.randrange(len(text))
+            parts = text[at].split(" ")
+            parts[rng.randrange(len(parts))] = rng.choice(words)
+            text[at] = " ".join(parts)
+            if rng.random() < 0.1:
+                del text[rng.randrange(len(text))]
+        try:
+            nodes = parsed(text, tables, 2, 1)
+        except ValueError as error:
+            refused += 1
+            assert "line " in str(error) or "must have" in str(error)
+        else:
+            assert all(isinstance(node, Node) for node in nodes)
+            twin.values(nodes, (0.3, -0.2), [0.5])
+    assert 1000 < refused < 3000
+
+
+def test_mathematics_to_look_at():
+    node = make("sub", make("hypot", make("sub", X, make("mul", constant(0.5), T)), Y), constant(0.25))
+    assert shown([node], ["x", "y"]) == ["hypot(x - 0.5 t, y) - 0.25"]
+
+
+def test_formulas_pickle():
+    formula = pytest.importorskip("sdhj.formulas.formula")
+    one = formula.Formula(tuple(sample()), 2, 1, (3,))
+    again = pickle.loads(pickle.dumps(one))
+    assert again.outputs == one.outputs and again.shape == (3,) and again.coordinates == 2
