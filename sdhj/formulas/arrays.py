@@ -169,7 +169,7 @@ class Traced(NDArrayOperatorsMixin):
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
             raise NotTraced(f"numpy.{function.__name__} {_listed(options)}")
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
-        kind = np.result_type(*map(_weak_type, joined))
+        kind = np.result_type(*map(weak_type, joined))
         return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
 
     @noted
@@ -191,7 +191,7 @@ class Traced(NDArrayOperatorsMixin):
         return self.copy("K")
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("sum", "prod", "mean", "min", "max", "any", "all", "clip", "dot"):
+        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
             return functools.partial(self._moved, name)
@@ -279,7 +279,7 @@ def stacked(values: Any) -> Traced:
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
         raise NotTraced("a list of arrays of different shapes", "np.full_like(other, number) has the shape of another")
-    return Traced(np.stack([one.entries for one in arrays]), np.result_type(*map(_weak_type, values)))
+    return Traced(np.stack([one.entries for one in arrays]), np.result_type(*map(weak_type, values)))
 
 
 def entries_of(value: Any) -> Any:
@@ -287,7 +287,7 @@ def entries_of(value: Any) -> Any:
     return traced_array(value).entries
 
 
-def _weak_type(value: Any) -> Any:
+def weak_type(value: Any) -> Any:
     """Of an operand: its dtype, or int or float for a Python number, which takes that of other operands."""
     if isinstance(value, list | tuple) and holds_traced(value):
         return traced_array(value).dtype
@@ -299,8 +299,8 @@ def _weak_type(value: Any) -> Any:
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
     """The dtype that NumPy gives an answer."""
     if ufunc.signature is not None:
-        return np.result_type(*map(_weak_type, inputs))
-    kinds = (type(one) if isinstance(one, int | float) else one for one in map(_weak_type, inputs))
+        return np.result_type(*map(weak_type, inputs))
+    kinds = (type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs))
     return ufunc.resolve_dtypes((*kinds, *[None] * ufunc.nout))[-1]
 
 
@@ -392,11 +392,12 @@ LOGICAL: dict[Any, str] = {
     **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), "or"),
     **dict.fromkeys((np.logical_not, np.invert), "not"),
 }  # of truth values
-MADE: dict[Any, Callable[..., Traced]] = {
+MADE: dict[Any, Callable[..., Any]] = {
     np.positive: lambda a: a.copy("K"),
     np.ceil: lambda a: -np.floor(-a),
     np.trunc: lambda a: np.where(a < 0.0, -np.floor(-a), np.floor(a)),
     np.reciprocal: lambda a: 1.0 / a,
+    np.heaviside: lambda a, at_zero: np.where(a < 0.0, 0.0, np.where(a > 0.0, 1.0, at_zero)),
     np.floor_divide: lambda a, b: np.floor((a - np.remainder(a, b)) / b + 0.5),  # 1 // 0.1 is 9
     np.fmod: lambda a, b: np.where(a < 0.0, -np.remainder(-a, abs(b)), np.remainder(a, abs(b))),
     np.sinh: lambda a: (np.exp(a) - np.exp(-a)) / 2.0,
@@ -455,7 +456,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
     entries = _each("where", _true(condition), *map(entries_of, branches))
-    return Traced(entries, np.result_type(*map(_weak_type, branches)))
+    return Traced(entries, np.result_type(*map(weak_type, branches)))
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
@@ -469,7 +470,7 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
-    kind = np.result_type(*map(_weak_type, [*choicelist, default]))
+    kind = np.result_type(*map(weak_type, [*choicelist, default]))
     pairs = reversed([*zip(condlist, choicelist, strict=True)])
     return Traced(reduce(lambda rest, pair: _where(*pair, rest), pairs, default).entries, kind)
 
@@ -492,6 +493,15 @@ def _diff(a: Any, n: int = 1, axis: int = -1) -> Any:
     return a
 
 
+def _cumsum(a: Any, axis: Any = None) -> Any:
+    array = traced_array(a)
+    if axis is None and array.ndim != 1:
+        raise NotTraced("numpy.cumsum of all", "sum along an axis")
+    columns = np.moveaxis(array.entries, axis or 0, 0)
+    sums = [_reduced(np.add, Traced(columns[: k + 1], array.dtype), 0) for k in range(len(columns))]
+    return np.stack(sums, axis=axis or 0)
+
+
 def _ptp(a: Any, axis: Any = None) -> Any:
     return np.max(a, axis=axis) - np.min(a, axis=axis)
 
@@ -512,8 +522,10 @@ def _filled_like(value: float) -> Callable[..., Traced]:
 
 def _multiplied(function: Any, *args: Any, optimize: Any = False) -> Any:
     """A product of matrices: NumPy's own, which adds and multiplies entries."""
+    if function is not np.einsum and len(args) != 2:
+        raise NotTraced("a product of matrices that is written into an array")
     arrays = [one for one in args if not isinstance(one, str)]
-    kind = np.result_type(*map(_weak_type, arrays))
+    kind = np.result_type(*map(weak_type, arrays))
     if kind == TRUTH:
         raise NotTraced("a product of truth values", "np.where(condition, 1.0, 0.0) is a number")
     return _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
@@ -524,12 +536,12 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.min, np.amin), _reducing(np.minimum)),
     **dict.fromkeys((np.max, np.amax), _reducing(np.maximum)),
     **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.ptp: _ptp, np.full_like: _full_like},
-    **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff},
+    **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff, np.cumsum: _cumsum},
     **{np.zeros_like: _filled_like(0.0), np.ones_like: _filled_like(1.0), np.empty_like: _filled_like(np.nan)},
     **{one: functools.partial(_multiplied, one) for one in (np.dot, np.einsum, np.inner, np.outer, np.cross)},
     np.tensordot: lambda a, b, axes=2: _multiplied(functools.partial(np.tensordot, axes=axes), a, b),
     np.broadcast_arrays: lambda *args: tuple(
-        _wrapped(one, traced_array(given).dtype)
+        _wrapped(one, np.result_type(weak_type(given)))
         for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)
     ),
     **{np.shape: lambda a: a.shape, np.ndim: lambda a: a.ndim, np.size: lambda a: a.size},

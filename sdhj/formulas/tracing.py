@@ -26,6 +26,7 @@ from sdhj.formulas.arrays import (
     stacked,
     state,
     traced_array,
+    weak_type,
     written_as,
 )
 from sdhj.formulas.graph import Node, interned, leaf
@@ -93,7 +94,7 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
     def traced_room(shape: Any, fill_value: Any, dtype: Any = None) -> Traced:
         fill = traced_array(fill_value)
-        kind = np.dtype(dtype or (fill.dtype if name == "full" else FLOAT))
+        kind = np.dtype(dtype or (np.result_type(weak_type(fill_value)) if name == "full" else FLOAT))
         entries = np.broadcast_to(written_as(fill, kind).entries if name == "full" else fill.entries, shape)
         return Traced(entries.copy(), kind)
 
@@ -105,6 +106,13 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
         return noted(traced_room)(lengths, *(() if name == "full" else (FILLED[name],)), *args, **options)
 
     return make_room
+
+
+class _Chance:
+    """In place of numpy.random."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise NotTraced(f"numpy.random.{name}", "draw random numbers outside of the function")
 
 
 class _NumPy:
@@ -123,7 +131,7 @@ def _numpy(rows: int) -> _NumPy:
     new |= {name: _room(name, rows, state.trace) for name in ("full", *FILLED)}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
     new |= {one.__name__: _Ufunc(one) for one in REDUCED}
-    return _NumPy(np, new | {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)})})
+    return _NumPy(np, new | {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance()})
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:

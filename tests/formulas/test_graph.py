@@ -121,9 +121,8 @@ def test_a_deep_graph_needs_no_recursion():
 def test_linear_parts():
     v, w = leaf("p", 1), leaf("p", 2)
     drift, gain = make("sin", X), make("cos", Y)
-    node = make(
-        "sub", make("add", drift, make("mul", gain, v)), make("div", make("where", make("less", X, Y), w, v), T)
-    )
+    chosen = make("where", make("less", X, Y), w, v)
+    node = make("sub", make("add", drift, make("mul", gain, v)), make("div", chosen, T))
     parts = linear([node, X, make("neg", v)], 1, 2)
     assert parts is not None and not leaves([one for row in parts for one in row], "p") & {1, 2}
     rng = np.random.default_rng(0)

@@ -11,7 +11,11 @@ import twin_formulas as twin
 import numba
 import numpy as np
 import pytest
+import scipy.spatial
+import scipy.special
 from awkward_functions import FUNCTIONS
+from numpy import min as minimum_of
+from numpy import zeros
 
 from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
@@ -108,6 +112,22 @@ def counted_number(p, t):
     before = total
     total += 1.0
     return p[:, 0] + begin + before + total
+
+
+def einsum_view(p, t):
+    out = np.stack([p, p + t], axis=1)
+    np.einsum("mii->mi", out)[:] = 3.0  # a view of the diagonals
+    return out.sum(axis=(1, 2))
+
+
+def number_array(p, t):
+    number = np.array(t)  # an array of no dimensions can be written into
+    same = number
+    same += 1.0
+    chosen = np.where(t > 0.0, 1.0, 2.0)
+    other = chosen
+    other *= 3.0
+    return p[:, 0] + number + chosen
 
 
 def double_loop(p, t):
@@ -241,12 +261,17 @@ TRACE = {
     "asks for shape": lambda p, t: p[:, 0] * p.ndim + p.shape[1] + np.ndim(t) + np.zeros(len(p), dtype=p.dtype),
     "time": lambda p, t: p[:, 0] * np.cos(t) + max(0.0, 1.0) * np.where(t > 0.5, t, 0.0),
     "from lists": lambda p, t: p[:, 0] - [0.5] + p[:, 1] * np.float32(0.25) + (p - [1, 2])[:, 1],
+    "sums along": lambda p, t: np.cumsum(p, axis=1)[:, 1] + p.cumsum(-1)[:, 0] + np.cumsum(p > 0, axis=1)[:, 1] / 2,
+    "steps": lambda p, t: np.heaviside(p[:, 0], 0.25) + np.heaviside(p[:, 1], 1),
+    "NumPy's numbers": lambda p, t: np.float64(2.0) * p[:, 0] - np.int64(3) ** p[:, 1] + (np.float64(0.5) < p[:, 0]),
+    "a truth of NumPy's": lambda p, t: np.True_ & (p[:, 0] > 0) | np.bool_(False),
+    "einsum's view": einsum_view,
     "counted numbers": counted_number,
     "raised in errstate": lambda p, t: abs(1 / (p[:, 0] + 2)) if np.errstate(all="ignore") else None,
     "gridded": lambda p, t: MAP(p) + MAP(np.stack([p[:, 1], p[:, 0] * t], axis=1)),
     "single precision": lambda p, t: p[:, 0] * np.float32(0.1) + (p - CENTRE.astype(np.float32))[:, 1],
     **{f.__name__: f for f in (written, written_where, written_truths, written_out, columns_first, raveled_copy)},
-    **{f.__name__: f for f in (raveled_view, double_loop, generated, shallow)},
+    **{f.__name__: f for f in (raveled_view, number_array, double_loop, generated, shallow)},
     "method": Disk(0.5).level,
     "callable": Disk(0.25),
     "decorated": moved(Disk(0.5)),
@@ -284,6 +309,11 @@ def test_awkward_functions_are_refused_or_right(name):
     if name.startswith("cut"):  # an angle is pi or -pi at the cut: signs of zeros are not told apart
         found, expected = np.abs(found), np.abs(expected)
     np.testing.assert_allclose(found[~np.isnan(found)], expected[~np.isnan(found)], rtol=1e-12, atol=1e-12)
+
+
+@functools.cache
+def squared(t):
+    return t**2
 
 
 KEPT = {}
@@ -418,7 +448,6 @@ REFUSE = {
     "einsum out": (lambda p, t: np.einsum("ij->i", p, dtype=int), "numpy.einsum"),
     "at": (lambda p, t: np.add.at(np.zeros(2), [0], p[0]), "numpy.add.at"),
     "accumulate": (lambda p, t: np.add.accumulate(p, axis=1)[:, 1], "add.accumulate"),
-    "cumsum": (lambda p, t: np.cumsum(p, axis=0)[:, 0], "numpy.cumsum"),
     "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort"),
     "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), "numpy.isnan"),
     "vectorize": (lambda p, t: np.vectorize(lambda x: x + 1)(p[:, 0]), "conversion"),
@@ -432,8 +461,24 @@ REFUSE = {
     "backwards": (lambda p, t: p[::-1, 0], LONG),
     "numbered": (lambda p, t: p[:, 0] + np.arange(len(p)), LONG),
     "length": (lambda p, t: p[:, 0] + 1.0 / len(p), LONG),
-    "random": (lambda p, t: p[:, 0] + np.random.default_rng().random(), LONG),
-    "random rows": (lambda p, t: p[:, 0] + np.random.default_rng().random(len(p)), LONG),
+    "random": (lambda p, t: p[:, 0] + np.random.default_rng().random(), "numpy.random.default_rng; draw"),
+    "a generator's": (lambda p, t: p[:, 0] + RNG.random(), LONG),
+    "a generator's rows": (lambda p, t: p[:, 0] + RNG.random(len(p)), LONG),
+    "shuffled": (lambda p, t: RNG.permuted(p, axis=0)[:, 0], "conversion"),
+    "product into": (lambda p, t: np.dot(p, CENTRE, np.zeros(7)), "written into an array"),
+    "single room": (lambda p, t: np.full(len(p), np.float32(1.0)), "float32"),
+    "copied into": (lambda p, t: np.copyto(np.zeros(len(p)), p[:, 0]), "numpy.copyto"),
+    "not the module's": (lambda p, t: minimum_of([p[:, 0], p[:, 1]], axis=0), "conversion"),
+    "not the module's room": (lambda p, t: operator.setitem(zeros(len(p)), 0, p[0, 0]), "decision|conversion"),
+    "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), "expit"),
+    "scipy distances": (lambda p, t: scipy.spatial.distance.cdist(p, [[0.0, 0.0]])[:, 0], "conversion"),
+    "memory": (lambda p, t: p[:, 0] * np.shares_memory(p, p.T), "shares_memory"),
+    "strides": (lambda p, t: p[:, 0] * p.strides[0], "attribute 'strides'"),
+    "a generator": (lambda p, t: (x for x in p[:, 0]), "generator"),
+    "cumsum of points": (lambda p, t: np.cumsum(p, axis=0)[:, 0], LONG),
+    "nearest neighbour": (lambda p, t: np.linalg.norm(p[:, None] - p, axis=2).max(axis=1), LONG),
+    "cached": (functools.lru_cache(lambda p, t: p[:, 0]), DECISION),
+    "cached time": (lambda p, t: p[:, 0] + squared(t), DECISION),
     "split": (lambda p, t: np.concatenate([one - k for k, one in enumerate(np.array_split(p[:, 0], 2))]), LONG),
     "counts calls": (counts, LONG),
     "keeps": (keeps, "kept from another call|differently"),
