@@ -5,9 +5,9 @@ import math
 import pickle
 import random
 
-import naive_formulas as twin
 import numpy as np
 import pytest
+import twin_formulas as twin
 
 from sdhj.formulas.graph import Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
 from sdhj.formulas.gridded import Lookup

@@ -7,12 +7,12 @@ import operator
 import threading
 import warnings
 
-import twin_formulas as twin
 import numba
 import numpy as np
 import pytest
 import scipy.spatial
 import scipy.special
+import twin_formulas as twin
 from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
