@@ -337,7 +337,7 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     state.made += out.size
     if state.made > MOST_NODES:
         raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
-    out.flat[:] = [function(*one) for one in zip(*(array.flat for array in np.broadcast_arrays(*arrays)), strict=True)]
+    out.flat[:] = [function(*one) for one in np.broadcast(*arrays)]
     return out
 
 

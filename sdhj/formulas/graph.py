@@ -123,7 +123,7 @@ FOLDED: dict[str, Callable[..., Any]] = {
 
 def make(op: str, *args: Node, value: Any = None) -> Node:
     """A node, simplified where that changes neither a value nor where it is undefined."""
-    if op in FOLDED and all(is_constant(arg) and not math.isnan(arg.value) for arg in args):
+    if args[-1].op == "const" and op in FOLDED and all(is_constant(arg) and not math.isnan(arg.value) for arg in args):
         try:
             return constant(FOLDED[op](*(arg.value for arg in args)))
         except (ArithmeticError, ValueError):  # undefined: left to be evaluated
