@@ -127,19 +127,32 @@ def _index(word: str, most: int) -> int:
 
 
 def alike(lines: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two texts have one structure and constants that agree to `CLOSE`."""
-    return len(lines) == len(others) and all(
-        one == other or _close(one.split(), other.split()) for one, other in zip(lines, others, strict=True)
-    )
-
-
-def _close(words: list[str], others: list[str]) -> bool:
-    if words[0] != others[0] or len(words) != len(others) or words[0] not in ("const", "gridded"):
-        return False
-    for one, other in zip(words[1:], others[1:], strict=True):
-        if one != other and not ("0x" in one and "0x" in other and _near(float.fromhex(one), float.fromhex(other))):
+    """Whether two texts have one structure and constants that agree to `CLOSE`; how lines are shared does not count."""
+    if not lines or not others:
+        return len(lines) == len(others)
+    one, other = ([line.split() for line in text] for text in (lines, others))
+    seen, pairs = set[tuple[int, int]](), [(len(one) - 1, len(other) - 1)]
+    while pairs:
+        pair = pairs.pop()
+        if pair in seen:
+            continue
+        seen.add(pair)
+        words, theirs = one[pair[0]], other[pair[1]]
+        if words[0] != theirs[0] or len(words) != len(theirs):
             return False
+        for place, (a, b) in enumerate(zip(words[1:], theirs[1:], strict=True)):
+            if "0x" in a and "0x" in b:
+                if not _near(float.fromhex(a), float.fromhex(b)):
+                    return False
+            elif words[0] in ("x", "p", "const") or not a.isdecimal() or place == EXACT.get(words[0]):
+                if a != b:
+                    return False
+            else:
+                pairs.append((int(a), int(b)))
     return True
+
+
+EXACT = {"power": 1, "gridded": 0}  # the word that is no operand: an exponent, a table's number
 
 
 def _near(a: float, b: float) -> bool:
