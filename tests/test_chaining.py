@@ -45,11 +45,11 @@ def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
         inside = target.level_set(points, t) <= 0
         assert inside.tolist() == (expected or [False] * 4)
         if method is CERTIFIED:
-            low, high = target.level_set.function.enclosure(points - 1e-3, points + 1e-3, t, t)
+            low, high = target.level_set.bounds(points - 1e-3, points + 1e-3, (t, t))
             assert ((high <= 0) == inside).all() and ((low <= 0) == inside)[:3].all()
     if method is CERTIFIED:
         with pytest.raises(ValueError, match="depends on time"):
-            target.level_set.function.enclosure(points, points, 0.0, 0.5)
+            target.level_set.bounds(points, points, (0.0, 0.5))
 
 
 def test_boxes_are_in_a_set_as_plain_loops_say(rng):

@@ -19,7 +19,8 @@ ROUNDING = 1e-14  # what the values, and the bounds at a point, may differ by: s
 
 def formula(function: Callable[..., Any], coordinates: int, parameters: int = 1) -> Formula:
     given = [points_of(coordinates, 5), *map(parameter, range(parameters))]
-    return Formula(tuple(traced("level_set", function, 5, given, (), True)), coordinates, parameters)
+    outputs, _ = traced("level_set", function, 5, given, (), True)
+    return Formula(tuple(outputs), coordinates, parameters)
 
 
 def check(
