@@ -67,11 +67,18 @@ def test_boxes_are_in_a_set_as_plain_loops_say(rng):
     assert past.tolist() == [[False], [True]]
 
 
-def test_what_is_no_proof_is_no_target_of_one():
-    problem = interval_problem()
-    table = sdhj.solve(problem, progress=False)
-    with pytest.raises(ValueError, match=r"the level set of .the tube of problem. cannot be bounded"):
-        sdhj.solve(chained(problem, table), CERTIFIED, progress=False)
+def test_cells_of_an_interpolated_tube_lie_in_it(rng):
+    """A proof may lead into a tube that is interpolated, which is a formula; of what is said then that is no proof."""
+    table = sdhj.solve(interval_problem(steps=2), progress=False)
+    second = sdhj.solve(chained(table.problem, table), CERTIFIED, progress=False)
+    points = rng.uniform(-4.0, 4.0, (2000, 1))
+    proved = second.contains(points, start=0, within=0)
+    assert (table.values_at(points[:, None], 0, np.full(2000, table.steps))[proved] <= 0).all() and 0.1 < proved.mean() < 0.9
+    assert second.fraction(start=0, within=1) > second.fraction(start=0, within=0)
+
+
+def test_what_is_no_table_is_no_target():
+    table = sdhj.solve(problem := interval_problem(), progress=False)
     with pytest.raises(ValueError, match=r"what sdhj\.solve returns"):
         sdhj.TargetSet.from_table(problem)
     with pytest.raises(ValueError, match="within"):
