@@ -500,13 +500,22 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            box = self.each["bounds"][j].bounds(low[:1], high[:1], time)[1][0]
-            v = zip(-box, box, strict=True) if signs is None else zip(signs * box, signs * box, strict=True)
+            v = zip(*self._disturbance(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
         return least, greatest
+
+    def _disturbance(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    ) -> FloatArray:
+        """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
+        ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
+        if signs is not None:
+            return np.sort(signs * ends, axis=0)
+        most = np.abs(ends).max(axis=0)
+        return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
         drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
@@ -523,12 +532,10 @@ class VectorField:
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
-        most = np.abs(self.each["bounds"][j].bounds(low[:1], high[:1], time)).max(axis=0)[0]
-        if signs is not None:
-            ends = np.stack([gain[0] * (signs * most), gain[1] * (signs * most)])
-            return drift[0] + ends.min(axis=0).sum(axis=2), drift[1] + ends.max(axis=0).sum(axis=2)
-        push = (np.abs(gain).max(axis=0) * most).sum(axis=2) * (1 + 1e-12)
-        return drift[0] - push, drift[1] + push
+        pushes = np.stack([one * v for one in gain for v in self._disturbance(j, low, high, time, signs)])
+        least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
+        rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
+        return drift[0] + least - rounded, drift[1] + most + rounded
 
     def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
         part = getattr(self, name)
