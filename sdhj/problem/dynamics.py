@@ -173,15 +173,20 @@ class Dynamics:
         ValueError
             If an array does not fit, or a function cannot be read.
         """
-        bounds = (
-            self._read("bounds", ndim, None) if self.bounds is not None else Formula((constant(0.0),), ndim, 1, (1, 1))
-        )
-        count, (_, D) = len(self.inputs), bounds.shape
+        count = len(self.inputs)
+        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
+        if self.bounds is not None:
+            bounds = self._read("bounds", ndim, None)
+        if not isinstance(bounds, Formula):
+            raise ValueError(
+                "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
+            )
+        D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
             if parts is None:
-                return VectorField(self.inputs, ndim, velocity, None, *_scaled(None, bounds))
+                return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
@@ -249,9 +254,27 @@ class Dynamics:
         return {}
 
 
-def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
+def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Formula, None, Formula]:
+    """As `_scaled`, where v does not enter linearly: what of its bounds depends on the state multiplies v instead."""
+    if not isinstance(velocity, Formula):
+        raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
+    if not bounds.reads.any():
+        return velocity, None, bounds
+    (count, D), found = bounds.shape, list[Node]()
+    for j, row in enumerate(np.array(velocity.outputs, dtype=object).reshape(count, -1)):
+        most = [make("abs", one) for one in bounds.outputs[j * D : (j + 1) * D]]
+
+        def put(one: Node, most: list[Node] = most) -> Node | None:
+            return make("mul", one, most[one.value[0] - 1]) if one.op == "p" and one.value[0] else None
+
+        found += rebuilt(list(row), put)
+    ones = Formula((constant(1.0),) * (count * D), bounds.coordinates, 1, (count, D), "bounds")
+    return replace(velocity, outputs=tuple(found)), None, ones
+
+
+def _scaled(gain: Any, bounds: Formula) -> tuple[Any, Formula]:
     """Gain and bounds; what of the bounds depends on the state goes into the gain, and is 1 of the bounds then."""
-    if gain is None or isinstance(bounds, BlackBox) or not bounds.reads.any():
+    if not bounds.reads.any():
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")

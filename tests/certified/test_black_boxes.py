@@ -63,12 +63,12 @@ def test_what_a_proof_needs_is_asked_for(name):
 def test_what_is_declared_truly_proves_the_same_or_nearly(name):
     """What is linear or constant costs a layer of cells in each step at most; a slope that is too steep costs more."""
     true = certified(interval_problem(), cells=[400]).bits(start=0, within=5)
-    slope, steep = (1.0, 300.0) if name.startswith("level") else (0.0, 2.0)
+    slope, steep = (1.0, 300.0) if name.startswith("level") else (0.0, 40.0)
     for declared in ({"enclosure": ENCLOSURES[name], "rate": 0.0}, {"slope": slope, "rate": 0.0}):
         found = certified(BUILDERS[name](**declared), cells=[400]).bits(start=0, within=5)
         assert not (found & ~true).any() and (true & ~found).sum() <= 10
     worse = certified(BUILDERS[name](slope=steep, rate=0.0), cells=[400]).bits(start=0, within=5)
-    assert worse.any() and worse.sum() < found.sum() - 10
+    assert worse.any() and worse.sum() < found.sum()
 
 
 def test_a_box_of_which_it_is_not_declared_that_it_stands_still_is_asked_at_every_step():
@@ -111,7 +111,9 @@ def test_slopes_bound_every_kind_of_change(rng):
         for push in itertools.product((-0.1, 0.1), (-0.2, 0.2)):
             velocity = bent(low + (high - low) * share, [2.0, 0.0], t) + push
             assert (least <= velocity).all() and (velocity <= most).all()
-    assert (most - least <= np.stack([0.2 + 0.15 + high[:, 1] - low[:, 1], 0.4 + 2 * (high - low)[:, 0]]).T + 1e-6).all()
+    assert (
+        most - least <= np.stack([0.2 + 0.15 + high[:, 1] - low[:, 1], 0.4 + 2 * (high - low)[:, 0]]).T + 1e-6
+    ).all()
 
 
 def corners(rng):
@@ -196,6 +198,17 @@ def test_two_sets_of_one_name_are_two_sets():
     lines = [certified(dataclasses.replace(both, unsafe=(part,)), cells=[80]) for part in both.unsafe]
     each = [one.bits(start=0, within=1) for one in lines]
     assert np.array_equal(table.bits(start=0, within=1), each[0] & each[1])
+
+
+def test_what_cannot_be_a_black_box_is_refused():
+    problem = interval_problem()
+    wild = sdhj.BlackBox(lambda q, u, t: [[0.1]], slope=0.0, rate=0.0)
+    for given, told in (
+        ({"drift": problem.inputs, "gain": [[1.0]], "bounds": wild}, "bounds cannot be a BlackBox: give half-widths"),
+        ({"velocity": wild, "bounds": [0.1]}, "velocity cannot be a BlackBox: give drift and gain"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            sdhj.Dynamics(problem.inputs, **given).read(1)
 
 
 def test_black_boxes_are_named():

@@ -1,17 +1,18 @@
-"""Functions called with intervals: every sampled value inside, closed forms, what cannot be followed is told.
-
-Both libraries of intervals, the proof's and the checker's, are held against samples and against each other.
-"""
+"""Bounds on formulas over boxes: every sampled value inside, closed forms, what cannot be read is refused."""
 
 import awkward_functions as awkward
 import numpy as np
 import pytest
 
 import sdhj
-from sdhj.certified.bounds import Bounds, LipschitzBounds
-from sdhj.certified.check import verify
-from sdhj.certified.check.spans import Span, called
-from sdhj.certified.enclosures import Enclosure, NotFollowed, followed
+from sdhj.certified.bounds import Bounds
+from sdhj.formulas.formula import Formula
+
+
+def bounds_of(function, low, high):
+    """Of a function of points alone."""
+    low, high = (np.array(end, dtype=float).reshape(len(low), -1) for end in (low, high))
+    return Formula.read("it", lambda p, t: function(p), low.shape[1], "t").bounds(low, high, (0.0, 0.0))
 
 
 def assigned(p):
@@ -37,71 +38,60 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("kind", [Enclosure, Span])
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_sample_is_inside(name, kind, rng):
+def test_every_sample_is_inside(name, rng):
     function, centre = FUNCTIONS[name], rng.uniform(-3, 3, (20_000, 3))
     half = rng.uniform(0, 0.2, centre.shape) * rng.choice([0.0, 1.0, 10.0], centre.shape, p=[0.2, 0.7, 0.1])
-    bound = function(kind(centre - half, centre + half))
-    assert bound.shape == (20_000,) and np.isfinite([bound.low, bound.high]).mean() > 0.9
+    low, high = bounds_of(function, centre - half, centre + half)
+    assert low.shape == (20_000,) and np.isfinite([low, high]).mean() > 0.9
     for _ in range(20):
         value = function(centre + half * rng.choice([-1.0, 1.0, 0.3, 0.0], centre.shape))
         slack = 1e-15 * (1.0 + np.abs(value))  # the samples' own rounding
-        out = (value + slack < bound.low) | (bound.high < value - slack)  # never where it may be undefined
+        out = (value + slack < low) | (high < value - slack)  # never where it may be undefined
         assert not out.any()
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_two_libraries_agree(name, rng):
-    low = rng.uniform(-3, 3, (5000, 3))
-    one, other = (FUNCTIONS[name](kind(low, low + 0.1)) for kind in (Enclosure, Span))
-    for a, b in ((one.low, other.low), (one.high, other.high)):
-        same = np.isclose(a, b, rtol=1e-12, atol=1e-12) | (np.abs(b) > 1e3)
-        assert same.mean() > 0.99
-
-
-@pytest.mark.parametrize("kind", [Enclosure, Span])
-def test_closed_forms(kind):
+def test_closed_forms():
     """What is known by hand, to rounding: distances of boxes, hills and valleys of a sine, a jump that is met."""
-    box = kind([[-1.0, 2.0], [0.5, 0.5]], [[1.0, 3.0], [1.0, 2.0]])
-    away = np.hypot(box[:, 0], box[:, 1])
-    np.testing.assert_allclose([away.low, away.high], [[2.0, np.sqrt(0.5)], [np.sqrt(10.0), np.sqrt(5.0)]], rtol=1e-14)
-    wave = np.sin(kind([0.0, 1.0, 3.0, -1.0], [0.5, 2.0, 8.0, 100.0]))
-    np.testing.assert_allclose(wave.low, [0.0, np.sin(1.0), -1.0, -1.0], atol=1e-14)
-    np.testing.assert_allclose(wave.high, [np.sin(0.5), 1.0, 1.0, 1.0], atol=1e-14)
-    rest = kind([0.1, 0.9, -2.8, 3.1], [0.2, 1.1, -2.6, 3.3]) % 1.0  # as close on every lap
-    np.testing.assert_allclose([rest.low, rest.high], [[0.1, 0.0, 0.2, 0.1], [0.2, 1.0, 0.4, 0.3]], atol=1e-14)
-    flags = kind([0.0, 1.0, 2.0], [0.5, 3.0, 3.0]) > 1.5
-    assert flags.low.tolist() == [0, 0, 1] and flags.high.tolist() == [0, 1, 1]
+    away = bounds_of(lambda p: np.hypot(p[:, 0], p[:, 1]), [[-1.0, 2.0], [0.5, 0.5]], [[1.0, 3.0], [1.0, 2.0]])
+    np.testing.assert_allclose(away, [[2.0, np.sqrt(0.5)], [np.sqrt(10.0), np.sqrt(5.0)]], rtol=1e-14)
+    least, most = bounds_of(lambda p: np.sin(p[:, 0]), [0.0, 1.0, 3.0, -1.0], [0.5, 2.0, 8.0, 100.0])
+    np.testing.assert_allclose(least, [0.0, np.sin(1.0), -1.0, -1.0], atol=1e-14)
+    np.testing.assert_allclose(most, [np.sin(0.5), 1.0, 1.0, 1.0], atol=1e-14)
+    rest = bounds_of(lambda p: p[:, 0] % 1.0, [0.1, 0.9, -2.8, 3.1], [0.2, 1.1, -2.6, 3.3])  # as close on every lap
+    np.testing.assert_allclose(rest, [[0.1, 0.0, 0.2, 0.1], [0.2, 1.0, 0.4, 0.3]], atol=1e-14)
+    flags = bounds_of(lambda p: (p[:, 0] > 1.5) * 1.0, [0.0, 1.0, 2.0], [0.5, 3.0, 3.0])
+    assert flags[0].tolist() == [0, 0, 1] and flags[1].tolist() == [0, 1, 1]
 
 
 def test_rounding_is_outward():
     """0.1 + 0.2 is not 0.3 in floating point; the exact sum of the two numbers is between the ends."""
-    for kind in (Enclosure, Span):
-        total = kind(0.1, 0.1) + 0.2
-        assert total.low < total.high and total.low <= 0.30000000000000004 <= total.high
+    least, most = bounds_of(lambda p: p[:, 0] + 0.2, [0.1], [0.1])
+    assert least < most and least <= 0.30000000000000004 <= most
 
 
 @pytest.mark.parametrize(
     ("function", "told"),
     [
-        (lambda p: np.interp(p[:, 0], [0, 1], [0, 1]), "numpy.interp"),
-        (lambda p: np.min([p[:, 0], p[:, 1]], axis=0), "np.stack takes one"),
-        (lambda p: p[:, 0] if p[0, 0] > 0 else p[:, 1], "a decision"),
-        (lambda p: p[p[:, 0] > 0], "a decision|conversion"),
-        (lambda p: p.cumsum(), "'cumsum'"),
+        (lambda p: p[:, 0] if p[0, 0] > 0 else p[:, 1], "where"),
+        (lambda p: p[p[:, 0] > 0], "line"),
+        (lambda p: p.cumsum(), "cumsum"),
+        (lambda p: np.array([abs(x) for x, _ in p.tolist()]), "tolist"),
     ],
 )
-def test_what_cannot_be_followed_is_told(function, told):
-    with pytest.raises(NotFollowed, match=told):
-        function(Enclosure(np.zeros((4, 2)), np.ones((4, 2))))
+def test_what_cannot_be_read_is_told(function, told):
+    with pytest.raises(ValueError, match=rf"{told}[\s\S]*sdhj.BlackBox\("):
+        bounds_of(function, np.zeros((4, 2)), np.ones((4, 2)))
 
 
-@pytest.mark.parametrize("kind", [Enclosure, Span])
 @pytest.mark.parametrize("order", [0, 1, np.inf])
-def test_no_other_norm_is_taken_for_the_euclidean_one(kind, order):
-    with pytest.raises((NotFollowed, TypeError)):
-        np.linalg.norm(kind(np.zeros(4), np.ones(4)), order)
+def test_no_other_norm_is_taken_for_the_euclidean_one(order):
+    low, high = np.array([[1.0, 2.0]]), np.array([[1.5, 2.5]])
+    try:
+        least, most = bounds_of(lambda p: np.linalg.norm(p, order, axis=1), low, high)
+    except ValueError:
+        return  # refused
+    assert least <= np.linalg.norm(low[0], order) and np.linalg.norm(high[0], order) <= most
 
 
 def test_a_spike_between_the_samples_is_seen():
@@ -140,19 +130,6 @@ def inside(low, high, values):
     return bool((open_ | ((low - 1e-12 <= values) & (values <= high + 1e-12))).all())
 
 
-@pytest.mark.parametrize(("kind", "asked"), [(Enclosure, followed), (Span, called)])
-@pytest.mark.parametrize("name", sorted(awkward.FUNCTIONS.keys() - set(awkward.MIXED)))
-def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, kind, asked, rng):
-    function = awkward.FUNCTIONS[name]
-    for low, high, states in samples_of_boxes(rng):
-        try:
-            bound = asked(function, kind(low, high))
-        except (TypeError, AttributeError):
-            return  # refused
-        for q in states:
-            assert inside(np.broadcast_to(bound.low, 200), np.broadcast_to(bound.high, 200), alone(function, q))
-
-
 def problem_with(function):
     """A slider that must stay clear of a set of its place and its speed."""
     return sdhj.ReachAvoidProblem(
@@ -170,20 +147,30 @@ def problem_with(function):
     )
 
 
+@pytest.mark.parametrize("name", sorted(awkward.FUNCTIONS.keys() - set(awkward.MIXED)))
+def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, rng):
+    """Bounds hold at every sample, and neither method promises a state that is in the set."""
+    function = awkward.FUNCTIONS[name]
+    with np.errstate(all="ignore"):
+        try:
+            problem = problem_with(function)
+            tables = [sdhj.solve(problem, method, progress=False, play=False) for method in METHODS]
+        except ValueError:
+            return  # refused
+        for low, high, states in samples_of_boxes(rng):
+            low, high = (np.clip(end, -1.0, 1.0) for end in (low, high))
+            least, most = Bounds(problem).level(problem.unsafe[0], low, high, 0.0, 0.1)
+            for q in states:
+                assert inside(least, most, alone(function, np.clip(q, -1.0, 1.0)))
+        nodes, anywhere = problem.grid.points(), rng.uniform(-1, 1, (1000, 2))
+        for table, q in zip(tables, (nodes, anywhere), strict=True):
+            assert not (table.contains(q, start=0, within=0) & (alone(function, q) <= 0.0)).any()
+
+
+METHODS = (sdhj.HopfLax(), sdhj.Certified(cells=[8, 8], parts=2))
+
+
 @pytest.mark.parametrize("name", awkward.MIXED)
-def test_what_mixes_states_is_not_bounded(name):
-    """Some are refused when the problem is made, by a look at pieces of points."""
-    with np.errstate(all="ignore"), pytest.raises(ValueError, match=r"of that state alone|its coordinates alone"):
-        problem = problem_with(lambda p: awkward.FUNCTIONS[name](p) + 1.5)
-        bounds, box = Bounds(problem, LipschitzBounds()), np.zeros((1, 2))
-        bounds.level(problem.unsafe[0], box, box + 0.1, 0.0, 0.0)
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_checker_does_not_lean_on_the_comparison_of_the_solver(tmp_path, monkeypatch):
-    """A proof that was fooled is not believed."""
-    problem = problem_with(lambda p: awkward.FUNCTIONS["isinst"](p) + 1.5)
-    monkeypatch.setattr(Bounds, "_compare", lambda *_: None)
-    sdhj.solve(problem, sdhj.Certified(cells=[8, 8]), progress=False, play=False).save(tmp_path / "fooled.h5")
-    with pytest.raises(ValueError, match="outside of what spans say"):
-        verify(tmp_path / "fooled.h5", problem, progress=False)
+def test_what_mixes_states_is_refused(name):
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match=r"sdhj.BlackBox|differently"):
+        problem_with(lambda p: awkward.FUNCTIONS[name](p) + 1.5)

@@ -182,6 +182,46 @@ def test_bounds_of_a_lattice_hold_in_its_boxes(rng):
     assert lattice.sums[0].max() < lattice.sizes.prod() / 4
 
 
+ANY_VELOCITY = {
+    "nobody": ({}, lambda q, u, v: u - 0.1 * q),
+    "cubed": ({"bounds": [0.5]}, lambda q, u, v: u - 0.1 * q + v**3),
+    "brake": ({"bounds": lambda q: 0.3 + 0.1 * np.abs(q)}, lambda q, u, v: u * (1 - v**2) - 0.1 * np.abs(v) + 0.0 * q),
+    "later": ({"bounds": lambda t: np.stack([0.2 + 0.2 * t])}, lambda q, u, v, t: u + np.sin(3.0 * v + t) + 0.0 * q),
+}
+
+
+@pytest.mark.parametrize("name", ANY_VELOCITY)
+def test_an_adversary_that_enters_as_it_likes_wins_no_run(name, rng):
+    """Certified states lead one step nearer under what the function says."""
+    (given, velocity), plain = ANY_VELOCITY[name], interval_problem(steps=3)
+    dynamics = sdhj.Dynamics(plain.inputs, velocity=velocity, **given)
+    problem = dataclasses.replace(plain, dynamics=dynamics)
+    if name == "nobody":  # v stands for nothing, so drift says the same
+        problem = dataclasses.replace(plain, dynamics=sdhj.Dynamics(plain.inputs, lambda q, u: velocity(q, u, None)))
+    table = certified(problem, cells=(200,))
+    assert table.fraction(start=0, within=3) > table.fraction(start=0, within=0) + 0.05
+    states, most = rng.uniform(-4, 4, (4000, 1)), given.get("bounds", [0.0])
+
+    def pushed(q, j, share, t):
+        half = most(t) if name == "later" else most(q) if callable(most) else np.array(most)
+        return velocity(q, problem.inputs[j], share * half, *([t] if name == "later" else []))
+
+    for step in range(3):
+        left = naive.steps_to_go(table, states, step)
+        near = (left > 0) & (left < 99)
+        assert near.sum() > 100
+        chosen = naive.chosen_inputs(table, states[near], step, rng)
+        for share in (-1.0, -0.5, 0.0, 0.5, 1.0, None):
+            now = states[near].copy()
+            for k in range(50):
+                part, t, h = (rng.uniform(-1, 1) if share is None else share), (step + k / 50) * 0.5, 0.01
+                for j in range(3):
+                    own = chosen == j
+                    middle = now[own] + h / 2 * pushed(now[own], j, part, t)
+                    now[own] = now[own] + h * pushed(middle, j, part, t + h / 2)
+            assert (naive.steps_to_go(table, now, step + 1) <= left[near] - 1).all()
+
+
 def test_images_are_inside_as_plain_loops_say(rng):
     """The kernel against loops over all cells of an image: walls, a period, safe ends, sets that are nearly full."""
     counts, periodic = np.array([4, 5, 7]), np.array([False, True, False])
