@@ -203,7 +203,7 @@ def test_who_ignores_time_proves_what_is_not_so(rng):
 
 
 def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
-    case, table = proved
+    _, table = proved
     table.save(tmp_path / "timed.h5")
     again = sdhj.load(tmp_path / "timed.h5")
     assert again.problem.dynamics.timed and again.problem.digest == table.problem.digest
