@@ -61,7 +61,7 @@ def test_closed_forms():
     rest = bounds_of(lambda p: p[:, 0] % 1.0, [0.1, 0.9, -2.8, 3.1], [0.2, 1.1, -2.6, 3.3])  # as close on every lap
     np.testing.assert_allclose(rest, [[0.1, 0.0, 0.2, 0.1], [0.2, 1.0, 0.4, 0.3]], atol=1e-14)
     flags = bounds_of(lambda p: (p[:, 0] > 1.5) - 0.5, [0.0, 1.0, 2.0], [0.5, 3.0, 3.0])
-    assert flags[0].tolist() == [-0.5, -0.5, 0.5] and flags[1].tolist() == [-0.5, 0.5, 0.5]
+    np.testing.assert_allclose(flags, [[-0.5, -0.5, 0.5], [-0.5, 0.5, 0.5]], rtol=1e-15)
 
 
 def test_rounding_is_outward():
