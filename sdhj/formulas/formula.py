@@ -38,6 +38,8 @@ class Formula:
         Of the results for one point.
     name : str
         For messages.
+    source : callable, optional
+        The function that it was read from, until a problem has compared the two.
     """
 
     outputs: tuple[Node, ...]
@@ -45,6 +47,7 @@ class Formula:
     parameters: int = 1
     shape: tuple[int, ...] = ()
     name: str = "formula"
+    source: Callable[..., Any] | None = field(default=None, repr=False)
 
     @classmethod
     def read(
@@ -69,7 +72,7 @@ class Formula:
         outputs, _ = read(name, function, rows, given, (), True)
         if outputs[0].truth and outputs[0].op != "const":
             raise ValueError(f"{name} must return real numbers, negative inside the set, got bool: a comparison")
-        return cls(tuple(outputs), coordinates, len(names), (), name)
+        return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
@@ -229,6 +232,29 @@ def read(
             f"{error}. What cannot be written so is wrapped, with what is known of it: "
             f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
         ) from None
+
+
+def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
+    """Raise ValueError where a function's values (M, *shape) at points (M, n) are not in the formula's intervals there.
+
+    Those are widened by 4 units in the last place and by their own width, as NumPy may add in another order.
+    """
+    given = points.copy()
+    given.setflags(write=False)
+    with np.errstate(all="ignore"):
+        values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
+    least, greatest = formula.bounds(points, points, *((t, t) for t in parameters))
+    low, high = (end.reshape(len(points), -1) for end in (least, greatest))
+    with np.errstate(all="ignore"):
+        slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
+        good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        raise ValueError(
+            f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
+            f"{low[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
+            "functions of the arguments alone, or wrap it in sdhj.BlackBox"
+        )
 
 
 def _check_signature(name: str, function: Any, *takes: str) -> None:

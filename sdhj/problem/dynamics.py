@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import BlackBox, Formula, read
+from sdhj.formulas.formula import BlackBox, Formula, compare, read
 from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, rebuilt
 from sdhj.formulas.tracing import parameter, points_of, rows_for
 from sdhj.kernels import FloatArray
@@ -173,15 +173,20 @@ class Dynamics:
         ValueError
             If an array does not fit, or a function cannot be read.
         """
-        bounds = (
-            self._read("bounds", ndim, None) if self.bounds is not None else Formula((constant(0.0),), ndim, 1, (1, 1))
-        )
-        count, (_, D) = len(self.inputs), bounds.shape
+        count = len(self.inputs)
+        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
+        if self.bounds is not None:
+            bounds = self._read("bounds", ndim, None)
+        if not isinstance(bounds, Formula):
+            raise ValueError(
+                "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
+            )
+        D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
             if parts is None:
-                return VectorField(self.inputs, ndim, velocity, None, *_scaled(None, bounds))
+                return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
@@ -191,6 +196,23 @@ class Dynamics:
                 self._check_gain(ndim, D)
                 gain = self._read("gain", ndim, (ndim, D))
         return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
+
+    def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
+        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it."""
+        for name, formula in self._parts.items():
+            function = getattr(self, name)
+            takes = arguments(name, function)
+            size = len(formula.outputs) // len(self.inputs)
+            for j, u in enumerate(self.inputs):
+                t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
+
+                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u) -> Any:
+                    known = {"points": points, "u": sealed(u), "t": t, "v": np.array(v)}
+                    values = np.asarray(function(*(known[one] for one in takes)))  # noqa: B023
+                    return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
+
+                part = formula.of(range(j * size, (j + 1) * size), formula.shape[1:])
+                compare(part, called, states, t, *(v if name == "velocity" else ()))
 
     def _check_gain(self, ndim: int, components: int) -> None:
         if not callable(self.gain) and self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, components):
@@ -223,12 +245,36 @@ class Dynamics:
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
             outputs += found
-        return Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        return self._parts[name]
+
+    @cached_property
+    def _parts(self) -> dict[str, Formula]:
+        """What was read last from each function, by name."""
+        return {}
 
 
-def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
+def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Formula, None, Formula]:
+    """As `_scaled`, where v does not enter linearly: what of its bounds depends on the state multiplies v instead."""
+    if not isinstance(velocity, Formula):
+        raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
+    if not bounds.reads.any():
+        return velocity, None, bounds
+    (count, D), found = bounds.shape, list[Node]()
+    for j, row in enumerate(np.array(velocity.outputs, dtype=object).reshape(count, -1)):
+        most = [make("abs", one) for one in bounds.outputs[j * D : (j + 1) * D]]
+
+        def put(one: Node, most: list[Node] = most) -> Node | None:
+            return make("mul", one, most[one.value[0] - 1]) if one.op == "p" and one.value[0] else None
+
+        found += rebuilt(list(row), put)
+    ones = Formula((constant(1.0),) * (count * D), bounds.coordinates, 1, (count, D), "bounds")
+    return replace(velocity, outputs=tuple(found)), None, ones
+
+
+def _scaled(gain: Any, bounds: Formula) -> tuple[Any, Formula]:
     """Gain and bounds; what of the bounds depends on the state goes into the gain, and is 1 of the bounds then."""
-    if gain is None or isinstance(bounds, BlackBox) or not bounds.reads.any():
+    if not bounds.reads.any():
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
@@ -477,13 +523,22 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            box = self.each["bounds"][j].bounds(low[:1], high[:1], time)[1][0]
-            v = zip(-box, box, strict=True) if signs is None else zip(signs * box, signs * box, strict=True)
+            v = zip(*self._disturbance(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
         return least, greatest
+
+    def _disturbance(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    ) -> FloatArray:
+        """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
+        ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
+        if signs is not None:
+            return np.sort(signs * ends, axis=0)
+        most = np.abs(ends).max(axis=0)
+        return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
         drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
@@ -500,12 +555,10 @@ class VectorField:
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
-        most = np.abs(self.each["bounds"][j].bounds(low[:1], high[:1], time)).max(axis=0)[0]
-        if signs is not None:
-            ends = np.stack([gain[0] * (signs * most), gain[1] * (signs * most)])
-            return drift[0] + ends.min(axis=0).sum(axis=2), drift[1] + ends.max(axis=0).sum(axis=2)
-        push = (np.abs(gain).max(axis=0) * most).sum(axis=2) * (1 + 1e-12)
-        return drift[0] - push, drift[1] + push
+        pushes = np.stack([one * v for one in gain for v in self._disturbance(j, low, high, time, signs)])
+        least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
+        rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
+        return drift[0] + least - rounded, drift[1] + most + rounded
 
     def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
         part = getattr(self, name)

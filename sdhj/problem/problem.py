@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import BlackBox, Formula
+from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.gridded import Lookup
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
@@ -122,8 +122,9 @@ class ReachAvoidProblem:
         if self.steps is not None:
             object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
         ndim = self.grid.ndim
-        if isinstance(self.dynamics, Dynamics):
-            object.__setattr__(self, "dynamics", self.dynamics.read(ndim))
+        if isinstance(given := self.dynamics, Dynamics):
+            object.__setattr__(self, "dynamics", given.read(ndim))
+            given.compare(self.dynamics, _states(self.grid), self.delta)
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -137,6 +138,8 @@ class ReachAvoidProblem:
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "
                 "target depend on time; give a number of steps"
             )
+        for part in parts:
+            _compare_set(self, part)
         _check_functions(self)
         if self.sensing:
             check_sensing(self)
@@ -668,6 +671,30 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
         given = (t, t + problem.delta) if name.startswith("swept") else given
         found.append(function(states, *given).ravel())
     return np.concatenate(found)
+
+
+STATES = 200  # at which a formula is compared with the function that it was read from
+
+
+def _states(grid: Grid) -> FloatArray:
+    """Random states on a grid, a tenth of them at nodes, ends and zeros: (STATES, ndim)."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(grid.lower, grid.upper, (STATES, grid.ndim))
+    for axis in range(grid.ndim):
+        inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
+        states[: STATES // 10, axis] = rng.choice(kinds, STATES // 10)
+    return grid.wrapped(states)
+
+
+def _compare_set(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet") -> None:
+    """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
+    states, delta = _states(problem.grid.subgrid(part.axes)), problem.delta
+    for formula, times in ((part.level_set, [(0.0,), (0.7 * delta,)]), (getattr(part, "swept", None), [(0.0, delta)])):
+        if isinstance(formula, Formula) and formula.source is not None:
+            for when in times:
+                compare(formula, formula.source, states, *when)
+            object.__setattr__(formula, "source", None)
 
 
 def _check_functions(problem: "ReachAvoidProblem") -> None:
