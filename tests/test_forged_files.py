@@ -126,6 +126,5 @@ def test_an_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
     monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
     monkeypatch.setattr(memory_module, "SPARE", 0)
     problem = torus_problem(nodes=10, steps=3)
-    problem.identity  # noqa: B018, sampled while there is room
     with pytest.raises(MemoryError, match="the array tubes of the file needs about"):
         sdhj.load(path, problem=problem)

@@ -1,8 +1,8 @@
 """Bounds on a problem's own functions over boxes of states and intervals of time: what every proof rests on.
 
-They are those of its formulas (`sdhj.kernels.intervals`), or what the author of a black box declares. Boxes are cut where
-an axis ends and where a periodic one closes, so that functions are bounded only where the state can be, and may jump
-there. Where a function may be undefined its bounds are infinite, so nothing is proved.
+They are those of its formulas (`sdhj.kernels.intervals`), or what the author of a black box declares. Boxes are cut
+where an axis ends and where a periodic one closes, so that functions are bounded only where the state can be, and may
+jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
 
 from collections.abc import Callable, Sequence

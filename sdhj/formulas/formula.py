@@ -71,7 +71,7 @@ class Formula:
         rows = rows_for(coordinates, *lengths)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
         outputs, _ = read(name, function, rows, given, (), True)
-        if outputs[0].truth:
+        if outputs[0].truth and outputs[0].op != "const":
             raise ValueError(f"{name} must return real numbers, negative inside the set, got bool: a comparison")
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 

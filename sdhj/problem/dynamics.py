@@ -173,10 +173,15 @@ class Dynamics:
         ValueError
             If an array does not fit, or a function cannot be read.
         """
-        bounds = (
-            self._read("bounds", ndim, None) if self.bounds is not None else Formula((constant(0.0),), ndim, 1, (1, 1))
-        )
-        count, (_, D) = len(self.inputs), bounds.shape
+        count = len(self.inputs)
+        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
+        if self.bounds is not None:
+            bounds = self._read("bounds", ndim, None)
+        if not isinstance(bounds, Formula):
+            raise ValueError(
+                "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
+            )
+        D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
@@ -218,8 +223,8 @@ class Dynamics:
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
         """A formula of shape (L, *shape), or a black box."""
-        if name in ("bounds", "velocity") and isinstance(getattr(self, name), BlackBox):
-            raise ValueError(f"{name} cannot be a BlackBox; give drift= and gain= as black boxes")
+        if name == "velocity" and isinstance(self.velocity, BlackBox):
+            raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
             return replace(given, name=name)
@@ -521,13 +526,22 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            box = self.each["bounds"][j].bounds(low[:1], high[:1], time)[1][0]
-            v = zip(-box, box, strict=True) if signs is None else zip(signs * box, signs * box, strict=True)
+            v = zip(*self._disturbance(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
         return least, greatest
+
+    def _disturbance(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    ) -> FloatArray:
+        """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
+        ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
+        if signs is not None:
+            return np.sort(signs * ends, axis=0)
+        most = np.abs(ends).max(axis=0)
+        return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
         drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
@@ -544,12 +558,10 @@ class VectorField:
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
-        most = np.abs(self.each["bounds"][j].bounds(low[:1], high[:1], time)).max(axis=0)[0]
-        if signs is not None:
-            ends = np.stack([gain[0] * (signs * most), gain[1] * (signs * most)])
-            return drift[0] + ends.min(axis=0).sum(axis=2), drift[1] + ends.max(axis=0).sum(axis=2)
-        push = (np.abs(gain).max(axis=0) * most).sum(axis=2) * (1 + 1e-12)
-        return drift[0] - push, drift[1] + push
+        pushes = np.stack([one * v for one in gain for v in self._disturbance(j, low, high, time, signs)])
+        least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
+        rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
+        return drift[0] + least - rounded, drift[1] + most + rounded
 
     def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
         part = getattr(self, name)

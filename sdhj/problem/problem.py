@@ -415,6 +415,9 @@ class ReachAvoidProblem:
         texts, tables = self.texts
         boxes = {name: blackbox_values(self, name).tolist() for name in self.opaque}
         numbers = self.numbers | {"grid": self.numbers["grid"] | {"names": ""}}  # labels do not count
+        if self.sensing:
+            error = np.broadcast_to(self.sensing.error, self.grid.ndim).tolist()
+            numbers["sensing"] = numbers["sensing"] | {"error": error}
         numbers["sets"] = [one | {"name": ""} for one in numbers["sets"]]
         whole = json.dumps([numbers, texts, [one.digest for one in tables], boxes], sort_keys=True)
         return hashlib.sha256(whole.encode()).hexdigest()

@@ -340,8 +340,20 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
     """The tables that formulas look up, and the values of black boxes, by name."""
-    names = [f"{group}/{name}" for group in ("tables", "opaque") if group in file for name in file[group]]
-    return {name: stored(file, name, "float64", None) for name in names}
+    found = {}
+    for group in ("tables", "opaque"):
+        if file.get(group, getlink=True) is None:
+            continue
+        if not isinstance(file.get(group, getlink=True), h5py.HardLink) or file.get(group, getclass=True) != h5py.Group:
+            raise ValueError(f"its {group} are no group of arrays")
+        found |= {f"{group}/{name}": stored(file, f"{group}/{name}", "float64", None) for name in file[group]}
+    return found
+
+
+def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
+    """The tables that formulas look up, in the order of their numbers."""
+    found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
+    return [found[number] for number in range(len(found))]
 
 
 def problem_of_file(
@@ -359,8 +371,7 @@ def problem_of_file(
     """
     if problem is None:
         try:
-            tables = [values for name, values in sorted(arrays.items(), key=_number) if name.startswith("tables/")]
-            return problem_from(head, tables)
+            return problem_from(head, tables_of(arrays))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             raise TableFileError(f"the problem of {path} cannot be read: {error}") from error
     if problem.steps is None and head["details"].get("endless"):
@@ -371,7 +382,3 @@ def problem_of_file(
             f"{problem.name!r} is {problem.digest[:12]}...; {other}"
         )
     return problem
-
-
-def _number(entry: tuple[str, Any]) -> int:
-    return int(entry[0].split("/")[1]) if entry[0].startswith("tables/") else -1

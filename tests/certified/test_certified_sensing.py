@@ -12,7 +12,6 @@ from robots import car
 
 import sdhj
 from sdhj import Sensing
-from sdhj.certified import LipschitzBounds
 from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
@@ -104,7 +103,7 @@ def test_what_an_interval_does_to_predictions():
     """A robot on a line, by hand; nothing is solved."""
     sensing = Sensing(0.03, 0.2, 0.05)
     problem, method = replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
-    proof, off = GeneralProof.of(problem, method.axes(problem), 10, LipschitzBounds()), 0.03 + 0.2 * 0.2
+    proof, off = GeneralProof.of(problem, method.axes(problem), 10), 0.03 + 0.2 * 0.2
     tubes, last = proof.reached(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
     np.testing.assert_allclose(last[0, 0], [0.8 * 0.4 - 2 * off, 1.2 * 0.6 + 2 * off], atol=1e-8)
     np.testing.assert_allclose(tubes[0, :, 0, 0], -off + 0.8 * 0.06 * np.arange(10), atol=1e-8)
