@@ -76,7 +76,8 @@ def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
     than the strongest of the named adversaries does, and many more than random play with as many runs."""
     table = certified_table()
-    stronger = replace(table.problem.dynamics, bounds=1.2 * table.problem.dynamics.bounds)
+    drift, gain, bounds = table.problem.dynamics.arrays
+    stronger = sdhj.Dynamics(table.problem.inputs, drift, gain, 1.2 * bounds)
     proof = replace(table.proof, problem=replace(table.problem, dynamics=stronger))
     controller = Controller(replace(table, proof=proof))
     report = search_losing(controller, 150, population=16, generations=8, progress=False)
