@@ -153,6 +153,9 @@ class Traced(NDArrayOperatorsMixin):
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if method not in ("__call__", "outer") or options:
             raise NotTraced(f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}")
+        whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
+        if ufunc is np.multiply and whole and any(isinstance(one, list | tuple) for one in inputs):
+            raise NotTraced("a list times a whole number, which repeats it", "np.array(list) * number multiplies")
         arrays = [traced_array(one) for one in inputs]
         if method == "outer":
             arrays[0] = arrays[0].reshape(*arrays[0].shape, *[1] * arrays[1].ndim)

@@ -222,6 +222,8 @@ class Dynamics:
             raise ValueError(f"{name} cannot be a BlackBox; give drift= and gain= as black boxes")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
+            if name in ("bounds", "velocity"):
+                raise ValueError(f"{name} cannot be a BlackBox; a drift or a gain that cannot be read can")
             return replace(given, name=name)
         if isinstance(given, Formula):
             return given
@@ -372,9 +374,10 @@ class VectorField:
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)
-        for part in (self.drift, self.gain):
+        for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
-                out |= part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim).any(axis=(0, 2))
+                read = part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim) & moved
+                out |= read.any(axis=(0, 2))
             elif part is not None:
                 out[:, list(range(self.ndim) if part.reads is None else part.reads)] = True
         return out
