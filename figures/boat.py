@@ -96,8 +96,8 @@ def boat_problem(
     """
     u = np.array([heading], dtype=np.float64)
 
-    def drift(points: FloatArray, held: FloatArray) -> FloatArray:
-        return held + turn * np.stack([-points[:, 1], points[:, 0]], axis=1)
+    def drift(points: FloatArray, u: FloatArray) -> FloatArray:
+        return u + turn * np.stack([-points[:, 1], points[:, 0]], axis=1)
 
     def disk(x: float, y: float, radius: float) -> Callable[[FloatArray, float], FloatArray]:
         return lambda points, t: np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
