@@ -101,9 +101,10 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
         lambda points, u, t: np.tile(u, (len(points), 1)),
         lambda points, u, t: np.tile(np.eye(2), (len(points), 1, 1)),
     )
-    opaque = [BlackBox(one, rate=0.0) for one in functions]  # may read anything
+    opaque = BlackBox(functions[0], rate=0.0), np.eye(2)  # may read anything
     sampled, read = (
-        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, *given, [0.4, 0.4])) for given in (opaque, functions)
+        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, *given, [0.4, 0.4]))
+        for given in (opaque, functions)
     )
     assert read.dynamics.constant and read.digest == problem.digest and not sampled.dynamics.stateless
     for j in (0, 4, 7):

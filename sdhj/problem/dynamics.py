@@ -365,7 +365,8 @@ class VectorField:
         out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         if isinstance(self.gain, Formula):
             none = [
-                np.array([is_constant(o, 0.0) for o in p.outputs]).reshape(p.shape) for p in (self.gain, self.bounds)
+                np.array([is_constant(o, 0.0) for o in p.outputs], np.bool_).reshape(p.shape)
+                for p in (self.gain, self.bounds)
             ]
             out = ~(none[0] | none[1][:, None])
         return out
@@ -493,7 +494,7 @@ class VectorField:
                     terms = [
                         make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
                     ]
-                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms)))
+                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms, constant(0.0))))
             out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
         return out
 
