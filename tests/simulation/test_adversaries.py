@@ -81,13 +81,13 @@ def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) 
     for part in problem.unsafe:
         value = part.level_set(states[:, part.axes], 0.0)
         trials = [
-            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds, np.eye(4), strict=True)
+            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds_at(), np.eye(4), strict=True)
         ]
         values.append(value)
         changes.append([part.level_set(trial[:, part.axes], 0.0) - value for trial in trials])
     nearest, pursuer = np.argmin(values, axis=0), len(problem.unsafe) - 1
     signs = -np.sign(np.array(changes))  # (parts, D, M)
-    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds
+    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds_at()
     everyone = np.arange(300)
     felt = signs[nearest, 0, everyone] != 0
     np.testing.assert_array_equal(v[felt, 0], signs[nearest, 0, everyone][felt])
