@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys import interval_problem, interval_table, unicycle_problem
+from toys import interval_problem, interval_table
 
 import sdhj
-from sdhj import Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj import BlackBox, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
+from sdhj.certified import Certified
 from sdhj.problem import memory
 
 LINE = interval_problem()
@@ -23,6 +23,10 @@ ONE = np.array([2.0])
 def on_line(**change):
     """A problem on the line, steps of 0.1 s."""
     return replace(interval_problem(), **{"delta": 0.1, "steps": 8} | change)
+
+
+def moved_by(drift=((-1.0,), (0.0,), (1.0,)), gain=((1.0,),), bounds=(0.2,)):
+    return Dynamics(LINE.inputs, drift, gain, bounds)
 
 
 def run_python(code, **environment):
@@ -49,7 +53,7 @@ def test_a_level_set_that_is_no_number_stops_the_run(kind):
     changed = (UnsafeSet((0,), strip, name="strip"),) if kind == "unsafe" else TargetSet((0,), strip, "strip")
     object.__setattr__(problem, kind, changed)
     controller = Controller(replace(interval_table(), problem=problem))
-    with pytest.raises(ValueError, match=r"level set of 'strip' is nan, a NaN or an infinity, at \[.*\], t = "):
+    with pytest.raises(ValueError, match=r"level set of 'strip' is undefined or infinite \(nan\) at \[.*\], t = "):
         sdhj.monte_carlo(controller, 500, progress=False)
 
 
@@ -60,49 +64,60 @@ def test_values_that_single_precision_takes_for_zero_are_refused():
     small = TargetSet((0,), lambda p, t: 1e-30 * (np.abs(p[:, 0]) - 1.0))
     wholly = TargetSet((0,), lambda p, t: np.zeros(len(p)))
     for target in (small, wholly):
-        assert on_line(target=target).target is target
+        assert on_line(target=target).target == target
 
 
 # ---- what moves
 
 
 def test_a_set_that_comes_and_goes_is_not_static():
-    def blink(p, t):
+    def decides(p, t):
         return np.where(0.05 < t < 0.45, np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
 
-    with pytest.raises(ValueError, match=r"'blink' changes by 3.*more than its rate 0 allows"):
-        on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),))
+    def blink(p, t):
+        return np.where((0.05 < t) & (t < 0.45), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
+
+    with pytest.raises(ValueError, match="'blink' cannot be read .*test_abuse.py, line .*a decision .*np.where"):
+        UnsafeSet((0,), decides, name="blink")
+    part = on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),)).unsafe[0]
+    found = [part.over(np.array([[2.0]]), t, t + 0.1, "swept")[0] for t in (-0.1, 0.0, 0.2, 0.4, 0.45)]
+    assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 8, 200, 5000])
-def test_what_moves_for_a_while_is_found_among_many_steps(steps):
+def test_what_moves_for_a_while_is_met_among_many_steps(steps):
     begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
 
     def visit(p, t):
-        return np.where(begin < t < end, 1.0, 2.0) + 0.0 * p[:, 0]
+        return np.where((begin < t) & (t < end), 1.0, 2.0) + 0.0 * p[:, 0]
 
-    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
-        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps)
-
-
-def test_every_one_of_thousands_of_steps_is_looked_at():
-    def visit(p, t):  # for two steps: in one of them, whatever the time that is drawn
-        return np.where(321.0 < t < 321.2, 1.0, 2.0) + 0.0 * p[:, 0]
-
-    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
-        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=9000)
+    part = on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps).unsafe[0]
+    met = [k for k in range(steps) if part.over(np.zeros((1, 1)), 0.1 * k, 0.1 * (k + 1), "swept")[0] < 1.5]
+    expected = [k for k in range(steps) if 0.1 * k < end and 0.1 * (k + 1) > begin]
+    assert part.moving and met == expected
 
 
-def test_a_proof_sees_what_comes_and_goes_between_the_times_that_are_tried():
+def test_a_moment_of_thousands_of_steps_is_met():
+    def visit(p, t):
+        return np.where((321.0401 < t) & (t < 321.0402), 1.0, 2.0) + 0.0 * p[:, 0]
+
+    part = on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=9000).unsafe[0]
+    found = [part.over(np.zeros((1, 1)), 0.1 * k, 0.1 * (k + 1), "swept")[0] for k in (3209, 3210, 3211)]
+    assert found == pytest.approx([2.0, 1.0, 2.0], abs=1e-12)
+
+
+def test_tables_and_proofs_see_what_comes_and_goes_between_all_samples():
     def wink(p, t):
         return np.where((t > 0.1234) & (t < 0.1235), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
 
     problem = on_line(unsafe=(UnsafeSet((0,), wink, name="wink"),))
+    for method in ("hji", "lax", Certified(cells=[60])):
+        found = sdhj.solve(problem, method, progress=False).hazards([[2.0], [0.5]], 1)
+        assert (found < 0).any(axis=1).tolist() == [False, True], method
+    sampled = replace(problem, view_time="sampled")
     with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'wink'"):
-        believed = sdhj.solve(problem, progress=False).hazards([[2.0], [0.5]], 1)
-    proved = sdhj.solve(problem, Certified(cells=[60]), progress=False).hazards([[2.0], [0.5]], 1)
+        believed = sdhj.solve(sampled, progress=False).hazards([[2.0], [0.5]], 1)
     assert (believed < 0).any(axis=1).tolist() == [True, True]
-    assert (proved < 0).any(axis=1).tolist() == [False, True]
 
 
 def test_a_swept_function_is_tried_in_every_step():
@@ -110,10 +125,11 @@ def test_a_swept_function_is_tried_in_every_step():
         return np.abs(p[:, 0] - 3.0 + t) - 0.1
 
     def swept(p, t0, t1):
-        lost = 1.0 if 0.05 < t0 < 0.15 else 0.0  # in the second step alone
-        return np.minimum.reduce([near(p, t) for t in np.linspace(t0, t1, 50)]) - 0.01 + lost
+        lost = np.where((0.05 < t0) & (t0 < 0.15), 1.0, 0.0)  # in the second step alone
+        times = [t0 + (t1 - t0) * share for share in np.linspace(0.0, 1.0, 50)]
+        return np.minimum.reduce([near(p, t) for t in times]) - 0.01 + lost
 
-    part = UnsafeSet((0,), near, swept, 1.0, "ball")
+    part = UnsafeSet((0,), near, swept, "ball")
     with pytest.raises(ValueError, match=r"swept of 'ball' over \[0.1, 0.2\] is .* above"):
         on_line(unsafe=(part,), steps=20)
 
@@ -134,13 +150,14 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         u[:] = 0.0
         return [[1.0]]
 
-    with pytest.raises(ValueError, match=r"level set of 'target' writes to an array that is passed to it.*copy"):
-        on_line(target=TargetSet((0,), level_set))
-    with pytest.raises(ValueError, match="swept of 'unsafe' writes to"):
-        on_line(unsafe=(UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, a, b: level_set(p, a), 0.1),))
-    for name, function in (("drift", drift), ("gain", gain)):
-        with pytest.raises(ValueError, match=f"{name} writes to an array"):
-            on_line(dynamics=replace(LINE.dynamics, **{name: function}))
+    with pytest.raises(ValueError, match="level set of 'target' .*writing into an argument; write into a copy"):
+        TargetSet((0,), level_set)
+    with pytest.raises(ValueError, match="swept of 'unsafe' .*writing into an argument"):
+        UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, t0, t1: level_set(p, t0))
+    with pytest.raises(ValueError, match="drift under input 0 .*writing into an argument"):
+        moved_by(drift).read(1)
+    with pytest.raises(ValueError, match="gain under input 0 .*read-only"):
+        moved_by(gain=gain).read(1)
     assert LINE.inputs.tolist() == [[-1.0], [0.0], [1.0]]
 
 
@@ -152,11 +169,13 @@ def test_a_reused_buffer_is_copied():
         return kept[: len(p)]
 
     points = np.array([[0.0], [1.0]])
-    part = UnsafeSet((0,), reused)
+    with pytest.raises(ValueError, match="level set of 'unsafe' cannot be read .*a conversion to a plain array"):
+        UnsafeSet((0,), reused)
+    part = UnsafeSet((0,), BlackBox(reused))
     assert part.over(points, 0.0, 1.0, "sampled").tolist() == [-1.0, 0.0]
-    rising = UnsafeSet((0,), lambda p, t: reused(p, -t))  # the least value comes first
+    rising = UnsafeSet((0,), BlackBox(lambda p, t: reused(p, -t)))  # the least value comes first
     assert rising.over(points, 0.0, 1.0, "sampled").tolist() == [0.0, 1.0]
-    assert not np.shares_memory(TargetSet((0,), reused).level_set(points, 0.0), kept)
+    assert not np.shares_memory(TargetSet((0,), BlackBox(reused)).level_set(points, 0.0), kept)
 
 
 def test_a_level_set_that_looks_at_all_points_together_is_named():
