@@ -239,8 +239,9 @@ def test_answers_that_do_not_fit_are_refused_when_they_are_read(change, said):
         ({"bounds": lambda t: [2.0 - t]}, r"half-widths >= 0, got \[-0.5\] at t = 2.5"),
         ({"bounds": lambda t: [np.sqrt(2.0 - t)]}, "bounds is undefined"),
         ({"bounds": lambda t: [np.nan]}, "bounds is undefined"),
-        ({"drift": BlackBox(lambda q, u, t: q * np.nan)}, "drift must return one finite number for each of 4 points"),
-        ({"gain": BlackBox(lambda q, u, t: q[:2])}, "gain must return one finite number for each of 4 points"),
+        ({"drift": BlackBox(lambda q, u, t: q * np.nan)}, r"drift must return finite numbers of shape \(4, 2\), got"),
+        ({"drift": BlackBox(lambda q, u: q[:, 0])}, r"drift must return finite numbers of shape \(4, 2\), got"),
+        ({"gain": BlackBox(lambda q, u, t: q[:2])}, r"gain must return finite numbers of shape \(4, 2, 1\), got"),
     ],
 )
 def test_values_that_are_none_are_refused_when_they_come(change, said):

@@ -268,7 +268,10 @@ def traced_array(value: Any) -> Traced:
         return value
     if isinstance(value, list | tuple) and holds_traced(value):
         return stacked(value)
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise NotTraced("lists of different lengths", "np.full_like(other, number) has the shape of another") from None
     if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
         raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
     if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:

@@ -6,6 +6,7 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 
 import inspect
 import math
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -73,8 +74,6 @@ class Formula:
         rows = rows_for(coordinates, *lengths)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
         outputs, _ = read(name, function, rows, given, (), True)
-        if outputs[0].truth:
-            raise ValueError(f"{name} must return real numbers, negative inside the set, got bool: a comparison")
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
@@ -371,6 +370,7 @@ class BlackBox:
     rate: Any = None
     enclosure: Callable[..., Any] | None = None
     name: str = field(default="black box", repr=False)
+    shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
         for name in ("function", "enclosure"):
@@ -427,10 +427,8 @@ class BlackBox:
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)
-        if len(values) != len(points) or not np.isfinite(values).all():
-            raise ValueError(
-                f"{self.name} must return one finite number for each of {len(points)} points, got {values}"
-            )
+        if values.shape != (shape := (len(points), *self.shape)) or not np.isfinite(values).all():
+            raise ValueError(f"{self.name} must return finite numbers of shape {shape}, got {reprlib.repr(values)}")
         return values
 
 

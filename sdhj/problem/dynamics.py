@@ -8,7 +8,7 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -224,7 +224,8 @@ class Dynamics:
         if isinstance(given, BlackBox):
             if name in ("bounds", "velocity"):
                 raise ValueError(f"{name} cannot be a BlackBox; a drift or a gain that cannot be read can")
-            return replace(given, name=name)
+            function = partial(_called, given.function, arguments(name, given))
+            return replace(given, function=function, name=name, shape=shape)
         if isinstance(given, Formula):
             return given
         if not callable(given):
@@ -573,6 +574,12 @@ class VectorField:
         return value - far, value + far
 
 
+def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
+    """What a black box answers, called with what it takes."""
+    known = {"points": points, "u": u, "t": t}
+    return function(*(known[one] for one in takes))
+
+
 def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
     """A drift or a gain of the axes `axes` alone."""
     keep, function = list(axes), part.function
@@ -583,7 +590,7 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
         return np.asarray(function(full, *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    return BlackBox(some, reads, name=part.name, rate=part.rate)
+    return BlackBox(some, reads, name=part.name, rate=part.rate, shape=(len(keep), *part.shape[1:]))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
