@@ -3,8 +3,10 @@
 import functools
 import itertools
 import math
+import pickle
 from dataclasses import replace
 
+import judge
 import naive_projections as naive
 import numpy as np
 import pytest
@@ -642,3 +644,259 @@ def test_the_digest_follows_time_and_input():
 )
 def test_what_depends_on_time_is_told_apart(dynamics, timeless):
     assert problem_of(dynamics).timeless is timeless
+
+
+# ---- velocities that the disturbance enters as it likes
+
+
+def test_the_state_may_have_any_name_and_the_others_any_order():
+    forms = [
+        lambda points, u, t: points * u[0] + t,
+        lambda q, u, t: q * u[0] + t,
+        lambda whatever, t, u: whatever * u[0] + t,
+    ]
+    assert len({problem_of(Dynamics([[1.0], [2.0]], form, [[1.0], [0.0]], [0.1])).digest for form in forms}) == 1
+
+
+LINEAR = {
+    "constant": (
+        lambda q, u, v, t: np.stack([0 * q[:, 0] + u[0] + v[0], 0 * q[:, 1] + v[1] - 0.5 * v[0]], axis=1),
+        lambda q, u, t: np.tile([u[0], 0.0], (len(q), 1)),
+        lambda q, u, t: np.tile([[1.0, 0.0], [-0.5, 1.0]], (len(q), 1, 1)),
+    ),
+    "state, input and time": (
+        lambda q, u, v, t: np.stack([u[0] * q[:, 1] * (1 + v[0]), (v[1] * q[:, 0] - v[0]) / (2 + t)], axis=1),
+        lambda q, u, t: np.stack([u[0] * q[:, 1], 0 * q[:, 0]], axis=1),
+        lambda q, u, t: (
+            np.stack([u[0] * q[:, 1], 0 * q[:, 0], -1 / (2 + t) + 0 * q[:, 0], q[:, 0] / (2 + t)], axis=1).reshape(-1, 2, 2)
+        ),
+    ),
+    "where it blows": (
+        lambda q, u, v, t: np.where(q[:, :1] > 0, q * u[0] + v * [1.0, 2.0], q * u[0] - v),
+        lambda q, u, t: q * u[0],
+        lambda q, u, t: np.where(q[:, :1, None] > 0, np.diag([1.0, 2.0]), -np.eye(2)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_a_velocity_that_is_linear_in_the_disturbance_is_a_drift_and_a_gain(name, rng):
+    velocity, drift, gain = LINEAR[name]
+    inputs, bounds = [[-1.0], [1.0]], [0.2, 0.3]
+    one = problem_of(Dynamics(inputs, velocity=velocity, bounds=bounds))
+    two = problem_of(Dynamics(inputs, drift, gain, bounds))
+    points = rng.uniform(-2, 2, (50, 2))
+    for j, t in itertools.product((0, 1), (0.0, 0.7)):
+        u = np.array(inputs[j])
+        np.testing.assert_allclose(one.dynamics.drift_at(points, j, t), drift(points, u, t), rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(one.dynamics.gain_at(points, j, t), gain(points, u, t), rtol=0, atol=ROUNDING)
+    assert one.dynamics.timed == two.dynamics.timed and (one.dynamics.reads == two.dynamics.reads).all()
+    tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
+    for start, within in itertools.combinations_with_replacement(range(4), 2):
+        values = [table.values(start=start, within=within - start) for table in tables]
+        np.testing.assert_allclose(*values, rtol=0, atol=1e-6)
+
+
+BENT = {  # of two coordinates and two components
+    "sine": lambda q, u, v, t: (u[0] + 0.5 * np.sin(3 * v[0]), u[1] + 0.5 * np.cos(q[:, 0]) * np.sin(v[1])),
+    "square": lambda q, u, v, t: (u[0] + 0.3 * v[0] ** 2 - v[1], u[1] - 0.2 * v[1] ** 2),
+    "product": lambda q, u, v, t: (u[0] + u[0] * v[0] * v[1], u[1] + q[:, 1] * v[0] * v[1] * (1 + t)),
+    "size": lambda q, u, v, t: (u[0] - np.abs(v[0]) * q[:, 0], u[1] + np.maximum(v[0], v[1])),
+}
+COMMANDS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+MOST = np.array([0.4, 0.3])  # of the disturbance
+
+
+def bent(name, q, u, v, t):
+    """The velocity in plain NumPy; u and v may be rows of numbers, one for each state."""
+    return np.stack([0.0 * q[:, 0] + one for one in BENT[name](q, u, v, t)], axis=1)
+
+
+def bent_dynamics(name):
+    return Dynamics(COMMANDS, velocity=lambda q, u, v, t: bent(name, q, u, v, t), bounds=MOST)
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_ranges_hold_whatever_the_disturbance(name, rng):
+    """At points, in boxes of states and times, and of the boxes that a state can reach."""
+    problem = problem_of(bent_dynamics(name))
+    dynamics, interval, nodes = problem.dynamics, problem.interval(1), problem.grid.points()
+    assert dynamics.gain is None and not dynamics.constant and not dynamics.couples((0, 1))
+    low = rng.uniform(-2, 1.5, (200, 2))
+    high = low + rng.uniform(0, 0.5, low.shape)
+    for j, _ in itertools.product(range(4), range(20)):
+        v, t, points = rng.uniform(-MOST, MOST), rng.uniform(0.3, 0.6), rng.uniform(low, high)
+        v = np.where(rng.random(2) < 0.3, np.sign(v) * MOST, v)
+        true = bent(name, points, COMMANDS[j], v, t)
+        np.testing.assert_allclose(dynamics.velocity_at(points, j, v, t), true, rtol=0, atol=ROUNDING)
+        least, greatest = dynamics.range(j, low, high, (0.3, 0.6))
+        assert (least <= true).all() and (true <= greatest).all()
+        ends = dynamics.extremes(points, j, t)
+        assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
+        field, there = interval.velocities(j, (0, 1), t), bent(name, nodes, COMMANDS[j], v, t).T.reshape(2, 9, 9)
+        lower, upper = (end.reshape(2, *end.shape[1:] or (1, 1)) for end in (field.lower, field.upper))
+        assert (lower <= there).all() and (there <= upper).all() and not field.coupled
+
+
+def bent_problem(name):
+    """A boat that a wind pushes as `BENT` says; a buoy, and edges of the grid to stay within."""
+    return ReachAvoidProblem(
+        Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        bent_dynamics(name),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1]) - 0.8),
+        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.7, p[:, 1] + 0.5) - 0.25, name="buoy"),),
+        0.2,
+        4,
+    )
+
+
+@pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=(80, 80))], ids=["hji", "certified"])
+@pytest.mark.parametrize("name", BENT)
+def test_no_run_is_lost_to_a_disturbance_that_enters_as_it_likes(name, method, rng):
+    """Plant and adversaries of the test's own: anywhere in its box or at corners, switching within the step."""
+    table = sdhj.solve(bent_problem(name), method, progress=False)
+    controller, states = sdhj.Controller(table), rng.uniform(-1.9, 1.9, (4000, 2))
+    outside = ~table.contains(states, start=0, within=0)
+    starts = states[outside & table.contains(states, start=0, within=4)]
+    assert len(starts) > 150
+
+    def velocity(q, u, signs, t):
+        return bent(name, q, COMMANDS[np.maximum(u, 0)].T, (signs * MOST).T, t)
+
+    for signs in (
+        lambda q, u, t, end: rng.uniform(-1, 1, q.shape),
+        lambda q, u, t, end: rng.choice([-1.0, 1.0], q.shape),
+    ):
+        outcomes = judge.play(
+            lambda q, step: controller.choose(controller.batch(q, step)),
+            velocity,
+            signs,
+            lambda q, t: np.hypot(q[:, 0] - 0.6, q[:, 1]) - 0.8,
+            lambda q, t: np.minimum(np.hypot(q[:, 0] + 0.7, q[:, 1] + 0.5) - 0.25, 2.0 - np.abs(q).max(axis=1)),
+            starts,
+            delta=0.2,
+            steps=4,
+        )
+        assert (outcomes == "reached").all(), starts[outcomes != "reached"]
+
+
+@pytest.mark.parametrize("kind", ["gain", "velocity"])
+def test_bounds_that_depend_on_the_state_scale_the_disturbance(kind, rng):
+    """As if the gain were larger where more is allowed; and outside of a strip nothing pushes at all."""
+
+    def allowed(q, u, t):
+        return np.stack([0.1 + q[:, 1] ** 2 * np.abs(u[0]), np.maximum(0.3 * t - q[:, 0], 0.0)], axis=1)
+
+    def pushing(q, u, t):
+        return np.eye(2) * allowed(q, u, t)[:, None]
+
+    inputs, drift = [[-1.0], [0.5]], lambda q, u: np.stack([0 * q[:, 0] + u[0], 0 * q[:, 1]], axis=1)
+    given = {
+        "gain": Dynamics(inputs, drift, np.eye(2), allowed),
+        "velocity": Dynamics(inputs, velocity=lambda q, u, v: drift(q, u) + v, bounds=allowed),
+    }
+    one, two = problem_of(given[kind]), problem_of(Dynamics(inputs, drift, pushing, [1.0, 1.0]))
+    points = rng.uniform(-2, 2, (60, 2))
+    for j, t in itertools.product((0, 1), (0.0, 0.4)):
+        gain = one.dynamics.gain_at(points, j, t) * one.dynamics.bounds_at(j, t)
+        np.testing.assert_allclose(np.abs(gain), pushing(points, np.array(inputs[j]), t), rtol=0, atol=ROUNDING)
+    assert one.dynamics.timed and one.dynamics.reads.tolist() == [[False, True], [True, False]]
+    for pair in zip(one.interval(1).reachable(points), two.interval(1).reachable(points), strict=True):
+        np.testing.assert_allclose(*pair, rtol=0, atol=ROUNDING)
+    tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
+    np.testing.assert_allclose(*(table.values(start=0, within=3) for table in tables), rtol=0, atol=1e-6)
+
+
+# ---- black boxes, and what becomes of functions
+
+
+def decided(q, u, t):
+    """The car's drift in a way that nothing can read, state by state."""
+    return np.array([[math.cos(theta), math.sin(theta), u[0]] for _, _, theta in q.tolist()])
+
+
+def disk(q, t):
+    return np.array([math.hypot(x, y) - 0.5 for x, y in q.tolist()])
+
+
+def pillar(q, t):
+    return np.array([max(math.hypot(x - 0.8, y) - 0.2, -1.0) for x, y in q.tolist()])
+
+
+def opaque_car():
+    car = toys.unicycle_problem(nodes=(13, 13, 12))
+    gain = np.eye(3)[:, :2]
+    return car, replace(
+        car,
+        dynamics=Dynamics(car.inputs, BlackBox(decided, reads=[2], rate=0.0), gain, [0.1, 0.1]),
+        target=TargetSet((0, 1), BlackBox(disk, slope=1.0, rate=0.0)),
+        unsafe=(UnsafeSet((0, 1), BlackBox(pillar, rate=0.0), name="pillar"),),
+    )
+
+
+def test_black_boxes_are_solved_and_simulated():
+    car, opaque = opaque_car()
+    assert opaque.timeless and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3
+    assert car.opaque == {} and opaque.opaque == {
+        "drift": "a BlackBox with reads, rate",
+        "target": "a BlackBox with slope, rate",
+        "unsafe 0": "a BlackBox with rate",
+    }
+    known, table = (sdhj.solve(problem, progress=False) for problem in (car, opaque))
+    for within in range(4):
+        np.testing.assert_allclose(*(one.values(start=0, within=within) for one in (known, table)), rtol=0, atol=1e-5)
+    reports = [sdhj.monte_carlo(sdhj.Controller(one), 200, "random", progress=False) for one in (known, table)]
+    assert all(report.rate("reached") > 0.9 for report in reports)
+    assert len(sdhj.simulate(sdhj.Controller(table), [-0.8, 0.0, 0.0], "worst").inputs) >= 1
+
+
+def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
+    wild = Dynamics([[1.0]], BlackBox(lambda q, u: q), BlackBox(lambda q: q[:, :, None]), [0.1]).read(3)
+    assert wild.timed and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
+    with pytest.raises(ValueError, match="drift is a BlackBox without a slope or an enclosure, which a proof needs"):
+        wild.range(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
+    problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
+    assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
+    with pytest.raises(ValueError, match="drift is a BlackBox without a slope"):
+        sdhj.solve(problem, sdhj.Certified(cells=(8, 8)), progress=False)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        toys.torus_problem,
+        lambda: problem_of(tidal()),
+        lambda: problem_of(turning()),
+        lambda: bent_problem("sine"),
+        lambda: opaque_car()[1],
+    ],
+    ids=["torus", "tidal", "turning", "sine", "black boxes"],
+)
+def test_problems_pickle(make, rng):
+    """Functions that nobody could pickle are not in them; black boxes are, if they can be."""
+    problem = make()
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.digest == problem.digest and again.opaque == problem.opaque
+    points = rng.uniform(problem.grid.lower, problem.grid.upper, (20, problem.grid.ndim))
+    v, inputs = 0.1 * np.ones((20, problem.dynamics.adversaries)), rng.integers(0, len(problem.inputs), 20)
+    moved = [one.interval(0).advance(points, inputs, v, 0.1, 0.1) for one in (problem, again)]
+    np.testing.assert_array_equal(*moved)
+    np.testing.assert_array_equal(problem.unsafe_value(points, 0.3), again.unsafe_value(points, 0.3))
+
+
+def test_what_changes_after_a_problem_was_made_changes_nothing():
+    scale, table = [1.0], np.array([0.5, 0.5])
+
+    def drift(q, u):
+        return scale[0] * q + u[0] * table
+
+    problem = problem_of(
+        Dynamics([[1.0]], drift, [[1.0], [0.0]], lambda t: [0.1 * scale[0]]),
+        unsafe=(UnsafeSet((0,), lambda p, t: p[:, 0] + 3.0 * scale[0]),),
+    )
+    points, before = np.array([[0.2, -0.4]]), problem.digest
+    scale[0], table[:] = 5.0, -1.0
+    np.testing.assert_allclose(problem.dynamics.drift_at(points, 0), [[0.7, 0.1]], rtol=0, atol=ROUNDING)
+    assert problem.dynamics.bounds_at().tolist() == [0.1]
+    assert problem.unsafe_value(points, 0.0).tolist() == [3.2]
+    assert problem.digest == before != problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.5])).digest

@@ -222,8 +222,6 @@ class Dynamics:
             raise ValueError(f"{name} cannot be a BlackBox; give drift= and gain= as black boxes")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
-            if name in ("bounds", "velocity"):
-                raise ValueError(f"{name} cannot be a BlackBox; a drift or a gain that cannot be read can")
             function = partial(_called, given.function, arguments(name, given))
             return replace(given, function=function, name=name, shape=shape)
         if isinstance(given, Formula):
