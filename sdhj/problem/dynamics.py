@@ -8,7 +8,7 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -227,7 +227,8 @@ class Dynamics:
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
-            return replace(given, name=name)
+            function = partial(_called, given.function, arguments(name, given))
+            return replace(given, function=function, name=name, shape=shape)
         if isinstance(given, Formula):
             return given
         if not callable(given):
@@ -368,7 +369,8 @@ class VectorField:
         out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         if isinstance(self.gain, Formula):
             none = [
-                np.array([is_constant(o, 0.0) for o in p.outputs]).reshape(p.shape) for p in (self.gain, self.bounds)
+                np.array([is_constant(o, 0.0) for o in p.outputs], np.bool_).reshape(p.shape)
+                for p in (self.gain, self.bounds)
             ]
             out = ~(none[0] | none[1][:, None])
         return out
@@ -377,9 +379,10 @@ class VectorField:
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)
-        for part in (self.drift, self.gain):
+        for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
-                out |= part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim).any(axis=(0, 2))
+                read = part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim) & moved
+                out |= read.any(axis=(0, 2))
             elif part is not None:
                 out[:, list(range(self.ndim) if part.reads is None else part.reads)] = True
         return out
@@ -495,7 +498,7 @@ class VectorField:
                     terms = [
                         make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
                     ]
-                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms)))
+                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms, constant(0.0))))
             out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
         return out
 
@@ -581,6 +584,12 @@ class VectorField:
         return value - far, value + far
 
 
+def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
+    """What a black box answers, called with what it takes."""
+    known = {"points": points, "u": u, "t": t}
+    return function(*(known[one] for one in takes))
+
+
 def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
     """A drift or a gain of the axes `axes` alone."""
     keep, function = list(axes), part.function
@@ -591,7 +600,7 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
         return np.asarray(function(full, *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    return BlackBox(some, reads, name=part.name, rate=part.rate)
+    return BlackBox(some, reads, name=part.name, rate=part.rate, shape=(len(keep), *part.shape[1:]))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
