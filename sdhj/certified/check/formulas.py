@@ -170,7 +170,7 @@ class Formula:
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)
 
-    def __call__(self, low: Array, high: Array, parameters: list[tuple[float, float]]) -> Iterator[Interval]:
+    def __call__(self, low: Array, high: Array, parameters: list[tuple[Any, Any]]) -> Iterator[Interval]:
         """Bounds of each result over boxes (M, coordinates); arrays that broadcast to (M,)."""
         values: dict[int, Interval] = {}
         for number in self.needed:
@@ -191,14 +191,18 @@ class Formula:
             return gridded(operands, *node.given)
         return RULES[node.name][1](*operands, *node.given)
 
-    def bounds(self, low: Array, high: Array, *parameters: tuple[float, float]) -> tuple[Array, Array]:
-        """Least and greatest values of the results over boxes low, high (M, coordinates): both (M, results)."""
+    def bounds(self, low: Array, high: Array, *parameters: tuple[Any, Any]) -> tuple[Array, Array]:
+        """Least and greatest values of the results over boxes low, high (M, coordinates): both (M, results).
+
+        Parameters are pairs of numbers, or of arrays (M,).
+        """
         out = np.empty((2, len(self.results), len(low)))
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)
-                for place, ends in enumerate(self(low[own], high[own], list(parameters))):
-                    out[:, place, own] = np.broadcast_arrays(*ends, low[own, 0])[:2] if low.shape[1] else ends
+                given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
+                for place, ends in enumerate(self(low[own], high[own], given)):
+                    out[0, place, own], out[1, place, own] = ends
         return out[0].T, out[1].T
 
 

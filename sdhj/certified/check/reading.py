@@ -211,7 +211,7 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             ) from error
 
 
-def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:
+def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int = MOST_BYTES) -> Array:
     """An array of numbers inside a file, looked at before it is read; None stands for any length."""
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
@@ -220,7 +220,7 @@ def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:
     plan = data.id.get_create_plist()
     packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     own = data.external is None and not data.is_virtual and packed <= PLAIN
-    own = own and data.nbytes <= min(MOST_BYTES, MOST_PACKED * (data.id.get_storage_size() + 1000))
+    own = own and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
     fits = len(data.shape) == len(shape) and all(
         one in (None, other) for one, other in zip(shape, data.shape, strict=True)
     )
