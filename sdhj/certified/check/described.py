@@ -61,8 +61,8 @@ class Grid:
 class BlackBox:
     """A function that is no formula, by what its author states of it; some of its results only.
 
-    given : has `enclosure(low, high, t0, t1)` or None, `slope` and `rate` (each a number or None), and is callable with
-    points and a time.
+    given : has `enclosure(low, high, t0, t1)` or None, `slope` (a number, one for each axis, or None) and `rate` (a
+    number or None), and is callable with points and a time.
     """
 
     def __init__(self, name: str, given: Any, own: slice = slice(None)) -> None:
@@ -88,9 +88,10 @@ class BlackBox:
         slope, rate = self.given.slope, self.given.rate
         stated = slope is not None and (rate is not None or times[0] == times[1])
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
-        value = np.asarray(self.given((low + high) / 2, sum(times) / 2), dtype=np.float64).reshape(len(low), 1)
-        far = slope * np.sqrt((((high - low) / 2) ** 2).sum(axis=1, keepdims=True))
-        far = (far + (rate or 0.0) * (times[1] - times[0]) / 2) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+        value = np.asarray(self.given((low + high) / 2, sum(times) / 2), dtype=np.float64).reshape(-1, 1)
+        half = (high - low) / 2
+        far = half @ np.array(slope) if np.ndim(slope) else slope * np.sqrt((half**2).sum(axis=1))
+        far = (far[:, None] + (rate or 0.0) * (times[1] - times[0]) / 2) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
         return intervals.sure(value - far, value + far)
 
 

@@ -114,9 +114,10 @@ def power(a: Interval, n: int) -> Interval:
 
 
 def pow_(a: Interval, b: Interval) -> Interval:
-    """It rises or falls with each operand alone: the extremes are at corners."""
+    """It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)"""
     low, high = above(0.0, *outward(*corners(np.power, a, b), UNITS, TINY))
-    return unless((a[0] < 0) | ((a[0] == 0) & (b[0] <= 0)), low, high)
+    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))
+    return unless(~defined | np.isnan(b[0]), low, high)
 
 
 # ---- elementary functions; what NumPy calls undefined at an end is NaN or not finite there, and so at both ends
