@@ -37,7 +37,7 @@ MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
 MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
 MOST_ON_AN_AXIS = 10**6  # cells
-BEGINNING = b"sdhj look-up table, format 3\n"
+BEGINNING = b"sdhj look-up table, format 4\n"
 PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing that are undone
 MOST_PARTS = 64  # that an interval is cut into at once
 
@@ -199,7 +199,7 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         first, second = stream.readline(100), stream.readline(100)
         begin = stream.tell()
         if first != BEGINNING or second != b"sha256 %s\n" % hashlib.file_digest(stream, "sha256").hexdigest().encode():
-            raise ValueError(f"{path} is damaged, or holds no certified sets in format 3; solve it anew")
+            raise ValueError(f"{path} is damaged, or holds no certified sets in format 4; solve it anew")
         stream.seek(begin)
         try:
             told = dict(json.loads(stream.readline(MOST_TEXT)))
