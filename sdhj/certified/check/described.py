@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.certified.check import intervals
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
-from sdhj.certified.check.reading import MOST_COUNTED, array, expect, is_whole
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole
 
 LARGEST = 1e9  # of a number in the head
 MOST_TABLE = 1 << 27  # bytes of a table
@@ -34,24 +34,27 @@ def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) 
 
 @dataclass(frozen=True)
 class Grid:
-    """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe"."""
+    """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe", `spacing` is that of the nodes."""
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+    spacing: tuple[float, ...]
     periodic: tuple[bool, ...]
     ends: tuple[tuple[str, str], ...]
 
     @classmethod
     def of(cls, told: Mapping[str, Any]) -> "Grid":
-        lower, upper, periodic = told["lower"], told["upper"], told["periodic"]
+        lower, upper, periodic, shape = (told[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in told["ends"])
-        fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, ends)}) == 1
+        fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, shape, ends)}) == 1
         expect(fits, f"a grid must have 1 to {MOST_AXES} axes", told)
         bounds = [(real("lower", a), real("upper", b)) for a, b in zip(lower, upper, strict=True)]
         expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)
         expect(all(flag in (True, False) for flag in periodic), "periodic must be true or false", periodic)
         expect(all({*pair} <= ENDS for pair in ends), f"ends must be of {', '.join(sorted(ENDS))}", ends)
-        return cls(tuple(a for a, _ in bounds), tuple(b for _, b in bounds), tuple(map(bool, periodic)), ends)
+        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of nodes", shape)
+        spacing = tuple((b - a) / (n - 1) for (a, b), n in zip(bounds, shape, strict=True))
+        return cls(tuple(a for a, _ in bounds), tuple(b for _, b in bounds), spacing, tuple(map(bool, periodic)), ends)
 
     @property
     def ndim(self) -> int:

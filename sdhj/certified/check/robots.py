@@ -33,7 +33,7 @@ NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
 MOST_INPUTS = 1 << 16
-ROOM = 1e-9  # of an axis's length, past an unsafe end, counts as the end
+ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
@@ -298,7 +298,7 @@ class Robot:
         until = np.where(there[:, :, None, None], swept, swept[:, :1])
         whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            room = ROOM * (grid.upper[axis] - grid.lower[axis])
+            room = ROOM * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
         cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]
