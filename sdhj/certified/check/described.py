@@ -62,40 +62,42 @@ class Grid:
 
 
 class BlackBox:
-    """A function that is no formula, by what its author states of it; some of its results only.
+    """A function that is no formula, by what its author states of it.
 
-    given : has `enclosure(low, high, t0, t1)` or None, `slope` (a number, one for each axis, or None) and `rate` (a
-    number or None), and is callable with points and a time.
+    given : has `enclosure(low, high, t0, t1)` or None, `slope` (a number, one for each axis, or a row of these for each
+    component) and `rate` (a number, or one for each component) or None, and is callable with points and a time.
+    results, components : how many results it has for a box, and of how many components.
+    inputs : of drift and gain the input, which is handed over before times.
     """
 
-    def __init__(self, name: str, given: Any, own: slice = slice(None)) -> None:
-        expect(given is not None, "the problem given must have the black box of the file", name)
-        self.name, self.given, self.own = name, given, own
-
-    def part(self, first: int, count: int) -> "BlackBox":
-        return BlackBox(self.name, self.given, slice(first, first + count))
+    def __init__(
+        self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
+    ) -> None:
+        self.name, self.given, self.inputs = name, given, inputs
+        self.results, self.components = results, components
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
         """Whether it may read a coordinate, "x", or the time, "p"."""
-        return leaf == "x" or self.given.rate != 0
+        return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
         """As those of a formula: both (M, results)."""
         if self.given.enclosure is not None:
-            ends = [
-                np.asarray(end, dtype=np.float64).reshape(len(low), -1)
-                for end in self.given.enclosure(low, high, *times)
-            ]
-            least, most = intervals.sure(ends[0], ends[1])
-            return least[:, self.own], most[:, self.own]
-        slope, rate = self.given.slope, self.given.rate
+            least, most = self.given.enclosure(low, high, *self.inputs, *times)
+            return intervals.sure(self.shaped(least), self.shaped(most))
+        slope, rate, half = self.given.slope, self.given.rate, (high - low) / 2
         stated = slope is not None and (rate is not None or times[0] == times[1])
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
-        value = np.asarray(self.given((low + high) / 2, sum(times) / 2), dtype=np.float64).reshape(-1, 1)
-        half = (high - low) / 2
-        far = half @ np.array(slope) if np.ndim(slope) else slope * np.sqrt((half**2).sum(axis=1))
-        far = (far[:, None] + (rate or 0.0) * (times[1] - times[0]) / 2) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
-        return intervals.sure(value - far, value + far)
+        far = half @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(half, axis=1, keepdims=True)
+        if rate is not None:
+            far = far + np.array(rate) * (times[1] - times[0]) / 2
+        each = np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
+        value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
+        each = each * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+        return intervals.sure(value - each, value + each)
+
+    def shaped(self, answer: Any) -> Array:
+        return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
 
 
 @dataclass(frozen=True)
@@ -143,24 +145,27 @@ class Functions:
         expect(found.ndim == axes, f"table {number} must have an axis for each operand, {axes}", found.shape)
         return found
 
-    def get(self, name: str, coordinates: int, parameters: int = 1) -> Formula | BlackBox:
-        if name in self.opaque:
-            return BlackBox(name, self.problem.black_box(name))
-        expect(name in self.told, f"there must be a function {name}", [*self.told])
+    def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
+        expect(name in self.told, f"there must be a formula {name}", [*self.told])
         return read(name, self.told[name], coordinates, parameters, self.table)
+
+    def black_box(self, name: str) -> Any:
+        """What the problem has of that name."""
+        found = self.problem.black_box(name)
+        expect(found is not None, "the problem given must have the black box of the file", name)
+        return found
 
     def part(self, name: str, number: int, given: Mapping[str, Any], ndim: int) -> Part:
         """A set, by its name among the functions and what the head says."""
         axes = given["axes"]
         fits = isinstance(axes, list) and all(is_whole(axis, 0, ndim - 1) for axis in axes)
         expect(fits and axes and all(a < b for a, b in pairwise(sorted(axes))), "axes of a set must be some", axes)
-        function, swept = self.get(name, len(axes)), None
-        if name != "target" and f"swept {number}" in self.told:
-            swept = read(f"swept {number}", self.told[f"swept {number}"], len(axes), 2, self.table)
-        for one in (function, swept):
-            if isinstance(one, Formula):
-                expect(len(one.results) == 1, f"{name} must have one result", one.results)
-        return Part(str(given["name"]), tuple(axes), function, swept)
+        own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
+        sweep = name != "target" and f"swept {number}" in self.told
+        swept = self.formula(f"swept {number}", len(axes), 2) if sweep else None
+        for one in (own, swept):
+            expect(not isinstance(one, Formula) or len(one.results) == 1, f"{name} must have one result", one)
+        return Part(str(given["name"]), tuple(axes), own, swept)
 
     def parts(self, told: Any, ndim: int) -> tuple[Part | None, list[Part]]:
         """The target, if there is one, and the unsafe sets, by what the head says of sets."""
@@ -175,30 +180,23 @@ class Functions:
 class Velocity:
     """What the velocity can be: by the formulas of drift, gain and bounds, or of velocity and bounds."""
 
-    def __init__(self, functions: Functions, inputs: int, grid: Grid) -> None:
-        n = self.ndim = grid.ndim
-        corner = np.array([grid.lower])
-
-        def read_one(name: str, parameters: int = 1) -> tuple[Formula | BlackBox, int]:
-            found = functions.get(name, n, parameters)
-            if isinstance(found, Formula):
-                return found, len(found.results)
-            expect(found.given.enclosure is not None, "a black box of the velocity must have an enclosure", name)
-            return found, found.bounds(corner, corner, (0.0, 0.0))[0].shape[1]
-
-        bounds, count = read_one("bounds")
-        d = self.adversaries = count // inputs
-        expect(count == d * inputs and d <= MOST_COUNTED, "bounds must have as many results for each input", count)
-        self.linear = "drift" in functions
-        shapes = {"drift": n, "gain": n * d} if self.linear else {"velocity": n}
-        self.own = {"bounds": [bounds.part(j * d, d) for j in range(inputs)]}
-        self.all = [bounds]
-        for name, each in shapes.items():
-            found, count = read_one(name, 1 + d * (name == "velocity"))
-            expect(count == inputs * each, f"{name} must have {inputs * each} results", count)
-            expect(name != "velocity" or isinstance(found, Formula), "velocity must be a formula", name)
-            self.own[name] = [found.part(j * each, each) for j in range(inputs)]
-            self.all.append(found)
+    def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
+        n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
+        d = len(bounds.results) // len(inputs)
+        fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED
+        expect(fits, "bounds must have as many results for each input", len(bounds.results))
+        self.ndim, self.adversaries, self.linear = n, d, "drift" in functions
+        self.own: dict[str, list[Any]] = {"bounds": [bounds.part(j * d, d) for j in range(len(inputs))]}
+        for name, each in {"drift": n, "gain": n * d}.items() if self.linear else [("velocity", n)]:
+            if name in functions.opaque and self.linear:
+                given = functions.black_box(name)
+                self.own[name] = [BlackBox(name, given, each, n, (np.array(u, dtype=np.float64),)) for u in inputs]
+                continue
+            found = functions.formula(name, n, 1 + d * (name == "velocity"))
+            fits = len(found.results) == len(inputs) * each
+            expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
+            self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
+        self.all = [one for parts in self.own.values() for one in parts]
 
     @property
     def timed(self) -> bool:
@@ -214,15 +212,15 @@ class Velocity:
         if pushed:
             half = np.maximum(*map(np.abs, self.own["bounds"][j].bounds(low, high, times)))
         if not self.linear:
-            velocity: Any = self.own["velocity"][j]
-            found: tuple[Array, Array] = velocity.bounds(low, high, times, *((-one, one) for one in half.T))
+            pushes = ((-one, one) for one in half.T)
+            found: tuple[Array, Array] = self.own["velocity"][j].bounds(low, high, times, *pushes)
             return found
         least, most = self.own["drift"][j].bounds(low, high, times)
         if not pushed:
             return least, most
         gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))
-        pushes = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
-        push = pushes.sum(axis=2) * (1 + MOST_COUNTED * intervals.UNIT) + MOST_COUNTED * intervals.TINY
+        each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
+        push = each.sum(axis=2) * (1 + MOST_COUNTED * intervals.UNIT) + MOST_COUNTED * intervals.TINY
         return intervals.outward(least - push, most + push)
 
 

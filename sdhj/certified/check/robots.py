@@ -51,7 +51,7 @@ class Robot:
             Sensing.of(told.get("sensing", {}), self.grid.ndim, self.delta),
             Functions(told, arrays, problem),
         )
-        self.moves = Velocity(functions, self.count, self.grid)
+        self.moves = Velocity(functions, told["inputs"], self.grid)
         self.target, self.unsafe = functions.parts(told["sets"], self.grid.ndim)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
