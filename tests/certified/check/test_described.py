@@ -10,16 +10,17 @@ from forging import FORGERIES, forged
 import sdhj
 from sdhj.certified.check import verify
 
+WIND = sdhj.gridded(np.eye(5) * 0.2, [-2.0, -2.0], [1.0, 1.0])
 AWAY = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5)
 
 
-def plane(*, unsafe=None, **dynamics):
-    """A robot in the plane, beside which a disk passes; or what it is given."""
-    post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 1.2 + 0.4 * t) - 0.3, name="post")
+def plane(radius=0.3, **dynamics):
+    """A robot in the plane, beside which a disk passes."""
+    post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 1.2 + 0.4 * t) - radius, name="post")
     inputs = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
     given = {"drift": np.array(inputs), "gain": np.eye(2), "bounds": [0.1, 0.1]} | dynamics
     grid = sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21])
-    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, unsafe or [post], 0.25, 3)
+    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, [post], 0.25, 3)
 
 
 def saved(problem, path, cells=(60, 60)):
@@ -30,18 +31,15 @@ def saved(problem, path, cells=(60, 60)):
 
 
 def flow(q, u, v, t):
-    return np.stack([u[0] + v[0] * (1.0 + 0.5 * v[1]) * np.cos(t), u[1] + 0.1 * np.abs(v[1]) * q[:, 0]], axis=1)
+    along = u[0] + v[0] * (1.0 + 0.5 * v[1]) * np.cos(t)
+    return np.stack([np.full(len(q), along), u[1] + 0.1 * np.abs(v[1]) * q[:, 0]], axis=1)
 
 
 ROBOTS = {
     "a disk that passes": {},
     "not linear in the adversary": {"drift": None, "gain": None, "velocity": flow},
     "bounds that depend on time": {"bounds": lambda u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
-    "a wind from a table": {
-        "drift": lambda q, u, wind=sdhj.gridded(np.eye(5) * 0.2, [-2.0, -2.0], [1.0, 1.0]): np.stack(
-            [u[0] + wind(q), np.full(len(q), u[1])], axis=1
-        )
-    },
+    "a wind from a table": {"drift": lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1)},
     "a black box": {
         "drift": sdhj.BlackBox(
             lambda q, u, t: np.stack([u[0] + 0.1 * np.sin(q[:, 1]), 0.0 * q[:, 0] + u[1]], axis=1),
@@ -61,19 +59,33 @@ def test_robots_of_all_kinds_are_proved(name, tmp_path):
     assert ("rests on what is stated of drift" in str(verdict)) == (name == "a black box")
 
 
+DISK = [
+    "x 0",
+    "x 1",
+    "p 0",
+    f"const {(0.4).hex()}",
+    "mul 2 3",
+    f"const {(1.2).hex()}",
+    "sub 1 5",
+    "add 6 4",
+    "hypot 0 7",
+]
+DISK += [f"const {(0.3).hex()}", "sub 8 9"]
+
+
 def test_what_sweeps_a_set_is_used_and_named(tmp_path):
-    """A formula that is nowhere above the level set during an interval; the checker cannot derive that it is so."""
-
-    def value(p, t):
-        return np.where(np.sin(40.0 * t) > 2.0, -1.0, np.hypot(p[:, 0], p[:, 1] - 1.2) - 0.3)
-
-    def swept(p, t0, t1):
-        return np.hypot(p[:, 0], p[:, 1] - 1.2) - 0.3 + 0.0 * (t0 + t1)
-
-    jumpy = sdhj.UnsafeSet((0, 1), lambda p, t: value(p, t) + 0.0 * np.tan(30.0 * t), swept=swept, name="post")
-    path = saved(plane(unsafe=[jumpy]), tmp_path / "plane.h5")
+    """A formula that is never above the disk from t0 to t1; the disk's own is written so that intervals are wide."""
+    path = saved(plane(radius=0.4), tmp_path / "plane.h5")
+    with forged(path) as (told, _):
+        functions = told["formulas"]["functions"]
+        wide = [*DISK, "const 0x1p+12", "mul 2 11", "add 10 12", "sub 13 12", "return 14"]
+        functions["unsafe 0"]["lines"] = wide
+    assert not verify(path, samples=500, progress=False).ok
+    with forged(path) as (told, _):
+        slower = [*DISK, "p 1", "sub 11 2", "mul 12 3", "sub 10 13", "return 14"]
+        told["formulas"]["functions"]["swept 0"] = {"coordinates": 2, "parameters": 2, "lines": slower}
     verdict = verify(path, samples=500, progress=False)
-    assert verdict.ok and "rests on what is stated of the sweep of post" in str(verdict)
+    assert verdict.ok and "rests on what is stated of the sweep of post" in str(verdict), str(verdict)
 
 
 @pytest.fixture(scope="module")
