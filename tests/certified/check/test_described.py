@@ -59,6 +59,26 @@ def test_robots_of_all_kinds_are_proved(name, tmp_path):
     assert ("rests on what is stated of drift" in str(verdict)) == (name == "a black box")
 
 
+@pytest.mark.parametrize("share", [1.0, 1.5])
+def test_an_adversary_that_does_not_enter_linearly(share, tmp_path):
+    """u + v again, v written as |v + 1| - 1, so that only its range over the box tells what it does."""
+    path = saved(plane(), tmp_path / "plane.h5")
+    lines = ["p 1", "p 2", "const 0x1p+0", f"const {share.hex()}"]
+    for v in (0, 1):
+        n = len(lines)
+        lines += [f"add {v} 2", f"abs {n}", f"sub {n + 1} 2", f"mul {n + 2} 3"]
+    lines += ["const -0x1p+0", "const 0x0p+0"]  # numbers 12 and 13
+    pairs = [(u, v) for along in ((2, 13), (12, 13), (13, 2), (13, 12)) for u, v in zip(along, (7, 11), strict=True)]
+    results = range(len(lines), len(lines) + len(pairs))
+    lines += [*(f"add {u} {v}" for u, v in pairs), " ".join(["return", *map(str, results)])]
+    with forged(path) as (told, _):
+        functions = told["formulas"]["functions"]
+        del functions["drift"], functions["gain"]
+        functions["velocity"] = {"coordinates": 2, "parameters": 3, "lines": lines}
+    verdict = verify(path, samples=500, progress=False)
+    assert verdict.ok == (share == 1.0), str(verdict)
+
+
 DISK = [
     "x 0",
     "x 1",
