@@ -125,7 +125,7 @@ MUTATIONS = {
         INTERVALS,
         "low = np.where(first == last, np.maximum(rest[0], least), least)",
         "low = rest[0]",
-        EXACT,
+        FORMS,
     ),
     "NaN in a comparison": (INTERVALS, "np.isnan(a[0]) | np.isnan(b[0])", "np.isnan(a[0])", "test_what_is_undefined"),
     "an open condition": (INTERVALS, "np.where(no, b[0], np.minimum(a[0], b[0]))", "b[0]", EXACT),
