@@ -239,6 +239,8 @@ def test_what_it_rests_on_is_said(tmp_path):
     assert verdict.ok and "rests on what is stated of wall" in str(verdict)
     with pytest.raises(ValueError, match=r"black boxes.*unsafe 0.*--problem module:function"):
         verify(path)
+    with pytest.raises(ValueError, match="the problem given must have the black box"):
+        verify(path, toys.interval_problem(steps=2))
     with pytest.raises(ValueError, match="must have an enclosure, or a slope and a rate"):
         verify(path, hidden(slope=None), progress=False)
     steep = verify(path, hidden(slope=50.0), progress=False)

@@ -6,7 +6,6 @@ given beside the file.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import h5py
@@ -120,12 +119,8 @@ class Functions:
     def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         formulas = told["formulas"]
         expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])
-        self.told, self.opaque, self.arrays, self.problem = (
-            formulas["functions"],
-            dict(formulas["opaque"]),
-            arrays,
-            problem,
-        )
+        self.told, self.opaque = formulas["functions"], dict(formulas["opaque"])
+        self.arrays, self.problem = arrays, problem
         expect(not self.told.keys() & self.opaque.keys(), "a function is a formula or a black box", [*self.opaque])
         self.tables: dict[int, Array] = {}
 
@@ -151,15 +146,17 @@ class Functions:
 
     def black_box(self, name: str) -> Any:
         """What the problem has of that name."""
-        found = self.problem.black_box(name)
-        expect(found is not None, "the problem given must have the black box of the file", name)
-        return found
+        try:
+            return self.problem.black_box(name)
+        except (AssertionError, AttributeError, LookupError):
+            expect(False, "the problem given must have the black box of the file", name)
 
     def part(self, name: str, number: int, given: Mapping[str, Any], ndim: int) -> Part:
         """A set, by its name among the functions and what the head says."""
         axes = given["axes"]
-        fits = isinstance(axes, list) and all(is_whole(axis, 0, ndim - 1) for axis in axes)
-        expect(fits and axes and all(a < b for a, b in pairwise(sorted(axes))), "axes of a set must be some", axes)
+        fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})
+        fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)
+        expect(fits, "axes of a set must be some of the axes, each once", axes)
         own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
         sweep = name != "target" and f"swept {number}" in self.told
         swept = self.formula(f"swept {number}", len(axes), 2) if sweep else None

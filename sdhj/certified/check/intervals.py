@@ -24,7 +24,7 @@ UNIT = 2.0**-52
 UNITS = 2.0**-49
 TINY = 5e-324  # the least positive number
 NEAR_ZERO = 2.0**-56
-PI = math.nextafter(math.pi, 4.0)  # above pi
+ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
 MOST_POINTS = 4  # on each axis of a table, up to which a box is looked up exactly
 
@@ -170,7 +170,7 @@ def arctan2(y: Interval, x: Interval) -> Interval:
     """At corners, because a box that does not contain the origin is convex; any angle where the jump may be met."""
     low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
-    return np.where(jump, -PI, np.maximum(low, -PI)), np.where(jump, PI, np.minimum(high, PI))
+    return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
 
 
 def hypot(a: Interval, b: Interval) -> Interval:

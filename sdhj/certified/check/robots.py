@@ -47,10 +47,8 @@ class Robot:
         expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
         self.delta = real("delta", told["delta"], 1e-9)
-        self.sensing, functions = (
-            Sensing.of(told.get("sensing", {}), self.grid.ndim, self.delta),
-            Functions(told, arrays, problem),
-        )
+        self.sensing = Sensing.of(told.get("sensing", {}), self.grid.ndim, self.delta)
+        functions = Functions(told, arrays, problem)
         self.moves = Velocity(functions, told["inputs"], self.grid)
         self.target, self.unsafe = functions.parts(told["sets"], self.grid.ndim)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
