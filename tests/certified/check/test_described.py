@@ -32,7 +32,7 @@ def saved(problem, path, cells=(60, 60)):
 
 def flow(q, u, v, t):
     along = u[0] + v[0] * (1.0 + 0.5 * v[1]) * np.cos(t)
-    return np.stack([np.full(len(q), along), u[1] + 0.1 * np.abs(v[1]) * q[:, 0]], axis=1)
+    return np.stack([np.full(len(q), along), u[1] + 0.1 * np.abs(v[1]) * (q[:, 0] + 0.3)], axis=1)
 
 
 ROBOTS = {
