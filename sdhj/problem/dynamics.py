@@ -29,15 +29,30 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 class Velocities:
     """The velocity set at every node, in the form that the kernels take.
 
-    An interval [lower, upper] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape). If
-    the adversary couples axes or a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes,
-    ndim, D, *shape), times the bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
+    An interval [low, high] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape), or a
+    list of arrays that broadcast to the shape, each on the axes that it varies along. If the adversary couples axes or
+    a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes, ndim, D, *shape), times the
+    bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
     """
 
-    lower: FloatArray
-    upper: FloatArray
+    low: Any
+    high: Any
     drift: FloatArray | None = None
     gain: FloatArray | None = None
+    shape: tuple[int, ...] = ()
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """`low` as one array."""
+        return self._whole(self.low)
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """`high` as one array."""
+        return self._whole(self.high)
+
+    def _whole(self, ends: Any) -> FloatArray:
+        return ends if isinstance(ends, np.ndarray) else np.stack([np.broadcast_to(one, self.shape) for one in ends])
 
     @property
     def coupled(self) -> bool:
@@ -45,7 +60,11 @@ class Velocities:
 
     @property
     def nbytes(self) -> int:
-        return sum(part.nbytes for part in (self.lower, self.upper, self.drift, self.gain) if part is not None)
+        """Bytes of what is kept."""
+        ends = [
+            part.nbytes for end in (self.low, self.high) for part in ([end] if isinstance(end, np.ndarray) else end)
+        ]
+        return sum(ends) + sum(part.nbytes for part in (self.drift, self.gain) if part is not None)
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
         """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
@@ -55,13 +74,13 @@ class Velocities:
         ValueError
             If it is more than `MOST_STEPS`.
         """
-        speed = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
         rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
         count = duration * float(rate) / cfl * (1 - 1e-9)
         if count > MOST_STEPS:
             what = f"time steps for each PDE, at cfl {cfl:g}"
-            raise too_fast(grid, speed.reshape(grid.ndim, -1).max(axis=1), duration, count, what)
+            raise too_fast(grid, np.array([along.max() for along in speed]), duration, count, what)
         return int(np.ceil(count))
 
 
@@ -892,6 +911,8 @@ class Interval:
             f = dynamics.drift_at(nothing, j, t)[:, keep] * drift
             b = dynamics.gain_at(nothing, j, t)[:, keep] * dynamics.bounds_at(j, t)
         else:
+            if (box := self._hull(j, keep, t, drift)) is not None:
+                return box
             f, b, lower, upper = self._modes(j, keep, t)
             if dynamics.gain is None:
                 return Velocities(lower.min(axis=0), upper.max(axis=0))
@@ -902,6 +923,30 @@ class Interval:
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
         coupled = (np.count_nonzero(dynamics.pushes[j][keep], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
+
+    def _hull(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities | None:
+        """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""
+        dynamics = self.dynamics
+        if not dynamics.formulas or dynamics.gain is None:
+            return None
+        if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
+            return None
+        seen = sorted({*axes, *np.flatnonzero(dynamics.reads[axes].any(axis=0)).tolist()})
+        outside, swayed = tuple(seen.index(axis) for axis in seen if axis not in axes), 0
+        ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
+        for axis in axes:
+            middle = drift * self._sampled(dynamics.each["drift"][j].of([axis]), seen, t)
+            spread = np.zeros((1,) * len(seen))
+            for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
+                gain = self._sampled(dynamics.each["gain"][j].of([axis * count + d]), seen, t)
+                spread = spread + np.abs(bounds[d] * gain)
+            low, high = middle - spread, middle + spread
+            hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
+            swayed += bool((low != hull[0]).any() or (high != hull[1]).any())
+            for end, one in zip(ends, hull, strict=True):
+                end.append(one.reshape([n for place, n in enumerate(one.shape) if place not in outside]))
+        return Velocities(*ends, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, ...]:
         """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t.
