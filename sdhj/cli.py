@@ -204,9 +204,7 @@ def _saved(table: Any, output: Path) -> Path:
 @click.option("--rule", default="deepest", help="The rule that selects one of the safe inputs.")
 @click.option("--seed", default=0, type=SEED, help="Seed of the adversary and of the start states.")
 @plainly
-def simulate_command(
-    table: Path, start: str | None, runs: int | None, adversary: str, rule: str, seed: int
-) -> None:
+def simulate_command(table: Path, start: str | None, runs: int | None, adversary: str, rule: str, seed: int) -> None:
     """Simulate the controller of a table against an adversary."""
     state = np.array(start.split() if start is not None else [], float)
     if start is not None and not (state.size and np.isfinite(state).all()):

@@ -73,7 +73,9 @@ def test_cells_of_an_interpolated_tube_lie_in_it(rng):
     second = sdhj.solve(chained(table.problem, table), CERTIFIED, progress=False)
     points = rng.uniform(-4.0, 4.0, (2000, 1))
     proved = second.contains(points, start=0, within=0)
-    assert (table.values_at(points[:, None], 0, np.full(2000, table.steps))[proved] <= 0).all() and 0.1 < proved.mean() < 0.9
+    assert (
+        table.values_at(points[:, None], 0, np.full(2000, table.steps))[proved] <= 0
+    ).all() and 0.1 < proved.mean() < 0.9
     assert second.fraction(start=0, within=1) > second.fraction(start=0, within=0)
 
 

@@ -11,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toys import interval_problem, torus_problem
 
-from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet, monte_carlo, simulate, solve
+from sdhj import (
+    BlackBox,
+    Controller,
+    Dynamics,
+    Grid,
+    ReachAvoidProblem,
+    TargetSet,
+    UnsafeSet,
+    monte_carlo,
+    simulate,
+    solve,
+)
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))

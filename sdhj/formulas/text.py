@@ -112,19 +112,39 @@ def _index(word: str, most: int) -> int:
 
 
 def alike(lines: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two texts have one structure and constants that agree to `CLOSE`."""
-    return len(lines) == len(others) and all(
-        one == other or _close(one.split(), other.split()) for one, other in zip(lines, others, strict=True)
-    )
+    """Whether two texts are of one structure, and constants agree to `CLOSE`.
 
-
-def _close(words: list[str], others: list[str]) -> bool:
-    if words[0] != others[0] or len(words) != len(others) or words[0] not in ("const", "gridded"):
+    The graphs are followed together: constants that are one node in one text may be two nearly equal ones in the other.
+    """
+    one, other = [[line.split() for line in text] for text in (lines, others)]
+    if not one or not other or len(one[-1]) != len(other[-1]):
         return False
-    for one, other in zip(words[1:], others[1:], strict=True):
-        if one != other and not ("0x" in one and "0x" in other and _near(float.fromhex(one), float.fromhex(other))):
+    stack, seen = list(zip(one[-1][1:], other[-1][1:], strict=True)), set[tuple[str, str]]()
+    while stack and len(seen) <= len(one) + len(other):  # one structure has no more pairs
+        if (pair := stack.pop()) in seen:
+            continue
+        seen.add(pair)
+        operands = _alike(one[int(pair[0])], other[int(pair[1])])
+        if operands is None:
             return False
-    return True
+        stack += operands
+    return not stack
+
+
+def _alike(words: list[str], others: list[str]) -> list[tuple[str, str]] | None:
+    """The pairs of operands of two lines; None where the lines differ in something else."""
+    op = words[0]
+    if op != others[0] or len(words) != len(others):
+        return None
+    first = 2 if op == "gridded" else 1
+    last = {"x": 1, "p": 1, "const": 1, "power": 2, "gridded": words.index("lower") if op == "gridded" else 0}
+    rest = slice(last.get(op, len(words)), None)
+    if words[1:first] != others[1:first]:
+        return None
+    for a, b in zip(words[rest], others[rest], strict=True):
+        if a != b and not ("0x" in a and "0x" in b and _near(float.fromhex(a), float.fromhex(b))):
+            return None
+    return list(zip(words[first : rest.start], others[first : rest.start], strict=True))
 
 
 def _near(a: float, b: float) -> bool:

@@ -334,7 +334,7 @@ def checked_head(head: Any) -> dict[str, Any]:
         "steps": whole("steps", head["steps"], least=1),
         "sensing": Sensing(**head["sensing"]),
         "sets": list(head["sets"]),
-        "formulas": dict(head["formulas"]),
+        "formulas": {**head["formulas"], "opaque": dict(head["formulas"]["opaque"])},
     }
 
 
