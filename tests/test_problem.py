@@ -214,7 +214,7 @@ def swaying(p, t):
 
 @pytest.mark.parametrize("level_set", [swaying, BlackBox(swaying, rate=3.0)], ids=["formula", "black box"])
 def test_swept_that_is_not_given_bounds_every_time(level_set):
-    """Pieces of time hold the set of a formula at all times; of a black box samples do, lowered by half a gap's motion."""
+    """Pieces of time hold the set of a formula at all times; samples of a black box do, lowered by half a gap's motion."""
     part = UnsafeSet((0,), level_set)
     points = np.linspace(-2, 2, 401)[:, None]
     swept = part.over(points, 0.2, 0.5, "swept")
