@@ -360,7 +360,7 @@ def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
     table.save(path)
     with pytest.raises(sdhj.TableFileError) as refused:
         sdhj.load(path)
-    told = "it has black boxes (unsafe 0: a BlackBox with slope, rate), which a file cannot contain: use load(path, problem="
+    told = "it has black boxes (unsafe 0: a BlackBox with slope, rate), which a file cannot contain: use load(path, "
     assert told in str(refused.value) and "\n" not in str(refused.value)
     with h5py.File(io.BytesIO(path.read_bytes())) as file:
         assert file["opaque/unsafe 0"].shape == (1000,)
