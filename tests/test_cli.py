@@ -191,7 +191,9 @@ def test_info_says_which_black_boxes_there_are(tmp_path):
     result = run("info", path)
     assert result.exit_code == 0 and "share of C" not in result.output
     assert "  unsafe 'pillar':\n    hypot(x - 0.8, y) - 0.2 <= 0\n" in result.output
-    assert "load(path, problem=...) needs the problem:\n    drift: a BlackBox with reads, slope, rate\n" in result.output
+    assert (
+        "load(path, problem=...) needs the problem:\n    drift: a BlackBox with reads, slope, rate\n" in result.output
+    )
     assert "dx/dt" not in result.output
     refused = run("simulate", path)
     (line,) = refused.output.splitlines()

@@ -11,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toys import interval_problem, torus_problem
 
-from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet, monte_carlo, simulate, solve
+from sdhj import (
+    BlackBox,
+    Controller,
+    Dynamics,
+    Grid,
+    ReachAvoidProblem,
+    TargetSet,
+    UnsafeSet,
+    monte_carlo,
+    simulate,
+    solve,
+)
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
@@ -148,7 +159,7 @@ def test_functions_that_answer_nonsense_are_caught_when_sampled():
     with pytest.raises(ValueError, match=r"drift is undefined or infinite \(nan\) at \[-3.14"):
         dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
     for rate in (float("nan"), -1.0, "fast"):
-        with pytest.raises(ValueError, match="rate|fast"):
+        with pytest.raises(ValueError, match=r"rate|fast"):
             BlackBox(lambda p, t: p[:, 0], rate=rate)
     for axes in (0, (0.0,), "x"):
         with pytest.raises(ValueError, match="axes of 'target' must be a sequence of whole numbers"):
@@ -203,7 +214,7 @@ def swaying(p, t):
 
 @pytest.mark.parametrize("level_set", [swaying, BlackBox(swaying, rate=3.0)], ids=["formula", "black box"])
 def test_swept_that_is_not_given_bounds_every_time(level_set):
-    """Pieces of time hold the set of a formula at all times; of a black box samples do, lowered by half a gap's motion."""
+    """Pieces of time hold the set of a formula at all times; samples of a black box, lowered by half a gap's motion."""
     part = UnsafeSet((0,), level_set)
     points = np.linspace(-2, 2, 401)[:, None]
     swept = part.over(points, 0.2, 0.5, "swept")

@@ -647,7 +647,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return values
 
 
-COMPARED = 1000  # values of a black box that a file keeps
+KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 
 
@@ -664,7 +664,7 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
         axes = list(part.axes)
     lower, upper = (np.array([end[axis] for axis in axes]) for end in (problem.grid.lower, problem.grid.upper))
-    states, found = rng.uniform(lower, upper, (COMPARED // BOX_STEPS, len(axes))), []
+    states, found = rng.uniform(lower, upper, (KEPT // BOX_STEPS, len(axes))), []
     for step in range(BOX_STEPS):
         t = step * problem.delta * problem.most_steps / BOX_STEPS
         given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
