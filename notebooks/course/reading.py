@@ -25,4 +25,4 @@ def reply(function: Callable[..., object], *given: object, **options: object) ->
         return str(function(*given, **options))
     except ValueError as error:
         said = re.sub(r"file \S+?, line", "line", str(error))
-        return textwrap.fill(said, 88, subsequent_indent="    ", break_long_words=False)
+        return textwrap.fill(said, 84, subsequent_indent="  ", break_long_words=False)
