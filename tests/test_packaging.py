@@ -157,7 +157,6 @@ def imported(*patterns: str) -> dict[str, set[str]]:
 COMES_WITH = {
     "IPython": "ipywidgets",
     "flint": "python_flint",
-    "ival": "crival",
     "PIL": "pillow",
     "mpl_toolkits": "matplotlib",
     "nbformat": "nbval",
@@ -178,7 +177,6 @@ OURS = {"sdhj", "course"} | {
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
         ("sdhj/certified/**/*.py", []),
-        ("sdhj/certified/enclosures.py", ["certified"]),
         ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
         ("sdhj/plotting/*.py", ["plot"]),
         ("figures/*.py", ["plot", "bench", "physics"]),
@@ -191,9 +189,7 @@ def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
     declared = {requirement.name.replace("-", "_") for requirement in requirements(*extras)}
     if pattern.startswith("tests"):
         declared.add("playwright")  # of the group `dev`; skipped without it
-    own = {"sdhj/problem/maps.py", "sdhj/certified/enclosures.py", "sdhj/simulation/environment.py"} - {
-        pattern
-    }  # these have extras of their own
+    own = {"sdhj/problem/maps.py", "sdhj/simulation/environment.py"} - {pattern}  # these have extras of their own
     undeclared = {name: files - own for name, files in imported(pattern).items() if name not in declared}
     assert not any(undeclared.values()), undeclared
 
@@ -220,7 +216,7 @@ def test_what_an_extra_brings_is_not_imported() -> None:
     run = fresh("import sys, sdhj; print(*sys.modules)")
     modules = set(run.stdout.split())
     assert "sdhj.solver.recursion" in modules, run.stderr
-    assert not modules & {"sdhj.plotting", "sdhj.outofcore", "sdhj.simulation.environment", "sdhj.certified.enclosures"}
+    assert not modules & {"sdhj.plotting", "sdhj.outofcore", "sdhj.simulation.environment"}
     assert not modules & {"IPython", "PIL", "dask", "gymnasium", "ipywidgets", "matplotlib", "zarr"}
     assert not modules & {"scipy.ndimage", "scipy.optimize", "shapely"}
 

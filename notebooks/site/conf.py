@@ -12,7 +12,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import sdhj
+from sdhj.formulas.rules import RULES
+from sdhj.formulas.text import written
 
 project = "sdhj"
 author = "The sdhj authors"
@@ -95,6 +99,22 @@ def with_figures(app: Any, docname: str, source: list[str]) -> None:
         source[0] += "\n\n".join(["", f"## {heading}", f"{sentence} (`{path.name}`)", picture, more.strip(), ""])
 
 
+def with_rules(app: Any, docname: str, source: list[str]) -> None:
+    """The page on formulas: a table of all operations, and the text of one formula."""
+    if docname != "site/formulas":
+        return
+    rows = ["| operation | operands | in NumPy | what it gives |", "| --- | --- | --- | --- |"]
+    for rule in RULES.values():
+        names = ", ".join(f"`{name}`" for name in rule.numpy.split(", ") if name).replace("|", r"\|")
+        operands = "1 to 6" if rule.arity < 0 else rule.arity
+        rows.append(f"| `{rule.name}` | {operands} | {names} | {rule.says} |")
+    disk = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.2 * t, p[:, 1]) - 0.5).level_set
+    lines = ["```text", *written(disk.outputs, []), "```"]
+    for mark, made in {"table of sdhj.formulas.rules.RULES": rows, "lines of a moving disk": lines}.items():
+        before, after = source[0].split(f"<!-- the {mark} -->")
+        source[0] = "\n".join([before.rstrip(), "", *made, after])
+
+
 def link_to_notebook(notebook: Any, name: str) -> None:
     """A link to the file below the page's title."""
     title, *rest = "".join(notebook["cells"][0]["source"]).split("\n\n", 1)
@@ -157,4 +177,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("doctree-read", as_written)
     app.connect("source-read", as_page)
     app.connect("source-read", with_figures)
+    app.connect("source-read", with_rules)
     return {"parallel_read_safe": True}
