@@ -345,7 +345,10 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
         (lambda: replace(LINE, view_time=ARRAY), "view_time must be one of"),
         (lambda: replace(LINE, steps=10**400), r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\."),
-        (lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40), "level set of 'target' cannot be read .* constant of type"),
+        (
+            lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
+            "level set of 'target' cannot be read .* constant of type",
+        ),
         (lambda: TargetSet((0,), lambda p, t: TWO), "level set of 'target' cannot be read .* different lengths"),
         (lambda: TargetSet((0,), lambda p, t: None), "level set of 'target' cannot be read .* a NoneType in place"),
         (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "level set of 'target' must return real .*a comparison"),

@@ -126,7 +126,11 @@ def test_functions_say_what_they_take(name, function, takes):
     [
         ("drift", lambda: 0.0, r"got \(\)"),
         ("drift", lambda a, b, c, d: a, r"got \(a, b, c, d\)"),
-        ("drift", lambda q, w, s: q, r"of the state first and then of u, t, or .* names that are known, got \(q, w, s\)"),
+        (
+            "drift",
+            lambda q, w, s: q,
+            r"of the state first and then of u, t, or .* names that are known, got \(q, w, s\)",
+        ),
         ("drift", lambda t, x: x, r"got \(t, x\)"),  # the state comes first
         ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
         ("drift", lambda *args: args[0], r"got \(\*args\)"),
@@ -134,7 +138,11 @@ def test_functions_say_what_they_take(name, function, takes):
         ("drift", lambda points, scale=2.0, t=0.0: points, r"got \(points, scale=2.0, t=0.0\)"),
         ("drift", max, "does not say what it takes: wrap it in a lambda"),
         ("gain", lambda a, b, c, d: a, "gain must be a function of the state first and then of u, t, or of some"),
-        ("bounds", lambda time: [time], r"bounds must be a function of the state .* names that are known, got \(time\)"),
+        (
+            "bounds",
+            lambda time: [time],
+            r"bounds must be a function of the state .* names that are known, got \(time\)",
+        ),
         ("bounds", lambda points, time: [time], r"got \(points, time\)"),
         ("velocity", lambda q, u, w: q, r"and then of u, v, t, or of some of these; .*, got \(q, u, w\)"),
     ],
@@ -290,7 +298,9 @@ def test_velocities_that_are_no_formula_or_come_twice_are_refused():
     ],
 )
 def test_what_velocities_depend_on(change, constant, stateless, timed, alike):
-    dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change).read(2)
+    dynamics = Dynamics(
+        **{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change
+    ).read(2)
     found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.alike
     assert found == (constant, stateless, timed, alike) and dynamics.adversaries == 1
 
@@ -667,9 +677,9 @@ LINEAR = {
     "state, input and time": (
         lambda q, u, v, t: np.stack([u[0] * q[:, 1] * (1 + v[0]), (v[1] * q[:, 0] - v[0]) / (2 + t)], axis=1),
         lambda q, u, t: np.stack([u[0] * q[:, 1], 0 * q[:, 0]], axis=1),
-        lambda q, u, t: (
-            np.stack([u[0] * q[:, 1], 0 * q[:, 0], -1 / (2 + t) + 0 * q[:, 0], q[:, 0] / (2 + t)], axis=1).reshape(-1, 2, 2)
-        ),
+        lambda q, u, t: np.stack(
+            [u[0] * q[:, 1], 0 * q[:, 0], -1 / (2 + t) + 0 * q[:, 0], q[:, 0] / (2 + t)], axis=1
+        ).reshape(-1, 2, 2),
     ),
     "where it blows": (
         lambda q, u, v, t: np.where(q[:, :1] > 0, q * u[0] + v * [1.0, 2.0], q * u[0] - v),
