@@ -78,7 +78,7 @@ def test_a_set_that_comes_and_goes_is_not_static():
     def blink(p, t):
         return np.where((0.05 < t) & (t < 0.45), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
 
-    with pytest.raises(ValueError, match="'blink' cannot be read .*test_abuse.py, line .*a decision .*np.where"):
+    with pytest.raises(ValueError, match=r"'blink' cannot be read .*test_abuse.py, line .*a decision .*np.where"):
         UnsafeSet((0,), decides, name="blink")
     part = on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),)).unsafe[0]
     found = [part.over(np.array([[2.0]]), t, t + 0.1, "swept")[0] for t in (-0.1, 0.0, 0.2, 0.4, 0.45)]
@@ -151,11 +151,11 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         u[:] = 0.0
         return [[1.0]]
 
-    with pytest.raises(ValueError, match="level set of 'target' .*writing into an argument; write into a copy"):
+    with pytest.raises(ValueError, match=r"level set of 'target' .*writing into an argument; write into a copy"):
         TargetSet((0,), level_set)
-    with pytest.raises(ValueError, match="swept of 'unsafe' .*writing into an argument"):
+    with pytest.raises(ValueError, match=r"swept of 'unsafe' .*writing into an argument"):
         UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, t0, t1: level_set(p, t0))
-    with pytest.raises(ValueError, match="drift under input 0 .*writing into an argument"):
+    with pytest.raises(ValueError, match=r"drift under input 0 .*writing into an argument"):
         moved_by(drift).read(1)
     with pytest.raises(ValueError, match="read-only\nwhile gain under input 0 was read"):
         moved_by(gain=gain).read(1)
@@ -170,7 +170,7 @@ def test_a_reused_buffer_is_copied():
         return kept[: len(p)]
 
     points = np.array([[0.0], [1.0]])
-    with pytest.raises(ValueError, match="level set of 'unsafe' cannot be read .*a conversion to a plain array"):
+    with pytest.raises(ValueError, match=r"level set of 'unsafe' cannot be read .*a conversion to a plain array"):
         UnsafeSet((0,), reused)
     part = UnsafeSet((0,), BlackBox(reused))
     assert part.over(points, 0.0, 1.0, "sampled").tolist() == [-1.0, 0.0]
@@ -182,7 +182,7 @@ def test_a_reused_buffer_is_copied():
 def test_a_level_set_that_looks_at_all_points_together_is_named():
     """Points come in pieces, and in runs one by one."""
     scaled = lambda p, t: (np.abs(p[:, 0]) - 1.0) / len(p)  # noqa: E731
-    with pytest.raises(ValueError, match="level set of 'target' answers differently .* another number of points"):
+    with pytest.raises(ValueError, match=r"level set of 'target' answers differently .* another number of points"):
         TargetSet((0,), scaled)
 
 
@@ -244,7 +244,7 @@ def test_a_network_in_single_precision_is_taken(rng):
 
 def test_a_level_set_that_depends_on_other_points_a_little_is_named():
     """By however little."""
-    with pytest.raises(ValueError, match="answers differently .* with another number of points"):
+    with pytest.raises(ValueError, match=r"answers differently .* with another number of points"):
         TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-15 / len(p))
 
 

@@ -136,7 +136,8 @@ class Formula:
         ends = np.where(many, 1.0, np.clip(high - lap, 0.0, 1.0)) * periods
         sides = (np.array(side)[None, None] for side in product((0, 1), repeat=len(periods)))
         picked = ([np.take_along_axis(end, side, axis=0)[0] for end in (begins, ends)] for side in sides)
-        each = [apart.bounds(*(np.column_stack([points, end]) for end in pair), *parameters)[0] for pair in picked]
+        boxes = ([np.column_stack([points, end]) for end in pair] for pair in picked)
+        each = [apart.bounds(least, most, *parameters)[0] for least, most in boxes]
         found[rows] = np.maximum(found[rows], np.min(each, axis=0))
         return found
 

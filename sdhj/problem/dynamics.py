@@ -247,7 +247,7 @@ class Dynamics:
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
             function = partial(_called, given.function, arguments(name, given))
-            return replace(given, function=function, name=name, shape=shape)
+            return replace(given, function=function, name=name, shape=shape or ())
         if isinstance(given, Formula):
             return given
         if not callable(given):
@@ -282,7 +282,7 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
-    count, ndim, D = gain.shape
+    count, _, D = gain.shape
     outputs = np.array(gain.outputs, dtype=object).reshape(gain.shape)
     each = np.array(bounds.outputs, dtype=object).reshape(count, 1, D)
     scaled = [

@@ -554,7 +554,7 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest difference between neighbours along an axis, of values that have one node on axes they are alike on."""
+    """The largest difference between neighbours along an axis; 0 where there is one node, as values are alike there."""
     if values.shape[axis] == 1:
         return 0.0
     here, there = grid.edges(values, axis)
