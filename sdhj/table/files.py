@@ -349,7 +349,7 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
     """The tables that formulas look up, and the values of black boxes, by name."""
-    found = {}
+    found: dict[str, FloatArray] = {}
     for group in ("tables", "opaque"):
         if file.get(group, getlink=True) is None:
             continue
