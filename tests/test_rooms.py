@@ -17,7 +17,9 @@ OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
 COMPILERS = {"kernel", "njit"}
 SCREEN = 45  # lines of a function at most, but for its docstring
 # Names that two files may share: the checker has its own, as it imports nothing of what it checks.
-TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command"}
+TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command", "EXACT", "PI", "TURNS", "farthest", "widened"}
+TWICE |= {"mod", "power", "tan", "LARGEST", "TINY", "TURN", "WHERE", "OPERATIONS"}  # of values, of intervals, and of graphs
+TWICE |= {"RULES", "Rule"}  # by which a controller selects, and of formulas
 
 
 @cache

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 BOXES = 1 << 16  # that a function is bounded over at a time
-
-Ends = tuple[FloatArray, FloatArray]
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:

@@ -647,7 +647,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return values
 
 
-KEPT = 1000  # values of a black box that a file keeps
+VALUES_KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 
 
@@ -664,7 +664,7 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
         axes = list(part.axes)
     lower, upper = (np.array([end[axis] for axis in axes]) for end in (problem.grid.lower, problem.grid.upper))
-    states, found = rng.uniform(lower, upper, (KEPT // BOX_STEPS, len(axes))), []
+    states, found = rng.uniform(lower, upper, (VALUES_KEPT // BOX_STEPS, len(axes))), []
     for step in range(BOX_STEPS):
         t = step * problem.delta * problem.most_steps / BOX_STEPS
         given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
@@ -673,17 +673,17 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
     return np.concatenate(found)
 
 
-STATES = 200  # at which a formula is compared with the function that it was read from
+COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 
 
 def _states(grid: Grid) -> FloatArray:
-    """Random states on a grid, a tenth of them at nodes, ends and zeros: (STATES, ndim)."""
+    """Random states on a grid, a tenth of them at nodes, ends and zeros: (COMPARED_STATES, ndim)."""
     rng = np.random.default_rng(0)
-    states = rng.uniform(grid.lower, grid.upper, (STATES, grid.ndim))
+    states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
         inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
-        states[: STATES // 10, axis] = rng.choice(kinds, STATES // 10)
+        states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
     return grid.wrapped(states)
 
 
