@@ -122,7 +122,7 @@ def _gridded(
 
 def _index(word: str, most: int) -> int:
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
-        raise ValueError(f"{word!r} must be a whole number below {most}")
+        raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 

@@ -103,7 +103,8 @@ def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
     """How far the disturbances of the recipe reach in every direction: at least r, at most r / cos(22.5 degrees)."""
     dynamics, directions = recipes["ball"].problem.dynamics, np.linspace(0.0, 2 * np.pi, 721)
     ways = np.stack([np.cos(directions), np.sin(directions)], axis=1)
-    reach = np.abs(ways @ dynamics.gain) @ dynamics.bounds
+    _, gain, bounds = dynamics.arrays
+    reach = np.abs(ways @ gain) @ bounds
     assert reach.min() == pytest.approx(0.1) and reach.max() == pytest.approx(0.1 / np.cos(np.pi / 8))
     boxed = sdhj.solve(recipes["problem"]([recipes["office"]]), progress=False)
     assert boxed.fraction(start=0, within=48) < recipes["ball"].fraction(start=0, within=48)
