@@ -264,7 +264,7 @@ TRACE = {
     "sums along": lambda p, t: np.cumsum(p, axis=1)[:, 1] + p.cumsum(-1)[:, 0] + np.cumsum(p > 0, axis=1)[:, 1] / 2,
     "steps": lambda p, t: np.heaviside(p[:, 0], 0.25) + np.heaviside(p[:, 1], 1),
     "NumPy's numbers": lambda p, t: np.float64(2.0) * p[:, 0] - np.int64(3) ** p[:, 1] + (np.float64(0.5) < p[:, 0]),
-    "a truth of NumPy's": lambda p, t: np.True_ & (p[:, 0] > 0) | np.bool_(False),
+    "a truth of NumPy's": lambda p, t: (np.True_ & (p[:, 0] > 0) | np.bool_(False)) * 2.0,
     "einsum's view": einsum_view,
     "counted numbers": counted_number,
     "raised in errstate": lambda p, t: abs(1 / (p[:, 0] + 2)) if np.errstate(all="ignore") else None,
