@@ -87,8 +87,9 @@ def case(nodes: int, dtype: str = "float32") -> Case:
     """The problem on nodes^4: the last input of the arm's case study, both joints at full speed."""
     problem = arm_case_study(nodes)
     grid, dynamics = problem.grid, problem.dynamics
-    drift, spread = np.asarray(dynamics.drift)[-1], np.abs(np.asarray(dynamics.gain)) @ dynamics.bounds
-    lower, upper = drift - spread, drift + spread
+    drift, gain, bounds = dynamics.arrays
+    spread = np.abs(gain) @ bounds
+    lower, upper = drift[-1] - spread, drift[-1] + spread
     scale = np.pi / np.where(grid.periodic, np.pi, np.array(grid.upper))
 
     def level_set(low: FloatArray, high: FloatArray) -> FloatArray:

@@ -94,17 +94,16 @@ def boat_problem(
     target, obstacle : (x, y, radius)
         The disks S and G, m.
     """
-    u = np.array([heading], dtype=np.float64)
 
-    def drift(points: FloatArray, held: FloatArray) -> FloatArray:
-        return held + turn * np.stack([-points[:, 1], points[:, 0]], axis=1)
+    def drift(points: FloatArray, u: FloatArray) -> FloatArray:
+        return u + turn * np.stack([-points[:, 1], points[:, 0]], axis=1)
 
     def disk(x: float, y: float, radius: float) -> Callable[[FloatArray, float], FloatArray]:
         return lambda points, t: np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
 
     return ReachAvoidProblem(
         grid=Grid((-SIDE, -SIDE), (SIDE, SIDE), (nodes, nodes), names=("x", "y"), ends="wall"),
-        dynamics=Dynamics(u, drift, np.eye(2), np.array([wind, wind])),
+        dynamics=Dynamics([heading], drift, np.eye(2), np.array([wind, wind])),
         target=TargetSet((0, 1), disk(*target)),
         unsafe=(UnsafeSet((0, 1), disk(*obstacle)),),
         delta=hold,
@@ -134,7 +133,7 @@ def shown_game() -> OneStepGame:
 
 def winds(problem: ReachAvoidProblem, count: int, seed: int) -> FloatArray:
     """Adversarial signals (M, PIECES, D): every vertex held throughout, then `count` that pick one for each part."""
-    bounds = problem.dynamics.bounds
+    bounds = problem.dynamics.bounds_at()
     signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * bounds.size, indexing="ij"), axis=-1).reshape(-1, bounds.size)
     held = np.repeat(signs[:, None], PIECES, axis=1)
     picks = np.random.default_rng(seed).integers(len(signs), size=(count, PIECES))

@@ -143,9 +143,6 @@ def swinging_bar(nodes: int = 31, radius: float = 0.1) -> sdhj.ReachAvoidProblem
         outside = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
         return outside + np.minimum(np.maximum(along, across), 0.0) - radius
 
-    # A distance changes no faster than the nearest point of the bar moves: not faster than the bar's middle, of which
-    # |d/dt (a sin wt, b sin 2wt)| <= hypot(a w, 2 b w), and |turn| times the distance of a corner from the middle.
-    rate = PACE * np.hypot(AMPLITUDE[0], 2 * AMPLITUDE[1]) + SPIN * np.hypot(*BAR)  # m/s
     speeds = 0.6 * np.array(EIGHT)  # m/s
     return sdhj.ReachAvoidProblem(
         grid=sdhj.Grid([-1.5, -1], [1.5, 1], [3 * (nodes - 1) // 2 + 1, nodes], names=["$x$ (m)", "$y$ (m)"]),

@@ -31,14 +31,11 @@ class Hazard:
     level : callable (points (M, len(axes)), t) -> (M,)
         At most 0 in the set at time t, s.
     name : str
-    rate : float
-        How fast the level changes in time at most, per second; 0 where the set stands still.
     """
 
     axes: tuple[int, ...]
     level: Level
     name: str
-    rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -257,7 +254,7 @@ def forklift() -> Robot:
         bounds=np.array([0.05, 0.05, 0.1]),
         hazards=[
             Hazard((0, 1), wall, "wall"),
-            Hazard((0, 1), gate, "gate", GATE_PACE * GATE_WAY / 2),
+            Hazard((0, 1), gate, "gate"),
         ],
         target=((0, 1), disk(1.8, 0.3, 0.6)),
         delta=0.4,
@@ -310,11 +307,7 @@ WIND = measured_wind()
 
 def wind_at(p: FloatArray) -> FloatArray:
     """The measured wind between the stations, bilinear, at points (M, 2): (M, 2), m/s."""
-    place = np.clip(p / 0.5, 0.0, [7.999, 5.999])
-    first = place.astype(int)
-    (a, b), (i, j) = (place - first).T[:, :, None], first.T
-    low = (1 - a) * WIND[i, j] + a * WIND[i + 1, j]
-    return (1 - b) * low + b * ((1 - a) * WIND[i, j + 1] + a * WIND[i + 1, j + 1])
+    return np.stack([sdhj.gridded(WIND[:, :, k], [0.0, 0.0], [0.5, 0.5])(p) for k in (0, 1)], axis=1)
 
 
 def airship() -> Robot:
@@ -419,8 +412,8 @@ def merging() -> Robot:
         gain=np.eye(3)[:, 1:],
         bounds=np.array([0.1, 0.3]),
         hazards=[
-            Hazard((0, 1), car(12.0), "car behind", LANE_SPEED),
-            Hazard((0, 1), car(38.0), "car in front", LANE_SPEED),
+            Hazard((0, 1), car(12.0), "car behind"),
+            Hazard((0, 1), car(38.0), "car in front"),
             Hazard((0, 1), lambda p, t: np.maximum(80.0 - p[:, 0], p[:, 1] - 2.0), "end of the ramp"),
         ],
         target=((0, 1), gap),

@@ -242,11 +242,11 @@ class Replay:
 
 def replay(world: World, run: Trajectory, finer: int = 5) -> Replay:
     """Play a run's inputs and disturbances in MuJoCo; look `finer` times as often as the simulation did."""
-    problem, dynamics = world.problem, world.problem.dynamics
+    problem, (velocities, gain, _) = world.problem, world.problem.dynamics.arrays
     world.place(run.states[0], 0.0)
     times, distances, touched = [0.0], [world.distance()], [world.touched()]
     for i, v in enumerate(run.disturbances):
-        velocity = np.asarray(dynamics.drift)[run.inputs[i // SUBSTEPS]] + np.asarray(dynamics.gain) @ v
+        velocity = velocities[run.inputs[i // SUBSTEPS]] + gain @ v
         duration = (run.times[i + 1] - run.times[i]) / finer
         for part in range(finer):
             world.move(velocity, duration)

@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import kernel
-from sdhj.plotting.slices import QUARTER_LABELS, QUARTERS, State
+from sdhj.plotting.slices import QUARTER_LABELS, RIGHT_ANGLES, State
 from sdhj.problem.grid import Grid
 from sdhj.table.batches import Table
 
@@ -160,7 +160,7 @@ def frame_block(ax: Any, grid: Grid, axes: Sequence[int]) -> None:
         getattr(ax, f"set_{name}label")(f"{symbol} ({unit})", labelpad=-3 if name == "z" else -5)
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
             first = 2 if name == "y" else 0  # two axes meet in one corner
-            getattr(ax, f"set_{name}ticks")(QUARTERS[first::2], QUARTER_LABELS[first::2])
+            getattr(ax, f"set_{name}ticks")(RIGHT_ANGLES[first::2], QUARTER_LABELS[first::2])
         else:
             ax.locator_params(axis=name, nbins=4)
         ax.tick_params(axis=name, pad=-1 if name == "z" else -2)

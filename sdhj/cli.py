@@ -10,7 +10,7 @@ import sys
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from pkgutil import resolve_name
@@ -25,6 +25,9 @@ from sdhj.arm.case_studies import arm_case_study
 from sdhj.certified.check import verify as check
 from sdhj.certified.labels import shares
 from sdhj.certified.sets import Certified
+from sdhj.formulas.graph import Node, leaf, make
+from sdhj.formulas.text import parsed, shown
+from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import VIEW_TIMES
@@ -33,7 +36,7 @@ from sdhj.simulation.runs import MOST_RUNS, monte_carlo, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
 from sdhj.table.controller import Controller
-from sdhj.table.files import TEMPORARIES, VERSION, header, writable_file
+from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, header, opened, tables_of, writable_file
 
 
 def stop(number: int, frame: FrameType | None) -> None:
@@ -111,18 +114,23 @@ def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> N
     from sdhj.plotting import write  # noqa: F401 - a failing import is reported before long work
 
 
-def loaded(path: Path) -> Any:
-    """Load a table of a built-in case study; for other problems the error shows the Python code to use instead."""
-    head = header(path)
-    if not head["recipe"]:
-        raise Refusal(
-            f"{path} was solved for the user-defined problem {head['problem']!r}, whose functions are not stored in "
-            "the file; the command line supports the built-in case studies only. In Python, with that `problem`:\n"
-            f"    table = sdhj.load({str(path)!r}, problem=problem)\n"
-            "    print(sdhj.monte_carlo(sdhj.Controller(table), runs=10_000, adversary='worst', seed=0))\n"
-            "A certified table is checked by `sdhj verify --problem module:function`"
-        )
-    return load(path)
+class WithStart(click.Command):
+    """A command whose option --start takes all numbers that follow it."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        if "--start" in args:
+            first = args.index("--start") + 1
+            last = next((place for place in range(first, len(args)) if not is_number(args[place])), len(args))
+            args = [*args[:first], " ".join(args[first:last]), *args[last:]]
+        return super().parse_args(context, args)
+
+
+def is_number(text: str) -> bool:
+    """Whether a word is a number."""
+    with suppress(ValueError):
+        float(text)
+        return True
+    return False
 
 
 def whole_numbers(option: str, text: str) -> list[int]:
@@ -188,29 +196,28 @@ def _saved(table: Any, output: Path) -> Path:
                 raise Refusal(f"{error}; the table was saved as {kept} instead") from error
 
 
-@main.command("simulate")
+@main.command("simulate", cls=WithStart)
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--start", nargs=4, type=float, help="Simulate one run from the state q1 q2 px py (rad, rad, m, m).")
+@click.option("--start", help="Simulate one run from this state: a number for each axis, for the arm q1 q2 px py.")
 @click.option("--runs", type=RUNS, show_default="10000", help="Number of runs from uniformly drawn admissible states.")
 @click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="The adversary's strategy.")
 @click.option("--rule", default="deepest", help="The rule that selects one of the safe inputs.")
 @click.option("--seed", default=0, type=SEED, help="Seed of the adversary and of the start states.")
 @plainly
-def simulate_command(
-    table: Path, start: tuple[float, ...] | None, runs: int | None, adversary: str, rule: str, seed: int
-) -> None:
+def simulate_command(table: Path, start: str | None, runs: int | None, adversary: str, rule: str, seed: int) -> None:
     """Simulate the controller of a table against an adversary."""
-    if start is not None and not np.isfinite(start).all():
-        raise ValueError(f"--start must be four finite numbers, got {' '.join(map(str, start))}")
+    state = np.array(start.split() if start is not None else [], float)
+    if start is not None and not (state.size and np.isfinite(state).all()):
+        raise ValueError(f"--start must be finite numbers, one for each axis, got {start!r}")
     if start is not None and runs is not None:
         raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
-    controller = Controller(loaded(table), rule=rule)
+    controller = Controller(load(table), rule=rule)
     if start is None:
         click.echo(str(monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
         return
-    trajectory = simulate(controller, np.array(start), adversary=adversary, seed=seed)
-    for t, state in zip(trajectory.times, trajectory.states, strict=True):
-        click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in state))
+    trajectory = simulate(controller, state, adversary=adversary, seed=seed)
+    for t, at in zip(trajectory.times, trajectory.states, strict=True):
+        click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at))
     click.echo(f"outcome: {trajectory.outcome}")
 
 
@@ -219,7 +226,8 @@ def simulate_command(
 @plainly
 def info(table: Path) -> None:
     """Print what a table contains and how it was computed."""
-    head = header(table)
+    with opened(table) as (head, file):
+        mathematics = in_mathematics(head, arrays_in(file))
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
     click.echo(f"{name}: {head['problem']}, method {head['method']}, written by sdhj {head['sdhj_version']}")
@@ -231,12 +239,51 @@ def info(table: Path) -> None:
     click.echo(f"  {steps} steps of {head['delta']:g} s, {len(head['inputs'])} inputs, view-time {head['view_time']}")
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
-    if not head["recipe"]:
-        click.echo("  a user-defined problem, whose functions are not stored in the file: use load(path, problem=...)")
+    for line in mathematics:
+        click.echo(f"  {line}")
+    if opaque := head["formulas"]["opaque"]:
+        click.echo("  black boxes, which a file cannot contain, so that load(path, problem=...) needs the problem:")
+        for what, why in opaque.items():
+            click.echo(f"    {what}: {why}")
         return
     read = load(table)
     shares = [read.fraction(start=0, within=n) for n in range(steps + 1)]
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
+
+
+def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
+    """The dynamics under the first input, and the sets, of the head of a file and its tables, as lines."""
+    functions, grid, tables = head["formulas"]["functions"], head["grid"], tables_of(arrays)
+
+    def results(name: str, count: int | None = None) -> tuple[Node, ...]:
+        told = functions[name]
+        return parsed(told["lines"], tables, int(told["coordinates"]), int(told["parameters"]))[:count]
+
+    components = (len(functions["bounds"]["lines"][-1].split()) - 1) // len(head["inputs"])
+    v, velocity = [f"v{d + 1}" for d in range(components)], list[Node]()
+    if "velocity" in functions:
+        velocity = list(results("velocity", grid.ndim))
+    elif {"drift", "gain"} <= set(functions):
+        gain = results("gain", grid.ndim * components)
+        for axis, node in enumerate(results("drift", grid.ndim)):
+            for d, pushed in enumerate(gain[axis * components : (axis + 1) * components]):
+                node = make("add", node, make("mul", pushed, leaf("p", 1 + d)))
+            velocity.append(node)
+    u = ", ".join(format(one, "g") for one in head["inputs"][0])
+    lines = [f"dynamics under the first of {len(head['inputs'])} inputs, u = ({u}):"]
+    text = shown(velocity, grid.names, ["t", *v])
+    lines += text[: len(text) - len(velocity)]
+    lines += [f"d{name}/dt = {one}" for name, one in zip(grid.names, text[len(text) - len(velocity) :], strict=False)]
+    most = shown(results("bounds", components), grid.names)
+    lines += [f"|{one}| <= {bound}" for one, bound in zip(v, most[-components:], strict=True) if bound != "0"]
+    lines[1:] = [f"  {one}" for one in lines[1:]]
+    kinds = [one["kind"] for one in head["sets"]]
+    for place, one in enumerate(head["sets"]):
+        name = "target" if one["kind"] == "target" else f"unsafe {place - kinds.count('target')}"
+        if name in functions:
+            *letters, value = shown(results(name), [grid.names[int(axis)] for axis in one["axes"]])
+            lines += [f"{one['kind']} {one['name']!r}:", *(f"  {each}" for each in letters), f"  {value} <= 0"]
+    return lines
 
 
 @main.command("verify")
@@ -254,7 +301,7 @@ def info(table: Path) -> None:
     help="Certified table with which an interpolated table is compared.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of the comparison: png, pdf or svg.")
-@click.option("--problem", help="module:function that returns the problem of a table of a user-defined robot.")
+@click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
 @click.pass_context
 @plainly
 def verify_command(
@@ -268,15 +315,13 @@ def verify_command(
 ) -> None:
     """Check a certified table, or compare another table with one."""
     writable_picture(output)
-    read = None if problem else loaded(table)
-    certain = read is None or read.method == "certified"
+    certain = header(table)["method"] == "certified"
     if certain and (certified or output):
         raise ValueError(
             f"{table} is itself a certified table: its claims are checked, and there is nothing to compare or to draw; "
             "leave out --certified and -o, or give an interpolated table first"
         )
     if certain:
-        read = None  # frees memory: the check reads the file itself
         began = time.perf_counter()
         report = check(table, user_problem(problem), samples=samples or None, seed=seed)
         click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
@@ -288,7 +333,7 @@ def verify_command(
             f"{table} contains interpolated tubes, which have no proof; make a certified table with `sdhj solve "
             "--method certified -o certified.h5` and compare with it: `sdhj verify --certified certified.h5 ...`"
         )
-    proof = loaded(certified)
+    read, proof = load(table), load(certified)
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified needs a table of method 'certified'")
     _compare(read, proof, seed, output)
@@ -318,7 +363,9 @@ def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
 
         with plotting.style():
             figure = plotting.new_figure(5.0, 4.6)
-            plotting.draw_labels(figure.subplots(), table, proof, through=[0.0, 0.0, 0.24, 0.24][: table.grid.ndim])
+            middle = np.mean([table.grid.lower, table.grid.upper], axis=0).tolist()
+            through = [0.0, 0.0, 0.24, 0.24] if table.problem.recipe else middle
+            plotting.draw_labels(figure.subplots(), table, proof, through=through)
             figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
             plotting.write(figure, output)
         click.echo(output)

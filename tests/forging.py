@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.problem.restoring import arrays_of, described
 
 
 @contextmanager
@@ -25,6 +26,16 @@ def forged(path: Any) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     while len(first) + 74 + len(text) > block:
         block *= 2
     seal(path, first, text.ljust(block - len(first) - 73) + image)
+
+
+def describe(path: Any, problem: Any) -> None:
+    """The file's robot becomes the one of a problem; its claims stay."""
+    with forged(path) as (told, arrays):
+        told.update(described(problem))
+        for name, values in arrays_of(problem).items():
+            if name in arrays:
+                del arrays[name]
+            arrays[name] = values
 
 
 def seal(path: Any, first: bytes, rest: bytes) -> None:

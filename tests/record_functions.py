@@ -56,7 +56,7 @@ PIECES = 8  # of the states, each at a time and under an input of its own
 LONG = 10  # steps whose times are asked about where a problem gives no number of them
 CLOSE = 1e-12  # of a function's largest value
 PARTS = {sdhj.UnsafeSet: ("level_set", "swept"), sdhj.TargetSet: ("level_set",), sdhj.Dynamics: ()}
-OF_DYNAMICS = ("drift", "gain", "bounds")
+OF_DYNAMICS = ("drift", "gain", "bounds", "velocity")
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class Function:
     ----------
     name : str
         Where its set or its dynamics was made, and what it is.
-    kind : {"level_set", "swept", "drift", "gain", "bounds"}
+    kind : {"level_set", "swept", "drift", "gain", "bounds", "velocity"}
     problem : ReachAvoidProblem
-    part : UnsafeSet, TargetSet or Dynamics
+    part : UnsafeSet, TargetSet or VectorField
         Whose function it is.
     """
 
@@ -91,6 +91,8 @@ class Function:
     def _called(self, states: Any, t: float, j: int) -> Any:
         if self.kind in ("drift", "gain"):
             return getattr(self.part, f"{self.kind}_at")(states, j, t)
+        if self.kind == "velocity":
+            return self.part.extremes(states, j, t)
         if self.kind == "bounds":
             return self.part.bounds_at(j, t)[None]
         points = states[:, list(self.part.axes)]
@@ -136,6 +138,8 @@ class Recorder:
 
         def catching(problem: Any, *given: Any, **named: Any) -> None:
             made(problem, *given, **named)
+            _, *noted = self.made.get(id(named["dynamics"] if "dynamics" in named else given[1]), (None, "", []))
+            self.made.setdefault(id(problem.dynamics), (problem.dynamics, *noted))  # what was read of it
             self.problems.append(problem)
 
         return catching

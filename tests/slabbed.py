@@ -41,11 +41,11 @@ def rough_problem(
     shape = nodes, across or nodes
     table = rng.uniform(-1.0, 1.0, shape)
     lower, upper = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+    closed = np.concatenate([table, table[:1]])  # where the torus closes
+    rough = sdhj.gridded(closed, lower, (upper - lower) / [nodes, shape[1] - 1])
 
     def level_set(points, t):
-        x = (points[:, 0] - lower[0]) / (upper[0] - lower[0]) * nodes
-        y = (points[:, 1] - lower[1]) / (upper[1] - lower[1]) * (shape[1] - 1)
-        return table[np.round(x).astype(int) % nodes, np.clip(np.round(y).astype(int), 0, shape[1] - 1)]
+        return rough(points)
 
     levels = np.array([[drift, 0.0], [-drift / 2, 0.0]])
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys import interval_problem, interval_table, unicycle_problem
+from toys import interval_problem, interval_table
 
 import sdhj
-from sdhj import Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj import BlackBox, Controller, Dynamics, Grid, Scheme, TargetSet, UnsafeSet
+from sdhj.certified import Certified
 from sdhj.problem import memory
 
 LINE = interval_problem()
@@ -23,6 +23,10 @@ ONE = np.array([2.0])
 def on_line(**change):
     """A problem on the line, steps of 0.1 s."""
     return replace(interval_problem(), **{"delta": 0.1, "steps": 8} | change)
+
+
+def moved_by(drift=((-1.0,), (0.0,), (1.0,)), gain=((1.0,),), bounds=(0.2,)):
+    return Dynamics(LINE.inputs, drift, gain, bounds)
 
 
 def run_python(code, **environment):
@@ -49,7 +53,7 @@ def test_a_level_set_that_is_no_number_stops_the_run(kind):
     changed = (UnsafeSet((0,), strip, name="strip"),) if kind == "unsafe" else TargetSet((0,), strip, "strip")
     object.__setattr__(problem, kind, changed)
     controller = Controller(replace(interval_table(), problem=problem))
-    with pytest.raises(ValueError, match=r"level set of 'strip' is nan, a NaN or an infinity, at \[.*\], t = "):
+    with pytest.raises(ValueError, match=r"level set of 'strip' is undefined or infinite \(nan\) at \[.*\], t = "):
         sdhj.monte_carlo(controller, 500, progress=False)
 
 
@@ -59,50 +63,62 @@ def test_values_that_single_precision_takes_for_zero_are_refused():
         on_line(target=tiny)
     small = TargetSet((0,), lambda p, t: 1e-30 * (np.abs(p[:, 0]) - 1.0))
     wholly = TargetSet((0,), lambda p, t: np.zeros(len(p)))
-    for target in (small, wholly):
-        assert on_line(target=target).target is target
+    flagged = TargetSet((0,), lambda p, t: np.where(np.abs(p[:, 0]) > 1.0, 1.0, 0.0))
+    for target in (small, wholly, flagged):
+        assert on_line(target=target).target == target
 
 
 # ---- what moves
 
 
 def test_a_set_that_comes_and_goes_is_not_static():
-    def blink(p, t):
+    def decides(p, t):
         return np.where(0.05 < t < 0.45, np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
 
-    with pytest.raises(ValueError, match=r"'blink' changes by 3.*more than its rate 0 allows"):
-        on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),))
+    def blink(p, t):
+        return np.where((0.05 < t) & (t < 0.45), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
+
+    with pytest.raises(ValueError, match=r"'blink' cannot be read .*test_abuse.py, line .*a decision .*np.where"):
+        UnsafeSet((0,), decides, name="blink")
+    part = on_line(unsafe=(UnsafeSet((0,), blink, name="blink"),)).unsafe[0]
+    found = [part.over(np.array([[2.0]]), t, t + 0.1, "swept")[0] for t in (-0.1, 0.0, 0.2, 0.4, 0.45)]
+    assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 8, 200, 5000])
-def test_what_moves_for_a_while_is_found_among_many_steps(steps):
+def test_what_moves_for_a_while_is_met_among_many_steps(steps):
     begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
 
     def visit(p, t):
-        return np.where(begin < t < end, 1.0, 2.0) + 0.0 * p[:, 0]
+        return np.where((begin < t) & (t < end), 1.0, 2.0) + 0.0 * p[:, 0]
 
-    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
-        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps)
-
-
-def test_every_one_of_thousands_of_steps_is_looked_at():
-    def visit(p, t):  # for two steps: in one of them, whatever the time that is drawn
-        return np.where(321.0 < t < 321.2, 1.0, 2.0) + 0.0 * p[:, 0]
-
-    with pytest.raises(ValueError, match=r"'visit' changes by 1"):
-        on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=9000)
+    part = on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=steps).unsafe[0]
+    met = [k for k in range(steps) if part.over(np.zeros((1, 1)), 0.1 * k, 0.1 * (k + 1), "swept")[0] < 1.5]
+    expected = [k for k in range(steps) if 0.1 * k < end and 0.1 * (k + 1) > begin]
+    assert part.moving and met == expected
 
 
-def test_a_proof_sees_what_comes_and_goes_between_the_times_that_are_tried():
+def test_a_moment_of_thousands_of_steps_is_met():
+    def visit(p, t):
+        return np.where((321.0401 < t) & (t < 321.0402), 1.0, 2.0) + 0.0 * p[:, 0]
+
+    part = on_line(unsafe=(UnsafeSet((0,), visit, name="visit"),), steps=9000).unsafe[0]
+    found = [part.over(np.zeros((1, 1)), 0.1 * k, 0.1 * (k + 1), "swept")[0] for k in (3209, 3210, 3211)]
+    assert found == pytest.approx([2.0, 1.0, 2.0], abs=1e-12)
+
+
+def test_tables_and_proofs_see_what_comes_and_goes_between_all_samples():
     def wink(p, t):
         return np.where((t > 0.1234) & (t < 0.1235), np.abs(p[:, 0] - 2.0) - 0.3, 3.0)
 
     problem = on_line(unsafe=(UnsafeSet((0,), wink, name="wink"),))
+    for method in ("hji", "lax", Certified(cells=[60])):
+        found = sdhj.solve(problem, method, progress=False).hazards([[2.0], [0.5]], 1)
+        assert (found < 0).any(axis=1).tolist() == [False, True], method
+    sampled = replace(problem, view_time="sampled")
     with pytest.warns(UserWarning, match="no node is ever in danger of the unsafe set 'wink'"):
-        believed = sdhj.solve(problem, progress=False).hazards([[2.0], [0.5]], 1)
-    proved = sdhj.solve(problem, Certified(cells=[60]), progress=False).hazards([[2.0], [0.5]], 1)
+        believed = sdhj.solve(sampled, progress=False).hazards([[2.0], [0.5]], 1)
     assert (believed < 0).any(axis=1).tolist() == [True, True]
-    assert (proved < 0).any(axis=1).tolist() == [False, True]
 
 
 def test_a_swept_function_is_tried_in_every_step():
@@ -110,10 +126,11 @@ def test_a_swept_function_is_tried_in_every_step():
         return np.abs(p[:, 0] - 3.0 + t) - 0.1
 
     def swept(p, t0, t1):
-        lost = 1.0 if 0.05 < t0 < 0.15 else 0.0  # in the second step alone
-        return np.minimum.reduce([near(p, t) for t in np.linspace(t0, t1, 50)]) - 0.01 + lost
+        lost = np.where((0.05 < t0) & (t0 < 0.15), 1.0, 0.0)  # in the second step alone
+        times = [t0 + (t1 - t0) * share for share in np.linspace(0.0, 1.0, 50)]
+        return np.minimum.reduce([near(p, t) for t in times]) - 0.01 + lost
 
-    part = UnsafeSet((0,), near, swept, 1.0, "ball")
+    part = UnsafeSet((0,), near, swept, "ball")
     with pytest.raises(ValueError, match=r"swept of 'ball' over \[0.1, 0.2\] is .* above"):
         on_line(unsafe=(part,), steps=20)
 
@@ -134,13 +151,14 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         u[:] = 0.0
         return [[1.0]]
 
-    with pytest.raises(ValueError, match=r"level set of 'target' writes to an array that is passed to it.*copy"):
-        on_line(target=TargetSet((0,), level_set))
-    with pytest.raises(ValueError, match="swept of 'unsafe' writes to"):
-        on_line(unsafe=(UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, a, b: level_set(p, a), 0.1),))
-    for name, function in (("drift", drift), ("gain", gain)):
-        with pytest.raises(ValueError, match=f"{name} writes to an array"):
-            on_line(dynamics=replace(LINE.dynamics, **{name: function}))
+    with pytest.raises(ValueError, match=r"level set of 'target' .*writing into an argument; write into a copy"):
+        TargetSet((0,), level_set)
+    with pytest.raises(ValueError, match=r"swept of 'unsafe' .*writing into an argument"):
+        UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0], lambda p, t0, t1: level_set(p, t0))
+    with pytest.raises(ValueError, match=r"drift under input 0 .*writing into an argument"):
+        moved_by(drift).read(1)
+    with pytest.raises(ValueError, match="read-only\nwhile gain under input 0 was read"):
+        moved_by(gain=gain).read(1)
     assert LINE.inputs.tolist() == [[-1.0], [0.0], [1.0]]
 
 
@@ -152,27 +170,32 @@ def test_a_reused_buffer_is_copied():
         return kept[: len(p)]
 
     points = np.array([[0.0], [1.0]])
-    part = UnsafeSet((0,), reused)
+    with pytest.raises(ValueError, match=r"level set of 'unsafe' cannot be read .*a conversion to a plain array"):
+        UnsafeSet((0,), reused)
+    part = UnsafeSet((0,), BlackBox(reused))
     assert part.over(points, 0.0, 1.0, "sampled").tolist() == [-1.0, 0.0]
-    rising = UnsafeSet((0,), lambda p, t: reused(p, -t))  # the least value comes first
+    rising = UnsafeSet((0,), BlackBox(lambda p, t: reused(p, -t)))  # the least value comes first
     assert rising.over(points, 0.0, 1.0, "sampled").tolist() == [0.0, 1.0]
-    assert not np.shares_memory(TargetSet((0,), reused).level_set(points, 0.0), kept)
+    assert not np.shares_memory(TargetSet((0,), BlackBox(reused)).level_set(points, 0.0), kept)
 
 
 def test_a_level_set_that_looks_at_all_points_together_is_named():
     """Points come in pieces, and in runs one by one."""
     scaled = lambda p, t: (np.abs(p[:, 0]) - 1.0) / len(p)  # noqa: E731
-    with pytest.raises(ValueError, match="level set of 'target' says something else of a point when it is asked"):
-        on_line(target=TargetSet((0,), scaled))
+    with pytest.raises(ValueError, match=r"level set of 'target' answers differently .* another number of points"):
+        TargetSet((0,), scaled)
 
 
 @pytest.mark.parametrize(
-    ("name", "function"),
-    [("drift", lambda p, u: 0.0 * p + u / (1.0 + len(p))), ("gain", lambda p: np.full((len(p), 1, 1), p.max()))],
+    ("name", "function", "said"),
+    [
+        ("drift", lambda p, u: 0.0 * p + u / (1.0 + len(p)), "drift under input 0 answers differently .* of points"),
+        ("gain", lambda p: np.full((len(p), 1, 1), p.max()), "gain treats points differently: what it answers for one"),
+    ],
 )
-def test_so_are_velocities(name, function):
-    with pytest.raises(ValueError, match=f"{name} says something else of a point when it is asked"):
-        on_line(dynamics=replace(LINE.dynamics, **{name: function}))
+def test_so_are_velocities(name, function, said):
+    with pytest.raises(ValueError, match=said):
+        moved_by(**{name: function}).read(1)
 
 
 @pytest.mark.parametrize("name", ["target", "unsafe", "swept", "drift", "gain", "bounds"])
@@ -185,43 +208,52 @@ def test_a_function_that_answers_differently_is_named(name):
     def level_set(p, t):
         return np.abs(p[:, 0]) - 1.0 if name == "swept" else np.abs(p[:, 0]) - noise(len(p))
 
-    with pytest.raises(ValueError, match=r"(level set of '|)\w+'? .*returns different values, .* the same arguments"):
+    with pytest.raises(ValueError, match=f"{name}.* answers differently when it is called again"):
         if name == "target":
-            on_line(target=TargetSet((0,), level_set))
+            TargetSet((0,), level_set)
         elif name in ("unsafe", "swept"):
-            least = lambda p, a, b: np.abs(p[:, 0]) - 1.0 - noise(len(p))  # noqa: E731
-            on_line(unsafe=(UnsafeSet((0,), level_set, least if name == "swept" else None, 0.1, "wall"),))
+            least = lambda p, t0, t1: np.abs(p[:, 0]) - 1.0 - noise(len(p))  # noqa: E731
+            UnsafeSet((0,), level_set, least if name == "swept" else None, "unsafe")
         else:
             shapes = {
                 "drift": lambda p, u: noise(p.shape),
                 "gain": lambda t: noise((1, 1)),
                 "bounds": lambda t: noise(1),
             }
-            on_line(dynamics=replace(LINE.dynamics, **{name: shapes[name]}))
+            moved_by(**{name: shapes[name]}).read(1)
 
 
 def test_a_network_in_single_precision_is_taken(rng):
-    """What it says of a point is rounded otherwise beside others, and it may read memory as it lies."""
+    """As a black box; what it says of a point is rounded otherwise beside others, and it may read memory as it lies."""
     widths = ((1, 64), (64, 64), (64, 1))
     layers = [rng.normal(size=shape).astype(np.float32) / np.float32(np.sqrt(shape[0])) for shape in widths]
 
     def net(p):
-        assert p.flags.c_contiguous
+        assert not isinstance(p, np.ndarray) or p.flags.c_contiguous
         return np.tanh(np.tanh(p.astype(np.float32) @ layers[0]) @ layers[1]) @ layers[2]
 
-    on_line(dynamics=replace(LINE.dynamics, drift=lambda p, u: 0.1 * net(p) + u))
+    def drift(p, u):
+        return 0.1 * net(p) + u
+
+    with pytest.raises(ValueError, match=r"drift under input 0 cannot be read .*line .*BlackBox\(drift, reads="):
+        moved_by(drift).read(1)
+    problem = on_line(dynamics=moved_by(BlackBox(drift, rate=0.0)))
+    assert problem.opaque == {"drift": "a BlackBox with rate"}
+    assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=8).all()
 
 
 def test_a_level_set_that_depends_on_other_points_a_little_is_named():
-    """By more than rounding: level sets are held to 1e-9."""
-    with pytest.raises(ValueError, match="says something else of a point"):
-        on_line(target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-7 / len(p)))
+    """By however little."""
+    with pytest.raises(ValueError, match=r"answers differently .* with another number of points"):
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-15 / len(p))
 
 
-def test_compiled_functions_with_types_of_their_own_are_taken():
+def test_compiled_functions_with_types_of_their_own_are_taken_as_black_boxes():
     numba = pytest.importorskip("numba")
     compiled = numba.njit("float64[:](float64[:, :], float64)")(lambda p, t: np.abs(p[:, 0]) - 1.0)
-    assert TargetSet((0,), compiled).level_set(np.array([[0.5]]), 0.0).tolist() == [-0.5]
+    with pytest.raises(ValueError, match="cannot be read as a formula"):
+        TargetSet((0,), compiled)
+    assert TargetSet((0,), BlackBox(compiled)).level_set(np.array([[0.5]]), 0.0).tolist() == [-0.5]
 
 
 def test_rules_and_adversaries_read_only():
@@ -313,15 +345,20 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
         (lambda: replace(LINE, view_time=ARRAY), "view_time must be one of"),
         (lambda: replace(LINE, steps=10**400), r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\."),
-        (lambda: replace(LINE, target=TargetSet((0,), lambda p, t: [1.0, "a"] * 40)), "level set of 'target' must be"),
-        (lambda: replace(LINE, target=TargetSet((0,), lambda p, t: TWO)), "level set of 'target' must be real numbers"),
         (
-            lambda: replace(LINE, target=TargetSet((0,), lambda p, t: None)),
-            "level set of 'target' must be real numbers",
+            lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
+            "level set of 'target' cannot be read .* constant of type",
         ),
+        (lambda: TargetSet((0,), lambda p, t: TWO), "level set of 'target' cannot be read .* different lengths"),
+        (lambda: TargetSet((0,), lambda p, t: None), "level set of 'target' cannot be read .* a NoneType in place"),
+        (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "level set of 'target' must return real .*a comparison"),
+        (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox must be a function, got 'a'"),
+        (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox must be finite and at least 0, got -1.0"),
+        (lambda: BlackBox(max, rate=np.nan), "rate of a BlackBox must be finite"),
+        (lambda: BlackBox(max, enclosure=3), "enclosure of a BlackBox must be a function, got 3"),
         (lambda: Dynamics(TWO, TWO, [[1.0]], [0.1]), "inputs must be real numbers"),
         (lambda: Dynamics([[1.0]], [[1.0]], [[1.0]], TWO), "bounds must be real numbers"),
-        (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).drift_at(np.zeros((2, 1)), 0), "drift must be real"),
+        (lambda: Dynamics([[1.0]], lambda p: TWO, [[1.0]], [0.1]).read(1), "drift cannot be read .* different lengths"),
         (lambda: Grid(TWO, [1.0], [5]), r"lower has 2|lower\[0\] must be a number"),
         (lambda: Grid([ARRAY], [1.0], [5]), r"lower\[0\] must be a number"),
         (lambda: Grid([0.0], [np.datetime64(3, "D")], [5]), r"upper\[0\] must be a number"),
@@ -329,17 +366,6 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
         (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
         (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
-        (lambda: LipschitzBounds("a").checked(unicycle_problem()), "dynamics of LipschitzBounds must be real numbers"),
-        (lambda: LipschitzBounds(sets=[1.0]).checked(LINE), "sets of LipschitzBounds must be a mapping"),
-        (lambda: LipschitzBounds(sets={"target": "a", "wall": 1}).checked(LINE), "the bounds of the set 'target' must"),
-        (
-            lambda: LipschitzBounds(sets={"target": [1.0], "wall": TWO}).checked(LINE),
-            "the bounds of the set 'wall' must",
-        ),
-        (
-            lambda: LipschitzBounds(sets={"target": [1], "wall": [1], 3: 1, "a": 1}).checked(LINE),
-            "Lipschitz bounds for",
-        ),
         (lambda: LINE.target_value([["a"]], 0.0), "points must be real numbers"),
         (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
     ],
@@ -347,11 +373,11 @@ TWO = [np.zeros(2), np.zeros(3)]
 def test_what_does_not_fit_is_told_in_a_sentence_that_names_it(call, named):
     with pytest.raises(ValueError, match=named) as raised:
         call()
-    assert len(str(raised.value)) < 300
+    assert len(str(raised.value)) < 350
 
 
 def test_a_level_set_may_return_a_list():
-    problem = on_line(target=TargetSet((0,), lambda p, t: [abs(x) - 1.0 for x in p[:, 0].tolist()]))
+    problem = on_line(target=TargetSet((0,), lambda p, t: [abs(x) - 1.0 for x in p[:, 0]]))
     assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=0).all()
 
 

@@ -1,14 +1,16 @@
 """The command line: each command on a small grid, and one clear line for everything that is wrong."""
 
+import dataclasses
 import json
 import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from forging import forged
-from toys import torus_problem
+from toys import torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import cli
@@ -151,15 +153,92 @@ def test_info_of_your_user_problem_needs_no_functions(own):
         assert text in result.output
 
 
-@pytest.mark.parametrize("command", ["simulate", "verify"])
-def test_commands_on_your_user_problem_show_the_lines_of_python(own, command, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    result = run(command, own)
-    assert result.exit_code == 2 and "built-in case studies only" in result.output
-    lines = [line.strip() for line in result.output.splitlines() if line.startswith("    ")]
-    assert len(lines) == 2
-    exec("\n".join(lines).replace("10_000", "10"), {"sdhj": sdhj, "problem": torus_problem(nodes=12, steps=2)})
-    assert "10 runs" in capsys.readouterr().out
+def test_info_prints_dynamics_and_sets_in_mathematics(own):
+    lines = run("info", own).output.splitlines()
+    expected = """
+  dynamics under the first of 9 inputs, u = (-2, -2):
+    dx1/dt = -2 + v1
+    dx2/dt = -2 + v2
+    |v1| <= 0.4
+    |v2| <= 0.4
+  target 'target':
+    hypot(mod(x1 + 1 - 0.2 t + 3.14159, 6.28319) - 3.14159, mod(x2 + 3.14159, 6.28319) - 3.14159) - 0.8 <= 0
+  unsafe 'orbiting disk':
+    hypot(mod(x1 - cos(2 t) + 3.14159, 6.28319) - 3.14159, mod(x2 - sin(2 t) + 3.14159, 6.28319) - 3.14159) - 0.5 <= 0
+""".strip("\n").splitlines()
+    first = lines.index(expected[0])
+    assert lines[first:-1] == expected
+    assert lines[-1].startswith("  share of C inside from step 0: 0: ")
+
+
+def black_car():
+    """A car whose speed is a black box, beside a post; the wind does not enter linearly."""
+    problem = unicycle_problem(nodes=(9, 9, 8), steps=2)
+
+    def speed(points, u, t):
+        return np.stack([np.cos(points[:, 2]), np.sin(points[:, 2]), np.full(len(points), u[0])], axis=1)
+
+    drift = sdhj.BlackBox(speed, reads=[2], slope=1.0, rate=0.0)
+    gain = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    (part,) = problem.unsafe
+    dynamics = sdhj.Dynamics(problem.inputs, drift, gain, [0.1, 0.0])
+    return dataclasses.replace(problem, dynamics=dynamics, unsafe=(dataclasses.replace(part, sampling="steep"),))
+
+
+def test_info_says_which_black_boxes_there_are(tmp_path):
+    path = tmp_path / "black.h5"
+    sdhj.solve(black_car(), progress=False).save(path)
+    result = run("info", path)
+    assert result.exit_code == 0 and "share of C" not in result.output
+    assert "  unsafe 'pillar':\n    hypot(x - 0.8, y) - 0.2 <= 0\n" in result.output
+    assert (
+        "load(path, problem=...) needs the problem:\n    drift: a BlackBox with reads, slope, rate\n" in result.output
+    )
+    assert "dx/dt" not in result.output
+    refused = run("simulate", path)
+    (line,) = refused.output.splitlines()
+    assert refused.exit_code == 2 and "black boxes (drift: a BlackBox with reads, slope, rate)" in line
+
+
+def test_info_shows_a_disturbance_that_enters_as_it_likes(tmp_path):
+    problem = unicycle_problem(nodes=(9, 9, 8), steps=1)
+
+    def velocity(q, u, v):
+        heading = q[:, 2] + v[0]
+        return np.stack([np.cos(heading), np.sin(heading), np.full(len(q), u[0])], axis=1)
+
+    own = dataclasses.replace(
+        problem, unsafe=(), dynamics=sdhj.Dynamics(problem.inputs, velocity=velocity, bounds=[0.1])
+    )
+    sdhj.solve(own, progress=False).save(tmp_path / "own.h5")
+    shown = run("info", tmp_path / "own.h5").output
+    for text in ("dx/dt = cos(theta + v1)", "dy/dt = sin(theta + v1)", "dtheta/dt = -2", "|v1| <= 0.1"):
+        assert f"    {text}\n" in shown, shown
+
+
+def test_simulate_plays_your_robot(own, monkeypatch):
+    many = run("simulate", own, "--runs", 20, "--adversary", "random")
+    assert many.exit_code == 0 and "20 runs" in many.output
+    one = run("simulate", own, "--start", -1.0, 0.1)
+    assert one.exit_code == 0 and re.search(r"0\.000 s   -1\.0000   \+0\.1000\n", one.output), one.output
+    for wrong, named in (
+        ([], "finite numbers, one for each axis, got ''"),
+        (["nan", 0.0], "finite numbers"),
+        ([0.1, 0.2, 0.3], "shape"),
+        ([0.1, "--seed", 1], "shape"),
+    ):
+        refused = run("simulate", own, "--start", *wrong)
+        assert refused.exit_code == 2 and named in refused.output, refused.output
+
+
+def test_your_robot_is_compared_with_a_certified_table(own, tmp_path):
+    problem = torus_problem(nodes=12, steps=2)
+    sdhj.solve(problem, sdhj.Certified(cells=(24, 24)), progress=False).save(tmp_path / "certified.h5")
+    result = run("verify", own, "--certified", tmp_path / "certified.h5", "-o", tmp_path / "labels.png")
+    assert result.exit_code == 0 and "of the state space, within 2 steps" in result.output, result.output
+    assert (tmp_path / "labels.png").stat().st_size > 1000
+    alone = run("verify", own)
+    assert alone.exit_code == 2 and "contains interpolated tubes, which have no proof" in alone.output
 
 
 def test_a_header_with_a_hole_is_damage(own, tmp_path):

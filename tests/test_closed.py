@@ -93,8 +93,8 @@ def test_other_functions_that_tell_nothing_inside(method, level_set):
 
 
 def test_a_moving_set_and_a_store(tmp_path):
-    """Lowered for what happens between the samples, after it was closed; and in slabs with the same bits."""
-    moving = problem(lambda p, t: unsigned(p - [0.1 * t, 0.0], t), steps=6, rate=0.1)
+    """Swept over pieces of the interval, and then closed; and in slabs with the same bits."""
+    moving = problem(lambda p, t: unsigned(p - [0.1 * t, 0.0], t), steps=6)
     moving = replace(moving, grid=sdhj.Grid([0, 0], [4, 3], [41, 31]))
     table = sdhj.solve(moving, progress=False)
     counts = sdhj.monte_carlo(sdhj.Controller(table), RUNS, adversary="none", seed=0, progress=False).counts

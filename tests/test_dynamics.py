@@ -3,16 +3,19 @@
 import functools
 import itertools
 import math
+import pickle
 from dataclasses import replace
 
+import judge
 import naive_projections as naive
 import numpy as np
 import pytest
 import toys
 
 import sdhj
-from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.problem.dynamics import Interval, arguments
+from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.problem.checks import arguments
+from sdhj.problem.dynamics import Interval
 
 ROUNDING = 1e-12  # some dozen operations on numbers of order one
 
@@ -30,7 +33,7 @@ def tidal(**changes):
     """dx = u + sin(3 t) + (1 + u^2 / 4) v, dy = cos(2 t) - v / 2, |v| <= 0.1 + 0.3 |u| + 0.2 t."""
     parts = {
         "inputs": [[-1.0], [0.0], [2.0]],
-        "drift": lambda u, t: np.array([u[0] + math.sin(3 * t), math.cos(2 * t)]),
+        "drift": lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2 * t)]),
         "gain": lambda u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
         "bounds": lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
     }
@@ -87,12 +90,11 @@ def with_scale(points, u, scale=2.0):
         ("drift", lambda points, u, t: points, ("points", "u", "t")),
         ("drift", lambda points, u: points, ("points", "u")),
         ("drift", lambda p, u: p, ("points", "u")),
-        ("drift", lambda q, w, s: q, ("points", "u", "t")),
+        ("drift", lambda whatever, t, u: u, ("points", "t", "u")),
         ("drift", lambda u: u, ("u",)),
         ("drift", lambda t: t, ("t",)),
         ("drift", lambda u, t: u, ("u", "t")),
         ("drift", lambda t, u: u, ("t", "u")),
-        ("drift", lambda t, x: x, ("t", "points")),
         ("drift", lambda q: q, ("points",)),
         ("drift", with_scale, ("points", "u")),
         ("drift", lambda points, u, t=0.0: points, ("points", "u", "t")),
@@ -100,15 +102,19 @@ def with_scale(points, u, scale=2.0):
         ("drift", functools.partial(lambda points, u, t: points, t=1.0), ("points", "u")),
         ("drift", Field(), ("points", "t")),
         ("drift", Field().method, ("points", "u")),
-        ("drift", max, ("points", "u")),  # does not tell
+        ("drift", BlackBox(lambda q, u, t: q), ("points", "u", "t")),
         ("gain", lambda points: points, ("points",)),
         ("gain", lambda p, u, t: p, ("points", "u", "t")),
         ("gain", lambda u: u, ("u",)),
-        ("gain", max, ("points",)),
         ("bounds", lambda t: [t], ("t",)),
         ("bounds", lambda u: u, ("u",)),
         ("bounds", lambda u, t: u, ("u", "t")),
-        ("bounds", max, ("t",)),
+        ("bounds", lambda q: q, ("points",)),
+        ("bounds", lambda place, t: place, ("points", "t")),
+        ("bounds", lambda points, u, t: u, ("points", "u", "t")),
+        ("velocity", lambda q, u, v: q, ("points", "u", "v")),
+        ("velocity", lambda q, u, v, t: q, ("points", "u", "v", "t")),
+        ("velocity", lambda v, u: u, ("v", "u")),
     ],
 )
 def test_functions_say_what_they_take(name, function, takes):
@@ -118,44 +124,59 @@ def test_functions_say_what_they_take(name, function, takes):
 @pytest.mark.parametrize(
     ("name", "function", "said"),
     [
-        ("drift", 0.3, r"drift must be an array or a function of \(points, u, t\), or of some of these, got 0.3"),
-        ("drift", lambda: 0.0, r"got a function of \(\)"),
-        ("drift", lambda a, b, c, d: a, r"got a function of \(a, b, c, d\)"),
-        ("drift", lambda points, u, t, w: u, r"got a function of \(points, u, t, w\)"),
-        ("drift", lambda *args: args[0], r"got a function of \(\*args\)"),
-        ("drift", lambda points, *, wind: points, r"got a function of \(points, \*, wind\)"),
-        ("drift", lambda points, scale=2.0, t=0.0: points, r"got a function of \(points, scale=2.0, t=0.0\)"),
-        ("gain", lambda a, b, c, d: a, r"gain must be an array or a function of \(points, u, t\)"),
-        ("bounds", lambda points, u, t: u, r"bounds must be an array or a function of \(u, t\), .*\(points, u, t\)"),
+        ("drift", lambda: 0.0, r"got \(\)"),
+        ("drift", lambda a, b, c, d: a, r"got \(a, b, c, d\)"),
+        (
+            "drift",
+            lambda q, w, s: q,
+            r"of the state first and then of u, t, or .* names that are known, got \(q, w, s\)",
+        ),
+        ("drift", lambda t, x: x, r"got \(t, x\)"),  # the state comes first
+        ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
+        ("drift", lambda *args: args[0], r"got \(\*args\)"),
+        ("drift", lambda points, *, wind: points, r"got \(points, \*, wind\)"),
+        ("drift", lambda points, scale=2.0, t=0.0: points, r"got \(points, scale=2.0, t=0.0\)"),
+        ("drift", max, "does not say what it takes: wrap it in a lambda"),
+        ("gain", lambda a, b, c, d: a, "gain must be a function of the state first and then of u, t, or of some"),
+        (
+            "bounds",
+            lambda time: [time],
+            r"bounds must be a function of the state .* names that are known, got \(time\)",
+        ),
+        ("bounds", lambda points, time: [time], r"got \(points, time\)"),
+        ("velocity", lambda q, u, w: q, r"and then of u, v, t, or of some of these; .*, got \(q, u, w\)"),
     ],
 )
 def test_what_takes_something_else_is_refused(name, function, said):
     with pytest.raises(ValueError, match=said):
         arguments(name, function)
-    if callable(function):
-        arrays = {"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]}
-        with pytest.raises(ValueError, match=said):
-            Dynamics(**arrays | {name: function})
+    arrays = {"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]}
+    arrays |= {"drift": None, "gain": None} if name == "velocity" else {}
+    with pytest.raises(ValueError, match=said):
+        Dynamics(**arrays | {name: function})
 
 
 def test_functions_are_called_with_what_they_name():
-    told = {}
+    """Once for each input, while the problem is made; afterwards nobody calls them."""
+    calls = []
 
-    def drift(t, points, u):
-        told["drift"] = t, points, u
-        return points
+    def drift(t, u):
+        calls.append(u.tolist())
+        return [t, u[0]]
 
-    dynamics = Dynamics([[3.0], [4.0]], drift, lambda t: [[t], [1.0]], lambda u: [u[0] / 8])
+    given = Dynamics([[3.0], [4.0]], drift, lambda t: [[t], [1.0]], lambda u: [u[0] / 8])
+    assert calls == []
+    dynamics = problem_of(given).dynamics
+    made = len(calls)
+    assert {tuple(u) for u in calls} == {(3.0,), (4.0,)}
     points = np.array([[0.1, 0.2]])
-    assert dynamics.drift_at(points, 1, 0.7).tolist() == points.tolist()
-    t, p, u = told["drift"]
-    assert (t, u.tolist()) == (0.7, [4.0]) and np.shares_memory(p, points)
+    assert dynamics.drift_at(points, 1, 0.7).tolist() == [[0.7, 4.0]]
     assert dynamics.gain_at(np.zeros((3, 2)), 0, 0.25).tolist() == [[[0.25], [1.0]]] * 3
     assert dynamics.bounds_at(0, 9.0).tolist() == [0.375] and dynamics.bounds_at(1).tolist() == [0.5]
-    assert dynamics.takes == {"drift": ("t", "points", "u"), "gain": ("t",), "bounds": ("u",)}
+    assert len(calls) == made
 
 
-# ---- what is refused, when made and when asked
+# ---- what is refused, when made and when read
 
 
 @pytest.mark.parametrize(
@@ -184,14 +205,14 @@ def test_dynamics_refuse(change, said):
     [
         ({"drift": [[1.0, 2.0]]}, r"drift must have shape \(1, 1\), got \(1, 2\)"),
         ({"gain": [[1.0], [2.0]]}, r"gain must have shape \(1, 1\), got \(2, 1\)"),
-        ({"gain": [[1.0, 2.0]]}, r"one half-width for each column of the gain, which has shape \(1, 2\); got \[0.1\]"),
-        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, r"one half-width for each column.*got \[0.0\]"),
+        ({"gain": [[1.0, 2.0]]}, r"one half-width for each column of the gain, which has shape \(1, 2\); got 1"),
+        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "one half-width for each column.*got 1"),
     ],
 )
 def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
     dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0]], "gain": [[1.0]], "bounds": [0.1]} | change)
     with pytest.raises(ValueError, match=said):
-        dynamics.check(1)
+        dynamics.read(1)
     with pytest.raises(ValueError, match=said):
         problem_of(dynamics, Grid([-1.0], [1.0], [9]))
 
@@ -199,23 +220,59 @@ def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"drift": lambda p: p[:, :1]}, r"drift must have shape \(4, 2\), got \(4, 1\)"),
-        ({"drift": lambda u: [1.0]}, r"drift must have shape \(2,\), got \(1,\)"),
-        ({"drift": lambda p: p * np.nan}, "drift has a NaN"),
-        ({"gain": lambda p: p}, r"gain must have shape \(4, 2, 1\), got \(4, 2\)"),
-        ({"gain": lambda t: [t]}, r"gain must have shape \(2, 1\), got \(1,\)"),
-        ({"bounds": lambda t: [2.0 - t]}, r"half-widths >= 0, got \[-0.5\] at t = 2.5"),
+        ({"drift": lambda p: p[:, :1]}, "drift must return shape .*M'?, 2.*, got .*M'?, 1"),
+        ({"drift": lambda u: [1.0]}, r"drift under input 0 must return shape \(2,\), got \(1,\)"),
+        ({"gain": lambda p: p}, "gain must return shape .*M'?, 2, 1.*, got .*M'?, 2"),
+        ({"gain": lambda t: [t]}, r"gain must return shape \(2, 1\), got \(1,\)"),
         ({"bounds": lambda t: 0.1}, "bounds must return a row of half-widths"),
-        ({"bounds": lambda t: [np.nan]}, "bounds has a NaN"),
-        ({"bounds": lambda t: ["a"]}, "bounds must be real numbers"),
-        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, r"bounds must have shape \(1,\), got \(2,\)"),
+        ({"bounds": lambda q, t: q[:, 0]}, "bounds must return a row of half-widths"),
+        ({"bounds": lambda t: ["a"]}, "bounds"),
+        ({"bounds": lambda t: [0.1] * (1 + (t > 1))}, "a list times a whole number"),
+        ({"drift": lambda p, u, t: p if t < 1 else -p}, "test_dynamics.py, line .*: a decision .*np.where.*BlackBox"),
+        ({"drift": lambda p, t: p * math.sin(t)}, "drift cannot be read .*test_dynamics.py, line .*math.*BlackBox"),
+        ({"bounds": BlackBox(lambda q, u, t: np.full((len(q), 1), 0.1))}, "bounds cannot be a BlackBox"),
     ],
 )
-def test_answers_that_do_not_fit_are_refused_when_they_come(change, said):
+def test_answers_that_do_not_fit_are_refused_when_they_are_read(change, said):
     arrays = {"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]}
-    dynamics, points = Dynamics(**arrays | change), np.ones((4, 2))
+    with pytest.raises(ValueError, match=said):
+        Dynamics(**arrays | change).read(2)
+    with pytest.raises(ValueError, match=said):
+        problem_of(Dynamics(**arrays | change))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"drift": lambda p: p * np.nan}, r"drift is undefined or infinite \(nan\) at \[1.0, 1.0\], t = 2.5"),
+        ({"drift": lambda p: np.log(p - 1)}, "drift is undefined or infinite"),
+        ({"bounds": lambda t: [2.0 - t]}, r"half-widths >= 0, got \[-0.5\] at t = 2.5"),
+        ({"bounds": lambda t: [np.sqrt(2.0 - t)]}, "bounds is undefined"),
+        ({"bounds": lambda t: [np.nan]}, "bounds is undefined"),
+        ({"drift": BlackBox(lambda q, u, t: q * np.nan)}, r"drift must return finite numbers of shape \(4, 2\), got"),
+        ({"drift": BlackBox(lambda q, u: q[:, 0])}, r"drift must return finite numbers of shape \(4, 2\), got"),
+        ({"gain": BlackBox(lambda q, u, t: q[:2])}, r"gain must return finite numbers of shape \(4, 2, 1\), got"),
+    ],
+)
+def test_values_that_are_none_are_refused_when_they_come(change, said):
+    arrays = {"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]}
+    dynamics, points = Dynamics(**arrays | change).read(2), np.ones((4, 2))
     with pytest.raises(ValueError, match=said):
         dynamics.drift_at(points, 0, 2.5), dynamics.gain_at(points, 0, 2.5), dynamics.bounds_at(0, 2.5)
+
+
+def test_velocities_that_are_no_formula_or_come_twice_are_refused():
+    velocity = lambda q, u, v: q  # noqa: E731
+    with pytest.raises(ValueError, match="give drift, with gain and bounds, or velocity, with bounds"):
+        Dynamics([[1.0]], [[1.0]], bounds=[0.1], velocity=velocity)
+    with pytest.raises(ValueError, match="give drift"):
+        Dynamics([[1.0]], gain=[[1.0]], bounds=[0.1], velocity=velocity)
+    with pytest.raises(ValueError, match="give drift"):
+        Dynamics([[1.0]])
+    with pytest.raises(ValueError, match=r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]"):
+        Dynamics([[1.0]], velocity=[[1.0]], bounds=[0.1])
+    with pytest.raises(ValueError, match="velocity cannot be a BlackBox"):
+        Dynamics([[1.0]], velocity=BlackBox(lambda q, u, v, t: q), bounds=[0.1]).read(1)
 
 
 # ---- what depends on what
@@ -225,17 +282,25 @@ def test_answers_that_do_not_fit_are_refused_when_they_come(change, said):
     ("change", "constant", "stateless", "timed", "alike"),
     [
         ({}, True, True, False, True),
-        ({"drift": lambda u: [u[0], 0.0]}, False, True, False, True),
+        ({"drift": lambda u: [u[0], 0.0]}, True, True, False, True),
         ({"drift": lambda u, t: [u[0], t]}, False, True, True, True),
         ({"drift": lambda points, u: points}, False, False, False, True),
         ({"gain": lambda points: points[:, :, None]}, False, False, False, True),
-        ({"gain": lambda u: [[u[0]], [1.0]]}, False, True, False, False),
+        ({"gain": lambda u: [[u[0]], [1.0]]}, True, True, False, True),  # of one input
+        ({"gain": lambda u: [[u[0]], [1.0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, False, False),
         ({"bounds": lambda t: [t]}, False, True, True, True),
-        ({"bounds": lambda u, t: [t]}, False, True, True, False),
+        ({"bounds": lambda u, t: [t]}, False, True, True, True),
+        ({"bounds": lambda u, t: [t * u[0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, True, False),
+        ({"bounds": lambda q: np.abs(q[:, :1])}, False, False, False, True),
+        ({"drift": lambda points, u: points - points}, True, True, False, True),
+        ({"drift": BlackBox(lambda q, u, t: q)}, False, False, True, True),
+        ({"drift": BlackBox(lambda q, u, t: q, rate=0.0)}, False, False, False, True),
     ],
 )
 def test_what_velocities_depend_on(change, constant, stateless, timed, alike):
-    dynamics = Dynamics(**{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change)
+    dynamics = Dynamics(
+        **{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change
+    ).read(2)
     found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.alike
     assert found == (constant, stateless, timed, alike) and dynamics.adversaries == 1
 
@@ -258,18 +323,20 @@ READS = [  # dynamics on three axes; whether the velocity along axis i (row) dep
     (lambda points, u: 0 * points, lambda p: p[:, [2, 0, 0], None], [0.0], ["000", "000", "000"]),
     (lambda points, u: 0 * points, lambda p, u: p[:, :, None] * (u[0] > 0), [0.1], ["100", "010", "001"]),
     (lambda points, t: points[:, [1, 2, 0]] * (t > 0.4), np.ones((3, 1)), [0.0], ["010", "001", "100"]),
-    (lambda points, t: points[:, [1, 2, 0]] * (t < 0.4), np.ones((3, 1)), [0.0], ["010", "001", "100"]),
-    (lambda points, t: points[:, [1, 2, 0]] * (t > 0.7), np.ones((3, 1)), [0.0], ["000", "000", "000"]),
-    (lambda points, u: 0 * points, lambda p: p[:, [1, 2, 0], None], lambda t: [max(t - 0.5, 0)], ["010", "001", "100"]),
+    (lambda points, t: points[:, [1, 2, 0]] * (t > 0.7), np.ones((3, 1)), [0.0], ["010", "001", "100"]),
+    (lambda points: points * 0, lambda p: p[:, [1, 2, 0], None], lambda t: [np.maximum(t, 0)], ["010", "001", "100"]),
+    (lambda points: points * 0, np.ones((3, 1)), lambda q: q[:, 1:2] ** 2, ["010", "010", "010"]),
+    (BlackBox(lambda q, u, t: q, reads=[2]), np.ones((3, 1)), [0.1], ["001", "001", "001"]),
+    (BlackBox(lambda q, u, t: q), np.ones((3, 1)), [0.1], ["111", "111", "111"]),
 ]
 
 
 @pytest.mark.parametrize(("drift", "gain", "bounds", "expected"), READS)
 def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
-    """In the interval [0.3, 0.6]: by the values at the nodes, whatever the functions could depend on."""
-    dynamics = Dynamics([[-1.0], [1.0]], drift, gain, bounds)
+    """At any time and under any input."""
+    dynamics = Dynamics([[-1.0], [1.0]], drift, gain, bounds).read(3)
     interval = Interval(Grid([-1.0] * 3, [1.0] * 3, [5, 6, 7]), dynamics, 0.3, 0.3)
-    assert ["".join("01"[int(one)] for one in row) for row in interval.reads] == expected
+    assert ["".join("01"[int(one)] for one in row) for row in dynamics.reads] == expected
     for axes in itertools.chain.from_iterable(itertools.combinations(range(3), n) for n in (1, 2, 3)):
         closed = interval.closed(axes)
         assert set(axes) <= set(closed) and list(closed) == sorted(closed)
@@ -280,17 +347,16 @@ def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
 
 def test_velocities_that_do_not_depend_on_the_state_read_nothing():
     interval = problem_of(tidal()).interval(1)
-    assert not interval.reads.any() and interval.closed((1,)) == (1,)
+    assert not interval.dynamics.reads.any() and interval.closed((1,)) == (1,)
 
 
 def test_what_only_later_intervals_read_counts_for_the_avoid_game():
     """The third interval alone couples y to x: a wall in y then needs both axes, for every step the same ones."""
-    drift = lambda points, t: np.stack([0 * points[:, 0], points[:, 0] * max(t - 0.65, 0.0)], axis=1)  # noqa: E731
+    drift = lambda p, t: np.stack([0 * p[:, 0], p[:, 0] * np.maximum(t - 0.65, 0.0)], axis=1)  # noqa: E731
     wall = UnsafeSet((1,), lambda p, t: 1.5 - p[:, 0])
     problem = problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.1]), unsafe=(wall,))
-    assert [problem.interval(k).closed((1,)) for k in range(3)] == [(1,), (1,), (0, 1)]
+    assert [problem.interval(k).closed((1,)) for k in range(3)] == [(0, 1)] * 3
     assert problem.avoid_axes(wall) == (0, 1) and problem.moves(wall) and not wall.moving
-    assert problem_of(problem.dynamics, steps=2, unsafe=(wall,)).avoid_axes(wall) == (1,)
 
 
 # ---- boxes of displacements: the Hopf-Lax formula and the controller's look-ahead
@@ -349,7 +415,7 @@ def test_state_dependent_boxes_hold_what_the_adversary_can_do(begin, rng):
     The box takes the gain (1 + t) q at the start, which changes by at most 10 a second here: exact to second order.
     """
     delta, parts = 0.05, 50
-    interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning(), begin, delta)
+    interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning().read(2), begin, delta)
     states = rng.uniform(-1, 1, (6, 2))
     low, high = interval.reachable(states)
     assert low.shape == high.shape == (6, 2, 2)
@@ -372,7 +438,7 @@ def test_displacements_of_turning_fields_are_of_second_order():
     """The midpoint rule errs by a third power of the duration: half as long, an eighth of the error."""
     states, errors, durations = np.array([[0.7, -0.3], [0.2, 0.9]]), [], np.array([0.4, 0.2, 0.1])
     for duration in durations:
-        interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning(), 0.5, duration)
+        interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning().read(2), 0.5, duration)
         angle = duration + ((0.5 + duration) ** 2 - 0.5**2) / 2  # under input 0 the state turns about the origin
         turned = states @ np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         errors.append(np.abs(interval.displacements(states)[:, 0] - (turned - states)).max())
@@ -406,7 +472,7 @@ def season_problem():
     """dq = u q cos t + v q (1 + t): q(t) = q(0) exp(u (sin t - sin t0) + v (t - t0 + (t^2 - t0^2) / 2))."""
     dynamics = Dynamics(
         [[-1.0], [1.0]],
-        lambda p, u, t: u[0] * p * math.cos(t),
+        lambda p, u, t: u[0] * p * np.cos(t),
         lambda p, t: p[:, :, None] * (1 + t),
         lambda t: [0.5 + t],
     )
@@ -466,7 +532,7 @@ def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
         lambda u, t: [abs(u[0]), 0.5 + t],
     )
     grid = Grid([-1.0, -1.0], [1.0, 1.0], [8, 8], [True, False])
-    interval, t = Interval(grid, dynamics, 0.2, 0.4), 0.3
+    interval, t = Interval(grid, dynamics.read(2), 0.2, 0.4), 0.3
     states, inputs = rng.uniform([1, -1], [3, 1], (20, 2)), rng.integers(0, 3, 20)
     gain, bounds = interval.gain(states, inputs, t), interval.bounds(inputs, t)
     drift = interval.undisturbed(states, inputs, t)
@@ -479,7 +545,7 @@ def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
         np.testing.assert_allclose(drift[m], inside * u + t, rtol=0, atol=ROUNDING)
         velocity = inside * u + t + own @ (0.1 * np.array([abs(u), 0.5 + t]))
         np.testing.assert_allclose((moved[m] - q) / 1e-6, velocity, rtol=0, atol=1e-5)
-    with_array = Interval(grid, replace(dynamics, gain=np.eye(2)), 0.2, 0.4)
+    with_array = Interval(grid, replace(dynamics, gain=np.eye(2)).read(2), 0.2, 0.4)
     np.testing.assert_array_equal(with_array.gain(states, inputs, t), np.tile(np.eye(2), (20, 1, 1)))
 
 
@@ -522,7 +588,7 @@ def test_velocity_sets_are_the_supremum_over_adversary_and_dropped_nodes(name, t
     """The slow twin tries every vertex of the box and every node of the axes that were left out, at that time."""
     make, subspaces = FIELDS[name]
     grid = Grid([-1.0, -1.5], [1.0, 1.5], [5, 6], [False, True])
-    interval, nodes = Interval(grid, make(), 0.0, 0.5), [grid.nodes(0), grid.nodes(1)]
+    interval, nodes = Interval(grid, make().read(2), 0.0, 0.5), [grid.nodes(0), grid.nodes(1)]
     for axes, j in itertools.product(subspaces, (0, 1)):
         field = interval.velocities(j, axes, t)
         for index in itertools.product(*(range(grid.shape[axis]) for axis in axes)):
@@ -563,7 +629,7 @@ def test_velocity_sets_in_time_are_counted_back_from_the_end():
     assert still.velocity_field(1, (0,)).upper.tolist() == still.velocities(1, (0,)).upper.tolist()
 
 
-# ---- the digest of a problem knows its functions by their values
+# ---- the digest of a problem is that of its formulas
 
 
 def digest(**changes):
@@ -573,7 +639,7 @@ def digest(**changes):
 def test_the_digest_follows_time_and_input():
     base = digest()
     assert base == digest()
-    assert base != digest(drift=lambda u, t: np.array([u[0] + math.sin(3 * t), math.cos(2.01 * t)]))
+    assert base != digest(drift=lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
     assert base != digest(gain=lambda u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
     assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
     assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
@@ -588,3 +654,259 @@ def test_the_digest_follows_time_and_input():
 )
 def test_what_depends_on_time_is_told_apart(dynamics, timeless):
     assert problem_of(dynamics).timeless is timeless
+
+
+# ---- velocities that the disturbance enters as it likes
+
+
+def test_the_state_may_have_any_name_and_the_others_any_order():
+    forms = [
+        lambda points, u, t: points * u[0] + t,
+        lambda q, u, t: q * u[0] + t,
+        lambda whatever, t, u: whatever * u[0] + t,
+    ]
+    assert len({problem_of(Dynamics([[1.0], [2.0]], form, [[1.0], [0.0]], [0.1])).digest for form in forms}) == 1
+
+
+LINEAR = {
+    "constant": (
+        lambda q, u, v, t: np.stack([0 * q[:, 0] + u[0] + v[0], 0 * q[:, 1] + v[1] - 0.5 * v[0]], axis=1),
+        lambda q, u, t: np.tile([u[0], 0.0], (len(q), 1)),
+        lambda q, u, t: np.tile([[1.0, 0.0], [-0.5, 1.0]], (len(q), 1, 1)),
+    ),
+    "state, input and time": (
+        lambda q, u, v, t: np.stack([u[0] * q[:, 1] * (1 + v[0]), (v[1] * q[:, 0] - v[0]) / (2 + t)], axis=1),
+        lambda q, u, t: np.stack([u[0] * q[:, 1], 0 * q[:, 0]], axis=1),
+        lambda q, u, t: np.stack(
+            [u[0] * q[:, 1], 0 * q[:, 0], -1 / (2 + t) + 0 * q[:, 0], q[:, 0] / (2 + t)], axis=1
+        ).reshape(-1, 2, 2),
+    ),
+    "where it blows": (
+        lambda q, u, v, t: np.where(q[:, :1] > 0, q * u[0] + v * [1.0, 2.0], q * u[0] - v),
+        lambda q, u, t: q * u[0],
+        lambda q, u, t: np.where(q[:, :1, None] > 0, np.diag([1.0, 2.0]), -np.eye(2)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_a_velocity_that_is_linear_in_the_disturbance_is_a_drift_and_a_gain(name, rng):
+    velocity, drift, gain = LINEAR[name]
+    inputs, bounds = [[-1.0], [1.0]], [0.2, 0.3]
+    one = problem_of(Dynamics(inputs, velocity=velocity, bounds=bounds))
+    two = problem_of(Dynamics(inputs, drift, gain, bounds))
+    points = rng.uniform(-2, 2, (50, 2))
+    for j, t in itertools.product((0, 1), (0.0, 0.7)):
+        u = np.array(inputs[j])
+        np.testing.assert_allclose(one.dynamics.drift_at(points, j, t), drift(points, u, t), rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(one.dynamics.gain_at(points, j, t), gain(points, u, t), rtol=0, atol=ROUNDING)
+    assert one.dynamics.timed == two.dynamics.timed and (one.dynamics.reads == two.dynamics.reads).all()
+    tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
+    for start, within in itertools.combinations_with_replacement(range(4), 2):
+        values = [table.values(start=start, within=within - start) for table in tables]
+        np.testing.assert_allclose(*values, rtol=0, atol=1e-6)
+
+
+BENT = {  # of two coordinates and two components
+    "sine": lambda q, u, v, t: (u[0] + 0.5 * np.sin(3 * v[0]), u[1] + 0.5 * np.cos(q[:, 0]) * np.sin(v[1])),
+    "square": lambda q, u, v, t: (u[0] + 0.3 * v[0] ** 2 - v[1], u[1] - 0.2 * v[1] ** 2),
+    "product": lambda q, u, v, t: (u[0] + u[0] * v[0] * v[1], u[1] + q[:, 1] * v[0] * v[1] * (1 + t)),
+    "size": lambda q, u, v, t: (u[0] - np.abs(v[0]) * q[:, 0], u[1] + np.maximum(v[0], v[1])),
+}
+COMMANDS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+MOST = np.array([0.4, 0.3])  # of the disturbance
+
+
+def bent(name, q, u, v, t):
+    """The velocity in plain NumPy; u and v may be rows of numbers, one for each state."""
+    return np.stack([0.0 * q[:, 0] + one for one in BENT[name](q, u, v, t)], axis=1)
+
+
+def bent_dynamics(name):
+    return Dynamics(COMMANDS, velocity=lambda q, u, v, t: bent(name, q, u, v, t), bounds=MOST)
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_ranges_hold_whatever_the_disturbance(name, rng):
+    """At points, in boxes of states and times, and of the boxes that a state can reach."""
+    problem = problem_of(bent_dynamics(name))
+    dynamics, interval, nodes = problem.dynamics, problem.interval(1), problem.grid.points()
+    assert dynamics.gain is None and not dynamics.constant and not dynamics.couples((0, 1))
+    low = rng.uniform(-2, 1.5, (200, 2))
+    high = low + rng.uniform(0, 0.5, low.shape)
+    for j, _ in itertools.product(range(4), range(20)):
+        v, t, points = rng.uniform(-MOST, MOST), rng.uniform(0.3, 0.6), rng.uniform(low, high)
+        v = np.where(rng.random(2) < 0.3, np.sign(v) * MOST, v)
+        true = bent(name, points, COMMANDS[j], v, t)
+        np.testing.assert_allclose(dynamics.velocity_at(points, j, v, t), true, rtol=0, atol=ROUNDING)
+        least, greatest = dynamics.range(j, low, high, (0.3, 0.6))
+        assert (least <= true).all() and (true <= greatest).all()
+        ends = dynamics.extremes(points, j, t)
+        assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
+        field, there = interval.velocities(j, (0, 1), t), bent(name, nodes, COMMANDS[j], v, t).T.reshape(2, 9, 9)
+        lower, upper = (end.reshape(2, *end.shape[1:] or (1, 1)) for end in (field.lower, field.upper))
+        assert (lower <= there).all() and (there <= upper).all() and not field.coupled
+
+
+def bent_problem(name):
+    """A boat that a wind pushes as `BENT` says; a buoy, and edges of the grid to stay within."""
+    return ReachAvoidProblem(
+        Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+        bent_dynamics(name),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.6, p[:, 1]) - 0.8),
+        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.7, p[:, 1] + 0.5) - 0.25, name="buoy"),),
+        0.2,
+        4,
+    )
+
+
+@pytest.mark.parametrize("method", ["hji", sdhj.Certified(cells=(80, 80))], ids=["hji", "certified"])
+@pytest.mark.parametrize("name", BENT)
+def test_no_run_is_lost_to_a_disturbance_that_enters_as_it_likes(name, method, rng):
+    """Plant and adversaries of the test's own: anywhere in its box or at corners, switching within the step."""
+    table = sdhj.solve(bent_problem(name), method, progress=False)
+    controller, states = sdhj.Controller(table), rng.uniform(-1.9, 1.9, (4000, 2))
+    outside = ~table.contains(states, start=0, within=0)
+    starts = states[outside & table.contains(states, start=0, within=4)]
+    assert len(starts) > 150
+
+    def velocity(q, u, signs, t):
+        return bent(name, q, COMMANDS[np.maximum(u, 0)].T, (signs * MOST).T, t)
+
+    for signs in (
+        lambda q, u, t, end: rng.uniform(-1, 1, q.shape),
+        lambda q, u, t, end: rng.choice([-1.0, 1.0], q.shape),
+    ):
+        outcomes = judge.play(
+            lambda q, step: controller.choose(controller.batch(q, step)),
+            velocity,
+            signs,
+            lambda q, t: np.hypot(q[:, 0] - 0.6, q[:, 1]) - 0.8,
+            lambda q, t: np.minimum(np.hypot(q[:, 0] + 0.7, q[:, 1] + 0.5) - 0.25, 2.0 - np.abs(q).max(axis=1)),
+            starts,
+            delta=0.2,
+            steps=4,
+        )
+        assert (outcomes == "reached").all(), starts[outcomes != "reached"]
+
+
+@pytest.mark.parametrize("kind", ["gain", "velocity"])
+def test_bounds_that_depend_on_the_state_scale_the_disturbance(kind, rng):
+    """As if the gain were larger where more is allowed; and outside of a strip nothing pushes at all."""
+
+    def allowed(q, u, t):
+        return np.stack([0.1 + q[:, 1] ** 2 * np.abs(u[0]), np.maximum(0.3 * t - q[:, 0], 0.0)], axis=1)
+
+    def pushing(q, u, t):
+        return np.eye(2) * allowed(q, u, t)[:, None]
+
+    inputs, drift = [[-1.0], [0.5]], lambda q, u: np.stack([0 * q[:, 0] + u[0], 0 * q[:, 1]], axis=1)
+    given = {
+        "gain": Dynamics(inputs, drift, np.eye(2), allowed),
+        "velocity": Dynamics(inputs, velocity=lambda q, u, v: drift(q, u) + v, bounds=allowed),
+    }
+    one, two = problem_of(given[kind]), problem_of(Dynamics(inputs, drift, pushing, [1.0, 1.0]))
+    points = rng.uniform(-2, 2, (60, 2))
+    for j, t in itertools.product((0, 1), (0.0, 0.4)):
+        gain = one.dynamics.gain_at(points, j, t) * one.dynamics.bounds_at(j, t)
+        np.testing.assert_allclose(np.abs(gain), pushing(points, np.array(inputs[j]), t), rtol=0, atol=ROUNDING)
+    assert one.dynamics.timed and one.dynamics.reads.tolist() == [[False, True], [True, False]]
+    for pair in zip(one.interval(1).reachable(points), two.interval(1).reachable(points), strict=True):
+        np.testing.assert_allclose(*pair, rtol=0, atol=ROUNDING)
+    tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
+    np.testing.assert_allclose(*(table.values(start=0, within=3) for table in tables), rtol=0, atol=1e-6)
+
+
+# ---- black boxes, and what becomes of functions
+
+
+def decided(q, u, t):
+    """The car's drift in a way that nothing can read, state by state."""
+    return np.array([[math.cos(theta), math.sin(theta), u[0]] for _, _, theta in q.tolist()])
+
+
+def disk(q, t):
+    return np.array([math.hypot(x, y) - 0.5 for x, y in q.tolist()])
+
+
+def pillar(q, t):
+    return np.array([max(math.hypot(x - 0.8, y) - 0.2, -1.0) for x, y in q.tolist()])
+
+
+def opaque_car():
+    car = toys.unicycle_problem(nodes=(13, 13, 12))
+    gain = np.eye(3)[:, :2]
+    return car, replace(
+        car,
+        dynamics=Dynamics(car.inputs, BlackBox(decided, reads=[2], rate=0.0), gain, [0.1, 0.1]),
+        target=TargetSet((0, 1), BlackBox(disk, slope=1.0, rate=0.0)),
+        unsafe=(UnsafeSet((0, 1), BlackBox(pillar, rate=0.0), name="pillar"),),
+    )
+
+
+def test_black_boxes_are_solved_and_simulated():
+    car, opaque = opaque_car()
+    assert opaque.timeless and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3
+    assert car.opaque == {} and opaque.opaque == {
+        "drift": "a BlackBox with reads, rate",
+        "target": "a BlackBox with slope, rate",
+        "unsafe 0": "a BlackBox with rate",
+    }
+    known, table = (sdhj.solve(problem, progress=False) for problem in (car, opaque))
+    for within in range(4):
+        np.testing.assert_allclose(*(one.values(start=0, within=within) for one in (known, table)), rtol=0, atol=1e-5)
+    reports = [sdhj.monte_carlo(sdhj.Controller(one), 200, "random", progress=False) for one in (known, table)]
+    assert all(report.rate("reached") > 0.9 for report in reports)
+    assert len(sdhj.simulate(sdhj.Controller(table), [-0.8, 0.0, 0.0], "worst").inputs) >= 1
+
+
+def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
+    wild = Dynamics([[1.0]], BlackBox(lambda q, u: q), BlackBox(lambda q: q[:, :, None]), [0.1]).read(3)
+    assert wild.timed and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
+    with pytest.raises(ValueError, match="drift is a BlackBox without a slope or an enclosure, which a proof needs"):
+        wild.range(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
+    problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
+    assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
+    with pytest.raises(ValueError, match="drift is a BlackBox without a slope"):
+        sdhj.solve(problem, sdhj.Certified(cells=(8, 8)), progress=False)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        toys.torus_problem,
+        lambda: problem_of(tidal()),
+        lambda: problem_of(turning()),
+        lambda: bent_problem("sine"),
+        lambda: opaque_car()[1],
+    ],
+    ids=["torus", "tidal", "turning", "sine", "black boxes"],
+)
+def test_problems_pickle(make, rng):
+    """Functions that nobody could pickle are not in them; black boxes are, if they can be."""
+    problem = make()
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.digest == problem.digest and again.opaque == problem.opaque
+    points = rng.uniform(problem.grid.lower, problem.grid.upper, (20, problem.grid.ndim))
+    v, inputs = 0.1 * np.ones((20, problem.dynamics.adversaries)), rng.integers(0, len(problem.inputs), 20)
+    moved = [one.interval(0).advance(points, inputs, v, 0.1, 0.1) for one in (problem, again)]
+    np.testing.assert_array_equal(*moved)
+    np.testing.assert_array_equal(problem.unsafe_value(points, 0.3), again.unsafe_value(points, 0.3))
+
+
+def test_what_changes_after_a_problem_was_made_changes_nothing():
+    scale, table = [1.0], np.array([0.5, 0.5])
+
+    def drift(q, u):
+        return scale[0] * q + u[0] * table
+
+    problem = problem_of(
+        Dynamics([[1.0]], drift, [[1.0], [0.0]], lambda t: [0.1 * scale[0]]),
+        unsafe=(UnsafeSet((0,), lambda p, t: p[:, 0] + 3.0 * scale[0]),),
+    )
+    points, before = np.array([[0.2, -0.4]]), problem.digest
+    scale[0], table[:] = 5.0, -1.0
+    np.testing.assert_allclose(problem.dynamics.drift_at(points, 0), [[0.7, 0.1]], rtol=0, atol=ROUNDING)
+    assert problem.dynamics.bounds_at().tolist() == [0.1]
+    assert problem.unsafe_value(points, 0.0).tolist() == [3.2]
+    assert problem.digest == before != problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.5])).digest

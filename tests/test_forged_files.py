@@ -8,12 +8,15 @@ import shutil
 import time
 
 import h5py
+import make_golden
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from forging import FORGERIES, forged, replaced, seal, spoiled
 from toys import torus_problem
 
 import sdhj
+from sdhj.cli import main
 from sdhj.problem import memory as memory_module
 from sdhj.table.files import header
 
@@ -126,6 +129,140 @@ def test_an_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
     monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
     monkeypatch.setattr(memory_module, "SPARE", 0)
     problem = torus_problem(nodes=10, steps=3)
-    problem.identity  # noqa: B018, sampled while there is room
     with pytest.raises(MemoryError, match="the array tubes of the file needs about"):
         sdhj.load(path, problem=problem)
+
+
+# ---- formulas
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return make_golden.FILE
+
+
+def forge_lines(path, name, lines):
+    with forged(path) as (told, _):
+        told["formulas"]["functions"][name]["lines"] = lines
+
+
+RETURN = "return 0"
+LINES = {
+    "unknown operation": ("target", ["x 0", "gamma 0", "return 1"], "line 1 of a formula, 'gamma 0',.*no operation"),
+    "later operand": ("target", ["x 0", "add 0 2", "abs 1", "return 2"], "'2' must be a whole number below 1"),
+    "own operand": ("target", ["x 0", "add 0 1", "return 1"], "'1' must be a whole number below 1"),
+    "negative operand": ("target", ["x 0", "abs -1", "return 1"], "'-1' must be a whole number"),
+    "huge operand": ("target", ["x 0", f"abs {'9' * 5000}", "return 1"], "line 1 of a formula"),
+    "coordinate": ("target", ["x 1", RETURN], "'1' must be a whole number below 1"),
+    "parameter": ("target", ["p 1", RETURN], "'1' must be a whole number below 1"),
+    "huge exponent": ("target", ["x 0", "power 0 65", "return 1"], "exponents are whole numbers up to 64"),
+    "huger exponent": ("target", ["x 0", f"power 0 {'9' * 5000}", "return 1"], "line 1 of a formula"),
+    "real exponent": ("target", ["x 0", "power 0 0.5", "return 1"], "line 1 of a formula"),
+    "too many lines": ("target", ["x 0"] * 100_000 + [RETURN], "must have 2 to 100,000 lines, got 100,001"),
+    "too few lines": ("target", [RETURN], "must have 2 to 100,000 lines, got 1"),
+    "no lines": ("target", [], "must have 2 to 100,000 lines"),
+    "no return": ("target", ["x 0", "abs 0"], "last line must be `return`"),
+    "nothing returned": ("target", ["x 0", "return"], "last line must be `return`"),
+    "return inside": ("target", ["x 0", RETURN, RETURN], "line 1 of a formula"),
+    "two results": ("target", ["x 0", "return 0 0"], "the formula 'target' must have 1 results, got 2"),
+    "results of dynamics": ("velocity", ["x 0", RETURN], "the formula 'velocity' must have 4 results, got 1"),
+    "operands": ("target", ["x 0", "add 0", "return 1"], "add has 2 operands"),
+    "no table": (
+        "unsafe 1",
+        ["x 0", "gridded 1 0 lower 0x0p+0 spacing 0x1p+0", "return 1"],
+        "must be a whole number below 1",
+    ),
+    "axes of a table": (
+        "unsafe 1",
+        ["x 0", "gridded 0 0 0 lower 0x0p+0 0x0p+0 spacing 0x1p+0 0x1p+0", "return 1"],
+        "line 1 of a formula",
+    ),
+    "spacing of a table": (
+        "unsafe 1",
+        ["x 0", "gridded 0 0 lower 0x0p+0 spacing -0x1p+0", "return 1"],
+        "line 1 of a formula",
+    ),
+    "overflow": ("target", ["const 0x1p+9999", RETURN], "line 0 of a formula"),
+    "no number": ("target", ["const one", RETURN], "line 0 of a formula"),
+    "infinite": ("target", ["const inf", RETURN], "undefined or infinite"),
+    "undefined": ("target", ["x 0", "log 0", "return 1"], "undefined or infinite"),
+    "numbers": ("target", [1, 2], "cannot be read"),
+    "text": ("target", "x 0", "cannot be read"),
+    "nothing": ("target", None, "cannot be read|can be read"),
+    "empty line": ("target", ["x 0", "", RETURN], "cannot be read"),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_forged_formulas_are_refused_in_a_line(golden, tmp_path, name):
+    path = shutil.copy(golden, tmp_path / "forged.h5")
+    function, lines, match = LINES[name]
+    forge_lines(path, function, lines)
+    began = time.perf_counter()
+    with pytest.raises(sdhj.TableFileError, match=match) as refused:
+        sdhj.load(path)
+    assert "\n" not in str(refused.value) and len(str(refused.value)) < 500
+    assert time.perf_counter() - began < LONGEST
+    shown = CliRunner().invoke(main, ["info", str(path)])
+    assert shown.exit_code in (0, 2) and "Traceback" not in shown.output
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda told: told["formulas"].update(format=2), "formulas have format 2, and this version reads 1"),
+        (lambda told: told["formulas"].update(functions=[]), "can be read|cannot be read"),
+        (lambda told: told["formulas"]["functions"].pop("velocity"), "formulas drift and gain, or velocity"),
+        (lambda told: told["formulas"]["functions"].pop("bounds"), "bounds"),
+        (lambda told: told["formulas"]["functions"].pop("target"), "level set of|cannot be read"),
+        (lambda told: told["formulas"].update(opaque=3), "can be read|cannot be read"),
+        (lambda told: told["sets"][1].update(axes=[0, 7]), "axes of 'post' must be axes of the grid"),
+        (lambda told: told["sets"][1].update(axes=[0]), "'1' must be a whole number below 1"),
+        (lambda told: told["sets"][1].update(sampling="never"), "sampling"),
+        (lambda told: told.update(inputs=[]), "inputs"),
+        (lambda told: told.update(sensing={"error": -1.0}), "error"),
+    ],
+)
+def test_forged_heads_are_refused_in_a_line(golden, tmp_path, change, match):
+    path = shutil.copy(golden, tmp_path / "forged.h5")
+    with forged(path) as (told, _):
+        change(told)
+    with pytest.raises(sdhj.TableFileError, match=match) as refused:
+        sdhj.load(path)
+    assert "\n" not in str(refused.value)
+    shown = CliRunner().invoke(main, ["info", str(path)])
+    assert shown.exit_code in (0, 2) and "Traceback" not in shown.output
+
+
+@pytest.mark.parametrize("forgery", [*FORGERIES, "folder", "linked folder", "name"])
+def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
+    path = shutil.copy(golden, tmp_path / "forged.h5")
+    with forged(path) as (told, arrays):
+        if forgery == "folder":
+            del arrays["tables"]
+            arrays["tables"] = np.zeros(3)
+        elif forgery == "linked folder":
+            del arrays["tables"]
+            arrays["tables"] = h5py.ExternalLink("other.h5", "/")
+        elif forgery == "name":
+            arrays.move("tables/0", "tables/one")
+        else:
+            replaced("tables/0", FORGERIES[forgery])(told, arrays)
+    if forgery in ("too long", "too short"):  # another table, of an array that can be one
+        assert sdhj.load(path).problem.digest != header(path)["digest"]
+        return
+    with pytest.raises((sdhj.TableFileError, MemoryError)):
+        sdhj.load(path)
+
+
+def test_long_and_deep_formulas_are_read_in_time(golden, tmp_path):
+    path = shutil.copy(golden, tmp_path / "deep.h5")
+    with forged(path) as (told, _):
+        first = told["formulas"]["functions"]["target"]["lines"]
+        count = int(first[-1].split()[1])
+        deep = [f"{op} {count + place}" for place, op in enumerate(["exp", "log"] * 20_000)]
+        told["formulas"]["functions"]["target"]["lines"] = [*first[:-1], *deep, f"return {count + len(deep)}"]
+    began = time.perf_counter()
+    table = sdhj.load(path)
+    assert time.perf_counter() - began < LONGEST
+    assert table.problem.digest != header(path)["digest"]

@@ -9,7 +9,7 @@ from plain import run_plainly
 from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import HJI, Dynamics, HopfLax, Projected, Scheme
+from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames, Wall
 
 DOUBLE = Scheme(dtype="float64")
@@ -50,8 +50,6 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
     tau = np.array([0.0, 0.5])
     t = 1.0 + tau if view_time == "instantaneous" else np.array([1.5, 1.5])  # from step 2; swept, the wall is all in
     (part,) = problem.unsafe
-    # swept without a formula of its own: 20 samples, lowered by half a gap's motion
-    sweep = 0.5 * 0.5 / 19 / 2 if view_time == "swept" else 0.0
     for name, games in every_game(problem).items():
         fields = [problem.interval(2).velocities(j, (0,)) for j in range(3)]
         steps = max(field.steps(problem.grid, 0.5, DOUBLE.cfl) for field in fields)
@@ -59,7 +57,7 @@ def test_avoid_in_one_dimension_has_its_closed_form(view_time):
         # an instantaneous wall is swept over one piece of the interval, so that nothing fast slips past in between
         slack = 0.5 * 0.5 / pieces * 1.1 if view_time == "instantaneous" else 0.0
         for j, tube in enumerate(games.avoid(part, 2)):
-            exact = (q[:, None] + (problem.inputs[j, 0] + 0.2) * tau - (3.0 - 0.5 * t)).max(axis=1) + sweep
+            exact = (q[:, None] + (problem.inputs[j, 0] + 0.2) * tau - (3.0 - 0.5 * t)).max(axis=1)
             assert (tube >= exact - 1e-9)[inner].all(), (name, j)
             assert (tube <= exact + slack + 1e-9)[inner].all(), (name, j)
 
@@ -99,14 +97,16 @@ def test_joint_game_equals_the_decomposed_ones_up_to_scheme_error(view_time):
 
 def test_velocities_of_constant_and_sampled_dynamics_agree():
     problem = torus_problem(nodes=8)
-    dynamics = problem.dynamics
-    callables = Dynamics(
-        dynamics.inputs,
-        lambda points, u: np.tile(u, (len(points), 1)),
-        lambda points: np.tile(np.eye(2), (len(points), 1, 1)),
-        dynamics.bounds,
+    functions = (
+        lambda points, u, t: np.tile(u, (len(points), 1)),
+        lambda points, u, t: np.tile(np.eye(2), (len(points), 1, 1)),
     )
-    sampled = dataclasses.replace(problem, dynamics=callables)
+    opaque = BlackBox(functions[0], rate=0.0), np.eye(2)  # may read anything
+    sampled, read = (
+        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, *given, [0.4, 0.4]))
+        for given in (opaque, functions)
+    )
+    assert read.dynamics.constant and read.digest == problem.digest and not sampled.dynamics.stateless
     for j in (0, 4, 7):
         a, b = (one.interval(0).velocities(j, (0, 1)) for one in (problem, sampled))
         assert a.lower.shape == (2,) and b.lower.shape == (2, 8, 8)
@@ -121,7 +121,7 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
 
 def test_coupled_adversary_is_recognised():
     problem = torus_problem(nodes=8)
-    dynamics = dataclasses.replace(problem.dynamics, gain=np.array([[1.0, 1.0], [1.0, -1.0]]))
+    dynamics = Dynamics(problem.inputs, problem.inputs, [[1.0, 1.0], [1.0, -1.0]], [0.4, 0.4])
     turned = dataclasses.replace(problem, dynamics=dynamics)
     assert turned.interval(0).velocities(0, (0, 1)).coupled
     assert not problem.interval(0).velocities(0, (0, 1)).coupled
@@ -228,7 +228,7 @@ def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method
     def displacement(s):
         return speed / 2 / math.pi * (math.cos(shift) - np.cos(2 * math.pi * s + shift))
 
-    dynamics = Dynamics([[0.0]], lambda u, t: [speed * math.sin(2 * math.pi * t + shift)], [[1.0]], [0.0])
+    dynamics = Dynamics([[0.0]], lambda u, t: [speed * np.sin(2 * math.pi * t + shift)], [[1.0]], [0.0])
     wall = sdhj.UnsafeSet((0,), lambda p, t: 3.0 - p[:, 0])
     target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
     problem = sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), dynamics, target, (wall,), 1.0, 1)
@@ -242,7 +242,7 @@ def test_a_current_that_turns_within_the_interval_is_followed_all_the_way(method
 
 def gusty(waves):
     """Gusts of up to 6 m/s, some to an interval of 1 s: they carry the state 3 m."""
-    gusts = Dynamics([[0.0]], lambda u, t: [6.0 * math.sin(waves * math.pi * t) ** 2], [[1.0]], [0.0])
+    gusts = Dynamics([[0.0]], lambda u, t: [6.0 * np.sin(waves * math.pi * t) ** 2], [[1.0]], [0.0])
     target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
     return sdhj.ReachAvoidProblem(sdhj.Grid([-4.0], [4.0], [161]), gusts, target, (), 1.0, 1)
 
@@ -266,9 +266,9 @@ def test_gusts_too_many_to_be_followed_are_refused(method):
 
 def without_adversary(problem):
     """The problem with an adversary of no components, and with one that may do nothing."""
-    dynamics, ndim = problem.dynamics, problem.grid.ndim
+    drift, ndim = problem.dynamics.drift, problem.grid.ndim
     return [
-        dataclasses.replace(problem, dynamics=dataclasses.replace(dynamics, gain=gain, bounds=bounds))
+        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, drift, gain, bounds))
         for gain, bounds in ((np.zeros((ndim, 0)), []), (np.zeros((ndim, 1)), [0.0]))
     ]
 
@@ -312,8 +312,9 @@ def test_absurd_speeds_are_refused(method, change, make):
     if change == "delta":
         problem = dataclasses.replace(problem, delta=1e8, unsafe=())
     else:
-        dynamics = {"drift": {"drift": [[0.0, 1e12]] * 9}, "disturbance": {"bounds": [0.1, 1e12]}}[change]
-        problem = dataclasses.replace(problem, dynamics=dataclasses.replace(problem.dynamics, **dynamics))
+        gain = np.eye(problem.grid.ndim)[:, :2]
+        drift, bounds = ([[0.0, 1e12]] * 9, [0.4] * 2) if change == "drift" else (problem.dynamics.drift, [0.1, 1e12])
+        problem = dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, drift, gain, bounds))
     with pytest.raises(ValueError, match=r"delta = .* needs .*e\+.* at most 100,000 .*along axis \d \(.* apart; use a"):
         sdhj.solve(problem, method, progress=False)
 

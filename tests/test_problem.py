@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import pickle
 
 import naive
 import numpy as np
@@ -10,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toys import interval_problem, torus_problem
 
-from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet, monte_carlo, simulate, solve
+from sdhj import (
+    BlackBox,
+    Controller,
+    Dynamics,
+    Grid,
+    ReachAvoidProblem,
+    TargetSet,
+    UnsafeSet,
+    monte_carlo,
+    simulate,
+    solve,
+)
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndim=st.integers(1, 4))
@@ -92,28 +104,25 @@ def near(points, t):
         ({"steps": 2.5}, "2.5"),
         ({"view_time": "always"}, "always"),
         ({"target": TargetSet((1,), lambda p, t: p[:, 0])}, "target"),
-        ({"target": TargetSet((0,), lambda p, t: np.full(len(p), np.nan))}, "NaN"),
-        ({"target": TargetSet((0,), lambda p, t: np.zeros((len(p), 2)))}, "shape"),
         ({"target": TargetSet((0,), lambda p, t: np.ones(len(p)))}, "wrong sign"),
         ({"unsafe": (UnsafeSet((0,), lambda p, t: -np.ones(len(p))),)}, "swallow"),
         ({"unsafe": (UnsafeSet((0, 0), lambda p, t: p[:, 0]),)}, "ascending"),
+        ({"target": TargetSet((0,), lambda p, t: np.log(p[:, 0] + 9.0) / p[:, 0])}, "undefined or infinite.*at .*0.0"),
         ({"steps": float("inf")}, "inf"),
         ({"steps": "many"}, "many"),
         ({"delta": "0.1"}, "delta.*'0.1'"),
         ({"target": "home"}, "TargetSet.*None.*'home'"),
         ({"unsafe": UnsafeSet((0,), lambda p, t: p[:, 0])}, "sequence of UnsafeSet"),
         ({"unsafe": None}, "sequence of UnsafeSet.*None"),
-        ({"target": TargetSet((0,), lambda p, t: np.abs(p[:, 0]) < 0.3)}, "real numbers.*bool"),
         ({"target": TargetSet((0,), lambda p, t: np.where(p[:, 0] < 0, -1.0, 1e38))}, "1e.38.*clip"),
         (
-            {"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - t - p[:, 0], name="wall"),)},
-            "'wall' changes.*rate of at least 1",
+            {"unsafe": (UnsafeSet((0,), BlackBox(lambda p, t: 3.0 - t - p[:, 0]), name="wall"),)},
+            "'wall' is a BlackBox that may depend on time: say how fast it changes",
         ),
-        ({"unsafe": (UnsafeSet((0,), lambda p, t: 3.0 - 2 * t - p[:, 0]),)}, "rate 1 allows.*at least 2"),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
         (
             {"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)},
-            r"half-width for each column.*\(1, 2\); got \[0.1\]",
+            r"half-width for each column.*\(1, 2\); got 1",
         ),
         (
             {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), name="ball"),)},
@@ -146,12 +155,12 @@ def test_dynamics_refuse(arguments, named):
 
 def test_functions_that_answer_nonsense_are_caught_when_sampled():
     problem = torus_problem(nodes=8)
-    bad = Dynamics(problem.inputs, lambda p, u: np.full(p.shape, np.nan), np.eye(2), [0.1, 0.1])
-    with pytest.raises(ValueError, match="drift has a NaN"):
+    bad = Dynamics(problem.inputs, lambda p, u: np.sqrt(p - 1.0), np.eye(2), [0.1, 0.1])
+    with pytest.raises(ValueError, match=r"drift is undefined or infinite \(nan\) at \[-3.14"):
         dataclasses.replace(problem, dynamics=bad).dynamics.drift_at(problem.grid.points(), 0)
-    for rate in (float("nan"), -1.0, "fast", None):
-        with pytest.raises(ValueError, match="rate"):
-            UnsafeSet((0,), lambda p, t: p[:, 0])
+    for rate in (float("nan"), -1.0, "fast"):
+        with pytest.raises(ValueError, match=r"rate|fast"):
+            BlackBox(lambda p, t: p[:, 0], rate=rate)
     for axes in (0, (0.0,), "x"):
         with pytest.raises(ValueError, match="axes of 'target' must be a sequence of whole numbers"):
             TargetSet(axes, lambda p, t: p[:, 0])
@@ -167,7 +176,7 @@ def test_whole_numbers_may_come_as_floats_and_arrays_are_copied():
 
 
 def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
-    """A run is followed beyond the ends of a periodic axis; the user's functions never are."""
+    """A run is followed beyond the ends of a periodic axis; the user's functions, here black boxes, never are."""
     grid = Grid([-np.pi, 0.0], [np.pi, 1.0], (64, 9), (True, False))
 
     def on_the_grid(points):
@@ -178,12 +187,12 @@ def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
         grid,
         Dynamics(
             [[-2.0], [2.0]],
-            lambda p, u: np.stack([u[0] + 0 * on_the_grid(p)[:, 0], 0 * p[:, 0]], axis=1),
-            lambda p: np.broadcast_to(np.array([[1.0], [0.0]]), (len(on_the_grid(p)), 2, 1)),
+            BlackBox(lambda p, u, t: np.stack([u[0] + 0 * on_the_grid(p)[:, 0], 0 * p[:, 0]], axis=1), rate=0.0),
+            BlackBox(lambda p, u, t: np.broadcast_to([[1.0], [0.0]], (len(on_the_grid(p)), 2, 1)), rate=0.0),
             [0.1],
         ),
-        TargetSet((0,), lambda p, t: np.abs(on_the_grid(p)[:, 0] - 2.0) - 0.5),
-        (UnsafeSet((0,), lambda p, t: np.abs(on_the_grid(p)[:, 0]) - 0.3),),
+        TargetSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0] - 2.0) - 0.5, rate=0.0)),
+        (UnsafeSet((0,), BlackBox(lambda p, t: np.abs(on_the_grid(p)[:, 0]) - 0.3, rate=0.0)),),
         0.2,
         5,
     )
@@ -199,14 +208,19 @@ def test_functions_see_periodic_coordinates_on_the_grid_only(rng):
     assert (grid.wrapped(np.array([[np.nextafter(-np.pi, -4), 0.5]]))[:, 0] < np.pi).all()
 
 
-def test_swept_without_a_formula_bounds_every_time(rng):
-    """Samples lowered by half a gap's motion hold the set at all times, as `rate` bounds the function's change."""
-    part = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - np.sin(3 * t)) - 0.1)
+def swaying(p, t):
+    return np.abs(p[:, 0] - np.sin(3 * t)) - 0.1
+
+
+@pytest.mark.parametrize("level_set", [swaying, BlackBox(swaying, rate=3.0)], ids=["formula", "black box"])
+def test_swept_that_is_not_given_bounds_every_time(level_set):
+    """Pieces of time hold the set of a formula at all times; samples of a black box, lowered by half a gap's motion."""
+    part = UnsafeSet((0,), level_set)
     points = np.linspace(-2, 2, 401)[:, None]
     swept = part.over(points, 0.2, 0.5, "swept")
     sampled = part.over(points, 0.2, 0.5, "sampled")
     dense = np.min([part.level_set(points, t) for t in np.linspace(0.2, 0.5, 5001)], axis=0)
-    assert (swept <= dense).all()
+    assert (swept <= dense).all() and (swept >= dense - 3.0 * 0.3 / 19).all()
     assert (sampled > dense + 1e-4).any()
 
 
@@ -230,10 +244,10 @@ def test_true_values_need_no_grid():
     [
         (
             lambda: TargetSet((0,), lambda p: p[:, 0]),
-            r"level_set of 'target' must be a function of \(points, t\), got a function of \(p\)",
+            r"level set of 'target' must be a function of \(points, t\), got a function of \(p\)",
         ),
-        (lambda: TargetSet((0,), 0.3), "level_set of 'target' must be a function.*0.3"),
-        (lambda: UnsafeSet((0,), "post", name="post"), "level_set of 'post'.*got 'post'"),
+        (lambda: TargetSet((0,), 0.3), "level set of 'target' must be a function.*0.3"),
+        (lambda: UnsafeSet((0,), "post", name="post"), "level set of 'post'.*got 'post'"),
         (lambda: UnsafeSet((0,), near, near), r"swept of 'unsafe' must be a function of \(points, t0, t1\)"),
     ],
 )
@@ -243,6 +257,48 @@ def test_what_is_no_function_of_those_arguments_is_refused(made, named):
 
 
 def test_functions_that_do_not_tell_their_arguments_are_taken():
+    class Compiled:
+        __signature__ = "none that Python knows"
+
+        def __call__(self, points, t):
+            return points[:, 0] - 0.5
+
+    with pytest.raises(TypeError, match="signature"):
+        inspect.signature(Compiled())
+    assert TargetSet((0,), Compiled()).level_set(np.array([[2.0]]), 0.0) == 1.5
     with pytest.raises(ValueError, match="no signature"):
         inspect.signature(max)
-    assert TargetSet((0,), max).level_set.function is max
+    with pytest.raises(ValueError, match=r"level set of 'target' cannot be read as a formula.*BlackBox\(max"):
+        TargetSet((0,), max)
+    assert TargetSet((0,), BlackBox(max)).level_set.function is max
+
+
+@pytest.mark.parametrize(
+    ("function", "named"),
+    [
+        (lambda p, t: np.full(len(p), np.nan), "undefined or infinite.*nan"),
+        (lambda p, t: np.zeros((len(p), 2)), "shape"),
+        (lambda p, t: np.abs(p[:, 0]) < 0.3, "real numbers.*bool"),
+        (lambda p, t: p[:, 0] if p[0, 0] < 0 else -p[:, 0], r"test_problem.py, line \d+: a decision.*np.where"),
+    ],
+)
+def test_level_sets_that_cannot_be_read_are_refused(function, named):
+    with pytest.raises(ValueError, match=named):
+        dataclasses.replace(interval_problem(), target=TargetSet((0,), function))
+    with pytest.raises(ValueError, match=named):
+        dataclasses.replace(interval_problem(), unsafe=(UnsafeSet((0,), function),))
+
+
+def test_problems_keep_formulas_and_no_functions():
+    """A problem is pickled, and what a closure reads may change afterwards."""
+    wide = [0.5]
+    problem = dataclasses.replace(
+        interval_problem(),
+        target=TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - wide[0]),
+        unsafe=(UnsafeSet((0,), BlackBox(swaying, rate=3.0), name="swaying"),),
+    )
+    wide[0] = 2.0
+    assert problem.target_value(np.zeros((1, 1)), 0.0) == -0.5
+    assert list(problem.opaque.items()) == [("unsafe 0", "a BlackBox with rate")]
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.digest == problem.digest and again.target_value(np.zeros((1, 1)), 0.0) == -0.5

@@ -251,9 +251,10 @@ def test_with_a_monotone_operator_the_sets_are_inside_the_full_ones_to_rounding(
 def test_with_velocities_in_time_they_are_too():
     """A tide in x, gusts that grow in y and z: the sets are nowhere larger than the full ones, and not empty."""
     problem = chase_problem(moving=True, view_time="instantaneous")
-    dynamics = replace(
-        problem.dynamics,
+    dynamics = Dynamics(
+        problem.inputs,
         drift=lambda u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
+        gain=np.eye(3),
         bounds=lambda u, t: [0.1 + 0.05 * abs(u[0]), 0.2 + 0.3 * t, 0.3],
     )
     problem = replace(problem, dynamics=dynamics)
@@ -445,7 +446,7 @@ def test_the_hamiltonian_is_the_supremum_over_the_dropped_nodes(problem, axes, r
                 p,
                 lambda q, j=j: problem.dynamics.drift_at(q[None], j)[0],
                 lambda q: problem.dynamics.gain_at(q[None])[0],
-                problem.dynamics.bounds,
+                problem.dynamics.bounds_at(),
             )
             assert value == pytest.approx(expected, abs=1e-12)  # rounding
 
@@ -473,7 +474,7 @@ def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step)
     def drift(points, u, t):
         return np.stack([u[0] + 0.5 * (1 + t) * points[:, 1], np.zeros(len(points))], axis=1)
 
-    problem = replace(problem, dynamics=replace(problem.dynamics, drift=drift))
+    problem = replace(problem, dynamics=Dynamics(problem.inputs, drift, np.eye(2), [0.2, 0.3]))
     x, away = problem.grid.nodes(0), np.abs(problem.grid.nodes(0)) < 2.0
     for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0), step):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * (0.7 + 0.5 * 0.4 * (step + 0.5)) - 1.0

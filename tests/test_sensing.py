@@ -357,7 +357,7 @@ def test_what_is_refused_of_problems():
     problem = toys.interval_problem()
     with pytest.raises(ValueError, match=r"sensing must be a sdhj\.Sensing"):
         replace(problem, sensing=0.1)
-    drift = replace(problem.dynamics, drift=lambda points, u, t: u + 0.0 * t + 0.0 * points)
+    drift = sdhj.Dynamics(problem.inputs, lambda points, u, t: u + 0.1 * np.sin(t) + 0.0 * points, [[1.0]], [0.2])
     moving = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.1 * t) - 1.0)
     for other in ({"view_time": "instantaneous"}, {"dynamics": drift}, {"target": moving}):
         replace(problem, **other, sensing=Sensing(0.01, 0.02))

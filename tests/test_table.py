@@ -8,6 +8,7 @@ import pytest
 from toys import interval_problem, one_row, torus_problem
 
 import sdhj
+from sdhj import Dynamics
 from sdhj.table.controller import Controller
 from sdhj.table.table import AvoidTubes, LookupTable, entries, entry
 
@@ -75,9 +76,11 @@ def test_digest_sees_every_part_of_a_problem():
         dataclasses.replace(problem, steps=4),
         dataclasses.replace(problem, view_time="sampled"),
         dataclasses.replace(problem, unsafe=()),
-        dataclasses.replace(problem, unsafe=(dataclasses.replace(part, rate=3.0),)),
-        dataclasses.replace(problem, dynamics=dataclasses.replace(problem.dynamics, bounds=[0.4, 0.5])),
-        dataclasses.replace(problem, dynamics=dataclasses.replace(problem.dynamics, gain=2 * np.eye(2))),
+        dataclasses.replace(problem, unsafe=(dataclasses.replace(part, sampling="steep"),)),
+        dataclasses.replace(problem, unsafe=(dataclasses.replace(part, swept=lambda p, t0, t1: 0.0 * p[:, 0] - 1.0),)),
+        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, problem.inputs, np.eye(2), [0.4, 0.5])),
+        dataclasses.replace(problem, dynamics=Dynamics(problem.inputs, problem.inputs, 2 * np.eye(2), [0.4, 0.4])),
+        dataclasses.replace(problem, target=dataclasses.replace(problem.target, level_set=lambda p, t: p[:, 0])),
         torus_problem(nodes=9),
     ]
     digests = {p.digest for p in changed}

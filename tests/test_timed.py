@@ -5,7 +5,6 @@ arithmetic; on a torus whose boxes end at nodes the formula is exact; and a game
 frame that turns along, one on a single axis. Closed loops are judged without the library (`judge`).
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj import HJI, Dynamics, Grid, HopfLax, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj import HJI, BlackBox, Dynamics, Grid, HopfLax, ReachAvoidProblem, TargetSet, UnsafeSet
 
 ADVERSARIES = ("up", "down", "switching", "away", "exact")  # exact: knows the twin's tubes
 
@@ -94,8 +93,8 @@ CASES = {
     # a current that turns within an interval and is faster than the robot, the target drifting
     "tide": Case(
         inputs=(-1.0, 0.0, 1.0),
-        drift=lambda u, t: u + 2.0 * math.sin(4.0 * t),
-        gain=lambda u, t: 1.0 + 0.5 * math.cos(3.0 * t),
+        drift=lambda u, t: u + 2.0 * np.sin(4.0 * t),
+        gain=lambda u, t: 1.0 + 0.5 * np.cos(3.0 * t),
         bound=lambda u, t: 0.15,
         centre=lambda t: 0.3 * t,
         radius=0.7,
@@ -106,7 +105,7 @@ CASES = {
     # everything at once, stronger gusts as time goes on, and a wall that comes in
     "gusts": Case(
         inputs=(-1.5, 0.0, 1.0),
-        drift=lambda u, t: u * (1.0 + 0.2 * math.sin(5.0 * t)) - 0.2,
+        drift=lambda u, t: u * (1.0 + 0.2 * np.sin(5.0 * t)) - 0.2,
         gain=lambda u, t: 1.0 + 0.1 * u,
         bound=lambda u, t: 0.05 + 0.2 * abs(u) * t + 0.1 * t**2,
         centre=lambda t: -0.5,
@@ -121,7 +120,7 @@ CASES = {
         inputs=(-1.0, -0.5, 0.0, 0.5, 1.0),
         drift=lambda u, t: u,
         gain=lambda u, t: 1.0 - 0.2 * u,
-        bound=lambda u, t: 0.05 + 0.8 * math.exp(-2.0 * t),
+        bound=lambda u, t: 0.05 + 0.8 * np.exp(-2.0 * t),
         centre=lambda t: 0.1,
         radius=0.45,
         wall=1.5,
@@ -338,7 +337,7 @@ def lattice_problem(seed=4):
         lambda t: [1.0, 0.5 + t],
     )
     grid = Grid([0.0, 0.0], [9.0, 11.0], shape, [True, True])
-    return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), target), (), 1.0, 3), values
+    return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), BlackBox(target)), (), 1.0, 3), values
 
 
 def test_boxes_that_end_at_nodes_make_the_exact_game_on_a_torus():
@@ -362,7 +361,7 @@ class Turning:
 
     game = Case(
         inputs=(-1.0, 0.0, 1.0),
-        drift=lambda u, t: u * (1.0 + 0.3 * math.sin(5.0 * t)),
+        drift=lambda u, t: u * (1.0 + 0.3 * np.sin(5.0 * t)),
         gain=lambda u, t: 1.0 + 0.2 * t,
         bound=lambda u, t: 0.1 + 0.15 * abs(u),
         centre=lambda t: 0.2 * t,
@@ -377,7 +376,7 @@ class Turning:
     def frame(t):
         """e(t) and the direction across."""
         angle = 0.8 * t + t**2 / 4
-        return np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+        return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
 
     @classmethod
     def field(cls, points, push, t):

@@ -1,8 +1,8 @@
 """Bounds on a problem's own functions over boxes of states and intervals of time: what every proof rests on.
 
-They are those of its formulas (`sdhj.kernels.intervals`), or what the author of a black box declares. Boxes are cut where
-an axis ends and where a periodic one closes, so that functions are bounded only where the state can be, and may jump
-there. Where a function may be undefined its bounds are infinite, so nothing is proved.
+They are those of its formulas (`sdhj.kernels.intervals`), or what the author of a black box declares. Boxes are cut
+where an axis ends and where a periodic one closes, so that functions are bounded only where the state can be, and may
+jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 BOXES = 1 << 16  # that a function is bounded over at a time
-
-Ends = tuple[FloatArray, FloatArray]
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:

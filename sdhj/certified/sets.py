@@ -40,10 +40,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
-of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where a function is a `sdhj.BlackBox`: what its author declares. The
-unsafe set counts at every instant, so `view_time` makes no difference here. Images lose nothing where cells are aligned
-(`sdhj.certified.cells`); what is lost against the exact set is a layer of cells along the target, the obstacles and the
-pursuer.
+of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where a function is a
+`sdhj.BlackBox`: what its author declares. The unsafe set counts at every instant, so `view_time` makes no difference
+here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the exact set is a
+layer of cells along the target, the obstacles and the pursuer.
 """
 
 import math

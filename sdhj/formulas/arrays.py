@@ -153,6 +153,9 @@ class Traced(NDArrayOperatorsMixin):
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if method not in ("__call__", "outer") or options:
             raise NotTraced(f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}")
+        whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
+        if ufunc is np.multiply and whole and any(isinstance(one, list | tuple) for one in inputs):
+            raise NotTraced("a list times a whole number, which repeats it", "np.array(list) * number multiplies")
         arrays = [traced_array(one) for one in inputs]
         if method == "outer":
             arrays[0] = arrays[0].reshape(*arrays[0].shape, *[1] * arrays[1].ndim)
@@ -265,7 +268,10 @@ def traced_array(value: Any) -> Traced:
         return value
     if isinstance(value, list | tuple) and holds_traced(value):
         return stacked(value)
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise NotTraced("lists of different lengths", "np.full_like(other, number) has the shape of another") from None
     if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
         raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
     if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:

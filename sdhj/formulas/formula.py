@@ -6,10 +6,12 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 
 import inspect
 import math
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, poin
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape, play, play_bounds
 
+MOST_WRAPS = 4  # jumps of one function that are taken apart
 Ends = tuple[FloatArray, FloatArray]
 
 
@@ -71,8 +74,6 @@ class Formula:
         rows = rows_for(coordinates, *lengths)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
         outputs, _ = read(name, function, rows, given, (), True)
-        if outputs[0].truth:
-            raise ValueError(f"{name} must return real numbers, negative inside the set, got bool: a comparison")
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
@@ -113,6 +114,43 @@ class Formula:
             out[0][undefined], out[1][undefined] = -np.inf, np.inf
         least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)
         return least, greatest
+
+    def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
+        """Least value at points (M, coordinates) over intervals of the parameters, of one result: (M,).
+
+        As by `bounds`, but where a `mod` jumps, what is before and after the jump is bounded apart: the values between
+        are none that it has, and would be phantoms of sets on a circle, half a turn away from them.
+        """
+        found = self.bounds(points, points, *parameters)[0]
+        apart, laps, periods = self._wraps
+        if not 0 < len(periods) <= MOST_WRAPS:
+            return found
+        low, high = laps.bounds(points, points, *parameters)
+        lap = np.floor([low, high])
+        jumps = np.isfinite(low) & np.isfinite(high) & (lap[1] - lap[0] == 1)
+        if not (rows := np.flatnonzero(jumps.any(axis=1) & np.isfinite(low).all(axis=1))).size:
+            return found
+        points, low, high, lap = points[rows], low[rows], high[rows], lap[:, rows]
+        many = lap[1] - lap[0] > 1
+        begins = np.where(many, 0.0, np.clip(low - lap, 0.0, 1.0)) * periods
+        ends = np.where(many, 1.0, np.clip(high - lap, 0.0, 1.0)) * periods
+        sides = (np.array(side)[None, None] for side in product((0, 1), repeat=len(periods)))
+        picked = ([np.take_along_axis(end, side, axis=0)[0] for end in (begins, ends)] for side in sides)
+        boxes = ([np.column_stack([points, end]) for end in pair] for pair in picked)
+        each = [apart.bounds(least, most, *parameters)[0] for least, most in boxes]
+        found[rows] = np.maximum(found[rows], np.min(each, axis=0))
+        return found
+
+    @cached_property
+    def _wraps(self) -> "tuple[Formula, Formula, FloatArray]":
+        """The formula with what `mod` gives as further coordinates; the laps that these are in; their periods."""
+        mods = [one for one in ordered(self.outputs) if one.op == "mod" and one.args[1].op == "const"]
+        mods = [one for one in mods if one.args[1].value > 0]
+        new = {one: leaf("x", self.coordinates + place) for place, one in enumerate(mods)}
+        apart = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(mods))
+        laps = tuple(make("div", *one.args) for one in mods)
+        periods = np.array([one.args[1].value for one in mods])
+        return apart, replace(self, outputs=laps, shape=(len(mods),)), periods
 
     @cached_property
     def reads(self) -> FloatArray:
@@ -331,6 +369,7 @@ class BlackBox:
     rate: Any = None
     enclosure: Callable[..., Any] | None = None
     name: str = field(default="black box", repr=False)
+    shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
         for name in ("function", "enclosure"):
@@ -387,10 +426,8 @@ class BlackBox:
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)
-        if len(values) != len(points) or not np.isfinite(values).all():
-            raise ValueError(
-                f"{self.name} must return one finite number for each of {len(points)} points, got {values}"
-            )
+        if values.shape != (shape := (len(points), *self.shape)) or not np.isfinite(values).all():
+            raise ValueError(f"{self.name} must return finite numbers of shape {shape}, got {reprlib.repr(values)}")
         return values
 
 

@@ -122,37 +122,44 @@ def _gridded(
 
 def _index(word: str, most: int) -> int:
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
-        raise ValueError(f"{word!r} must be a whole number below {most}")
+        raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 
 def alike(lines: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two texts have one structure and constants that agree to `CLOSE`; how lines are shared does not count."""
-    if not lines or not others:
-        return len(lines) == len(others)
-    one, other = ([line.split() for line in text] for text in (lines, others))
-    seen, pairs = set[tuple[int, int]](), [(len(one) - 1, len(other) - 1)]
-    while pairs:
-        pair = pairs.pop()
-        if pair in seen:
+    """Whether two texts are of one structure, and constants agree to `CLOSE`.
+
+    The graphs are followed together: constants that are one node in one text may be two nearly equal ones in the other.
+    """
+    one, other = [[line.split() for line in text] for text in (lines, others)]
+    if not one or not other or len(one[-1]) != len(other[-1]):
+        return False
+    stack, seen = list(zip(one[-1][1:], other[-1][1:], strict=True)), set[tuple[str, str]]()
+    while stack and len(seen) <= len(one) + len(other):  # one structure has no more pairs
+        if (pair := stack.pop()) in seen:
             continue
         seen.add(pair)
-        words, theirs = one[pair[0]], other[pair[1]]
-        if words[0] != theirs[0] or len(words) != len(theirs):
+        operands = _alike(one[int(pair[0])], other[int(pair[1])])
+        if operands is None:
             return False
-        for place, (a, b) in enumerate(zip(words[1:], theirs[1:], strict=True)):
-            if "0x" in a and "0x" in b:
-                if not _near(float.fromhex(a), float.fromhex(b)):
-                    return False
-            elif words[0] in ("x", "p", "const") or not a.isdecimal() or place == EXACT.get(words[0]):
-                if a != b:
-                    return False
-            else:
-                pairs.append((int(a), int(b)))
-    return True
+        stack += operands
+    return not stack
 
 
-EXACT = {"power": 1, "gridded": 0}  # the word that is no operand: an exponent, a table's number
+def _alike(words: list[str], others: list[str]) -> list[tuple[str, str]] | None:
+    """The pairs of operands of two lines; None where the lines differ in something else."""
+    op = words[0]
+    if op != others[0] or len(words) != len(others):
+        return None
+    first = 2 if op == "gridded" else 1
+    last = {"x": 1, "p": 1, "const": 1, "power": 2, "gridded": words.index("lower") if op == "gridded" else 0}
+    rest = slice(last.get(op, len(words)), None)
+    if words[1:first] != others[1:first]:
+        return None
+    for a, b in zip(words[rest], others[rest], strict=True):
+        if a != b and not ("0x" in a and "0x" in b and _near(float.fromhex(a), float.fromhex(b))):
+            return None
+    return list(zip(words[first : rest.start], others[first : rest.start], strict=True))
 
 
 def _near(a: float, b: float) -> bool:

@@ -17,6 +17,7 @@ from sdhj.formulas.arrays import (
     FLOAT,
     INSTALLED,
     REDUCED,
+    TRUTH,
     NotTraced,
     Traced,
     entries_of,
@@ -254,7 +255,7 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Seque
     given = [_argument(one, rows) for one in arguments]
     try:
         with _replaced(function, rows):
-            answer, error = traced_array(function(*given)).entries, None
+            answer, error = traced_array(function(*given)), None
     except Exception as failed:
         error = failed
     finally:
@@ -267,7 +268,9 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Seque
     if error is not None:
         error.add_note(f"while {name} was read as a formula")
         raise error
-    return answer
+    if answer.dtype == TRUTH:
+        raise ValueError(f"{name} must return real numbers, negative inside a set, got bool: a comparison")
+    return answer.entries
 
 
 def _argument(given: Any, rows: int) -> Any:

@@ -36,7 +36,7 @@ AXIS_LABELS = {
 }
 LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 State = Sequence[float] | FloatArray  # one state (ndim,)
-QUARTERS = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
+RIGHT_ANGLES = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 
 
@@ -130,7 +130,7 @@ def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
         label = grid.names[axis]
         getattr(ax, f"set_{name}label")(AXIS_LABELS.get(label, label))
         if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
-            getattr(ax, f"set_{name}ticks")(QUARTERS, QUARTER_LABELS)
+            getattr(ax, f"set_{name}ticks")(RIGHT_ANGLES, QUARTER_LABELS)
     for spine in ax.spines.values():  # the full frame: a path that leaves a periodic axis enters at its other end
         spine.set_visible(True)
     if all(grid.periodic[axis] for axis in axes):

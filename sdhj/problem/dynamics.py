@@ -8,7 +8,7 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -29,15 +29,30 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 class Velocities:
     """The velocity set at every node, in the form that the kernels take.
 
-    An interval [lower, upper] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape). If
-    the adversary couples axes or a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes,
-    ndim, D, *shape), times the bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
+    An interval [low, high] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape), or a
+    list of arrays that broadcast to the shape, each on the axes that it varies along. If the adversary couples axes or
+    a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes, ndim, D, *shape), times the
+    bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
     """
 
-    lower: FloatArray
-    upper: FloatArray
+    low: Any
+    high: Any
     drift: FloatArray | None = None
     gain: FloatArray | None = None
+    shape: tuple[int, ...] = ()
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """`low` as one array."""
+        return self._whole(self.low)
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """`high` as one array."""
+        return self._whole(self.high)
+
+    def _whole(self, ends: Any) -> FloatArray:
+        return ends if isinstance(ends, np.ndarray) else np.stack([np.broadcast_to(one, self.shape) for one in ends])
 
     @property
     def coupled(self) -> bool:
@@ -45,7 +60,11 @@ class Velocities:
 
     @property
     def nbytes(self) -> int:
-        return sum(part.nbytes for part in (self.lower, self.upper, self.drift, self.gain) if part is not None)
+        """Bytes of what is kept."""
+        ends = [
+            part.nbytes for end in (self.low, self.high) for part in ([end] if isinstance(end, np.ndarray) else end)
+        ]
+        return sum(ends) + sum(part.nbytes for part in (self.drift, self.gain) if part is not None)
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
         """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
@@ -55,13 +74,13 @@ class Velocities:
         ValueError
             If it is more than `MOST_STEPS`.
         """
-        speed = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
         rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
         count = duration * float(rate) / cfl * (1 - 1e-9)
         if count > MOST_STEPS:
             what = f"time steps for each PDE, at cfl {cfl:g}"
-            raise too_fast(grid, speed.reshape(grid.ndim, -1).max(axis=1), duration, count, what)
+            raise too_fast(grid, np.array([along.max() for along in speed]), duration, count, what)
         return int(np.ceil(count))
 
 
@@ -173,10 +192,15 @@ class Dynamics:
         ValueError
             If an array does not fit, or a function cannot be read.
         """
-        bounds = (
-            self._read("bounds", ndim, None) if self.bounds is not None else Formula((constant(0.0),), ndim, 1, (1, 1))
-        )
-        count, (_, D) = len(self.inputs), bounds.shape
+        count = len(self.inputs)
+        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
+        if self.bounds is not None:
+            bounds = self._read("bounds", ndim, None)
+        if not isinstance(bounds, Formula):
+            raise ValueError(
+                "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
+            )
+        D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
@@ -218,11 +242,12 @@ class Dynamics:
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
         """A formula of shape (L, *shape), or a black box."""
-        if name in ("bounds", "velocity") and isinstance(getattr(self, name), BlackBox):
-            raise ValueError(f"{name} cannot be a BlackBox; give drift= and gain= as black boxes")
+        if name == "velocity" and isinstance(self.velocity, BlackBox):
+            raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
         if isinstance(given, BlackBox):
-            return replace(given, name=name)
+            function = partial(_called, given.function, arguments(name, given))
+            return replace(given, function=function, name=name, shape=shape or ())
         if isinstance(given, Formula):
             return given
         if not callable(given):
@@ -257,7 +282,7 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
-    count, ndim, D = gain.shape
+    count, _, D = gain.shape
     outputs = np.array(gain.outputs, dtype=object).reshape(gain.shape)
     each = np.array(bounds.outputs, dtype=object).reshape(count, 1, D)
     scaled = [
@@ -363,7 +388,8 @@ class VectorField:
         out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         if isinstance(self.gain, Formula):
             none = [
-                np.array([is_constant(o, 0.0) for o in p.outputs]).reshape(p.shape) for p in (self.gain, self.bounds)
+                np.array([is_constant(o, 0.0) for o in p.outputs], np.bool_).reshape(p.shape)
+                for p in (self.gain, self.bounds)
             ]
             out = ~(none[0] | none[1][:, None])
         return out
@@ -372,9 +398,10 @@ class VectorField:
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)
-        for part in (self.drift, self.gain):
+        for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
-                out |= part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim).any(axis=(0, 2))
+                read = part.reads.reshape(len(self.inputs), self.ndim, -1, self.ndim) & moved
+                out |= read.any(axis=(0, 2))
             elif part is not None:
                 out[:, list(range(self.ndim) if part.reads is None else part.reads)] = True
         return out
@@ -490,7 +517,7 @@ class VectorField:
                     terms = [
                         make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
                     ]
-                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms)))
+                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms, constant(0.0))))
             out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
         return out
 
@@ -521,13 +548,22 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            box = self.each["bounds"][j].bounds(low[:1], high[:1], time)[1][0]
-            v = zip(-box, box, strict=True) if signs is None else zip(signs * box, signs * box, strict=True)
+            v = zip(*self._disturbance(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
         return least, greatest
+
+    def _disturbance(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    ) -> FloatArray:
+        """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
+        ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
+        if signs is not None:
+            return np.sort(signs * ends, axis=0)
+        most = np.abs(ends).max(axis=0)
+        return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
         drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
@@ -544,12 +580,10 @@ class VectorField:
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
-        most = np.abs(self.each["bounds"][j].bounds(low[:1], high[:1], time)).max(axis=0)[0]
-        if signs is not None:
-            ends = np.stack([gain[0] * (signs * most), gain[1] * (signs * most)])
-            return drift[0] + ends.min(axis=0).sum(axis=2), drift[1] + ends.max(axis=0).sum(axis=2)
-        push = (np.abs(gain).max(axis=0) * most).sum(axis=2) * (1 + 1e-12)
-        return drift[0] - push, drift[1] + push
+        pushes = np.stack([one * v for one in gain for v in self._disturbance(j, low, high, time, signs)])
+        least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
+        rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
+        return drift[0] + least - rounded, drift[1] + most + rounded
 
     def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
         part = getattr(self, name)
@@ -569,6 +603,12 @@ class VectorField:
         return value - far, value + far
 
 
+def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
+    """What a black box answers, called with what it takes."""
+    known = {"points": points, "u": u, "t": t}
+    return function(*(known[one] for one in takes))
+
+
 def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
     """A drift or a gain of the axes `axes` alone."""
     keep, function = list(axes), part.function
@@ -579,7 +619,7 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
         return np.asarray(function(full, *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    return BlackBox(some, reads, name=part.name, rate=part.rate)
+    return BlackBox(some, reads, name=part.name, rate=part.rate, shape=(len(keep), *part.shape[1:]))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
@@ -871,6 +911,8 @@ class Interval:
             f = dynamics.drift_at(nothing, j, t)[:, keep] * drift
             b = dynamics.gain_at(nothing, j, t)[:, keep] * dynamics.bounds_at(j, t)
         else:
+            if (box := self._hull(j, keep, t, drift)) is not None:
+                return box
             f, b, lower, upper = self._modes(j, keep, t)
             if dynamics.gain is None:
                 return Velocities(lower.min(axis=0), upper.max(axis=0))
@@ -881,6 +923,30 @@ class Interval:
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
         coupled = (np.count_nonzero(dynamics.pushes[j][keep], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
+
+    def _hull(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities | None:
+        """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""
+        dynamics = self.dynamics
+        if not dynamics.formulas or dynamics.gain is None:
+            return None
+        if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
+            return None
+        seen = sorted({*axes, *np.flatnonzero(dynamics.reads[axes].any(axis=0)).tolist()})
+        outside, swayed = tuple(seen.index(axis) for axis in seen if axis not in axes), 0
+        ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
+        for axis in axes:
+            middle = drift * self._sampled(dynamics.each["drift"][j].of([axis]), seen, t)
+            spread = np.zeros((1,) * len(seen))
+            for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
+                gain = self._sampled(dynamics.each["gain"][j].of([axis * count + d]), seen, t)
+                spread = spread + np.abs(bounds[d] * gain)
+            low, high = middle - spread, middle + spread
+            hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
+            swayed += bool((low != hull[0]).any() or (high != hull[1]).any())
+            for end, one in zip(ends, hull, strict=True):
+                end.append(one.reshape([n for place, n in enumerate(one.shape) if place not in outside]))
+        return Velocities(*ends, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, ...]:
         """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t.

@@ -415,6 +415,9 @@ class ReachAvoidProblem:
         texts, tables = self.texts
         boxes = {name: blackbox_values(self, name).tolist() for name in self.opaque}
         numbers = self.numbers | {"grid": self.numbers["grid"] | {"names": ""}}  # labels do not count
+        if self.sensing:
+            error = np.broadcast_to(self.sensing.error, self.grid.ndim).tolist()
+            numbers["sensing"] = numbers["sensing"] | {"error": error}
         numbers["sets"] = [one | {"name": ""} for one in numbers["sets"]]
         whole = json.dumps([numbers, texts, [one.digest for one in tables], boxes], sort_keys=True)
         return hashlib.sha256(whole.encode()).hexdigest()
@@ -551,7 +554,7 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest difference between neighbours along an axis, of values that have one node on axes they are alike on."""
+    """The largest difference between neighbours along an axis; 0 where there is one node, as values are alike there."""
     if values.shape[axis] == 1:
         return 0.0
     here, there = grid.edges(values, axis)
@@ -644,7 +647,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return values
 
 
-COMPARED = 1000  # values of a black box that a file keeps
+VALUES_KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 
 
@@ -661,7 +664,7 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
         axes = list(part.axes)
     lower, upper = (np.array([end[axis] for axis in axes]) for end in (problem.grid.lower, problem.grid.upper))
-    states, found = rng.uniform(lower, upper, (COMPARED // BOX_STEPS, len(axes))), []
+    states, found = rng.uniform(lower, upper, (VALUES_KEPT // BOX_STEPS, len(axes))), []
     for step in range(BOX_STEPS):
         t = step * problem.delta * problem.most_steps / BOX_STEPS
         given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
@@ -670,17 +673,17 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
     return np.concatenate(found)
 
 
-STATES = 200  # at which a formula is compared with the function that it was read from
+COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 
 
 def _states(grid: Grid) -> FloatArray:
-    """Random states on a grid, a tenth of them at nodes, ends and zeros: (STATES, ndim)."""
+    """Random states on a grid, a tenth of them at nodes, ends and zeros: (COMPARED_STATES, ndim)."""
     rng = np.random.default_rng(0)
-    states = rng.uniform(grid.lower, grid.upper, (STATES, grid.ndim))
+    states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
         inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
-        states[: STATES // 10, axis] = rng.choice(kinds, STATES // 10)
+        states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
     return grid.wrapped(states)
 
 

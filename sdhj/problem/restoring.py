@@ -1,6 +1,6 @@
 """Problems in files: their formulas as text, and the problem read again from them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from sdhj.formulas.text import FORMAT, alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, blackbox_values
-from sdhj.problem.sets import ANYWHERE, TargetSet, UnsafeSet
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
 SIZES = {"drift": ("L", "ndim"), "velocity": ("L", "ndim"), "gain": ("L", "ndim", "D"), "bounds": ("L", "D")}
 
@@ -65,20 +65,12 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
     drift = parts["velocity"] if parts["drift"] is None else parts["drift"]
     if drift is None or (parts["gain"] is None) == (parts["velocity"] is None):
         raise ValueError("it must have the formulas drift and gain, or velocity")
-    target: Any = ANYWHERE
-    unsafe: list[UnsafeSet] = []
-    for entry in head["sets"]:
-        axes = tuple(entry["axes"])
-        if entry["kind"] == "target":
-            target = TargetSet(axes, formula("target", len(axes), 1), entry["name"])
-            continue
-        level, swept = (formula(f"{kind} {len(unsafe)}", len(axes), n) for kind, n in (("unsafe", 1), ("swept", 2)))
-        unsafe.append(UnsafeSet(axes, level, swept, entry["name"], entry["sampling"]))
+    target, unsafe = _sets(head["sets"], formula)
     return ReachAvoidProblem(
         grid=head["grid"],
         dynamics=VectorField(head["inputs"], ndim, drift, parts["gain"], parts["bounds"]),
-        target=None if target is ANYWHERE else target,
-        unsafe=tuple(unsafe),
+        target=target,
+        unsafe=unsafe,
         delta=head["delta"],
         steps=head["steps"],
         view_time=head["view_time"],
@@ -86,6 +78,21 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
         recipe=head["recipe"],
         sensing=head["sensing"],
     )
+
+
+def _sets(
+    entries: Sequence[Mapping[str, Any]], formula: Callable[[str, int, int], Any]
+) -> tuple[TargetSet | None, tuple[UnsafeSet, ...]]:
+    """The target, None where there is none, and the unsafe sets of a head."""
+    target, unsafe = None, list[UnsafeSet]()
+    for entry in entries:
+        axes = tuple(entry["axes"])
+        if entry["kind"] == "target":
+            target = TargetSet(axes, formula("target", len(axes), 1), entry["name"])
+            continue
+        level, swept = (formula(f"{kind} {len(unsafe)}", len(axes), n) for kind, n in (("unsafe", 1), ("swept", 2)))
+        unsafe.append(UnsafeSet(axes, level, swept, entry["name"], entry["sampling"]))
+    return target, tuple(unsafe)
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:

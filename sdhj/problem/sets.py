@@ -136,7 +136,7 @@ class UnsafeSet:
         times = np.linspace(t0, t1, SUBSAMPLES).tolist()
         if view_time == "swept" and isinstance(self.level_set, Formula):  # a lower bound over each piece of the time
             pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
-            return reduce(np.minimum, [self.level_set.bounds(points, points, piece)[0] for piece in pieces])
+            return reduce(np.minimum, [self.level_set.least(points, piece) for piece in pieces])
         return reduce(np.minimum, [self.level_set(points, t) for t in times])
 
     def lowering(self, t0: float, t1: float, view_time: str) -> float:

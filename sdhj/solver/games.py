@@ -10,6 +10,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 (Prop. 1) instead; the two agree up to scheme error.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, reduce
@@ -225,7 +226,7 @@ class HJIGames(_OnAxes):
             each = self.counted.get(axes) or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields]
             alike = [(number, np.flatnonzero(np.equal(each, number)).tolist()) for number in sorted(set(each))]
             found = [(steps, list(range(self.count)))] if steps else alike
-            little = sum(one.nbytes for one in fields) <= GROUPED
+            little = sum(max(one.nbytes, 16 * grid.ndim * math.prod(one.shape)) for one in fields) <= GROUPED
             parts = [(some, together(grid, [fields[j] for j in some], self.scheme), n) for n, some in found if little]
             self._groups[axes, steps] = parts if all(terms is not None for _, terms, _ in parts) else []
         return self._groups.get((axes, steps), [])

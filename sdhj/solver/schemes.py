@@ -169,10 +169,16 @@ def _field(
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Arrange velocities as `stage` reads them."""
-    spacing, box = np.array(grid.spacing), (velocities.lower, velocities.upper)
-    if velocities.lower.ndim == 1 and not velocities.coupled:
+    spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
+    if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
-    terms = _field(grid, layout, box, 1, dtype).ravel(), (1.0 / spacing).astype(dtype)
+    if isinstance(box[0], np.ndarray):
+        field = _field(grid, layout, box, 1, dtype)
+    else:  # each end lies on the axes that it varies along
+        field = np.empty((2 * grid.ndim, layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width), dtype)
+        for row, one in zip(field, (*box[0], *box[1]), strict=True):
+            row[:] = _padded(grid, layout, np.broadcast_to(one.astype(dtype), grid.shape), dtype).ravel()
+    terms = field.ravel(), (1.0 / spacing).astype(dtype)
     if velocities.drift is None or velocities.gain is None:
         return terms
     return (*terms, _field(grid, layout, velocities.drift, 1, dtype), _field(grid, layout, velocities.gain, 2, dtype))

@@ -41,6 +41,7 @@ FORMAT_VERSION = 4
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 MOST_HEAD = 1 << 24  # bytes of the head
+MOST_TABLE = 1 << 27  # bytes of a table that formulas look up
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
@@ -242,11 +243,17 @@ def header(path: str | os.PathLike[str]) -> dict[str, Any]:
         return head
 
 
-def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] | None, ...] | None) -> FloatArray:
+def stored(
+    file: h5py.File,
+    name: str,
+    kinds: str,
+    shape: tuple[int | set[int] | None, ...] | None,
+    most: int | None = None,
+) -> FloatArray:
     """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
-    A shape or length of None may be any, a set lists the allowed lengths. Links, text and data in other files, with which a file
-    can be forged, are refused.
+    A shape or length of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in
+    other files, with which a file can be forged, are refused.
 
     Raises
     ------
@@ -268,6 +275,8 @@ def stored(file: h5py.File, name: str, kinds: str, shape: tuple[int | set[int] |
     )
     if not fits or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
+    if most is not None and data.nbytes > most:
+        raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")
     require(data.nbytes, f"the array {name} of the file", "close other programs")
     return data[()]
 
@@ -334,14 +343,27 @@ def checked_head(head: Any) -> dict[str, Any]:
         "steps": whole("steps", head["steps"], least=1),
         "sensing": Sensing(**head["sensing"]),
         "sets": list(head["sets"]),
-        "formulas": dict(head["formulas"]),
+        "formulas": {**head["formulas"], "opaque": dict(head["formulas"]["opaque"])},
     }
 
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
     """The tables that formulas look up, and the values of black boxes, by name."""
-    names = [f"{group}/{name}" for group in ("tables", "opaque") if group in file for name in file[group]]
-    return {name: stored(file, name, "float64", None) for name in names}
+    found: dict[str, FloatArray] = {}
+    for group in ("tables", "opaque"):
+        if file.get(group, getlink=True) is None:
+            continue
+        if not isinstance(file.get(group, getlink=True), h5py.HardLink) or file.get(group, getclass=True) != h5py.Group:
+            raise ValueError(f"its {group} are no group of arrays")
+        names = [f"{group}/{name}" for name in file[group]]
+        found |= {name: stored(file, name, "float64", None, MOST_TABLE) for name in names}
+    return found
+
+
+def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
+    """The tables that formulas look up, in the order of their numbers."""
+    found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
+    return [found[number] for number in range(len(found))]
 
 
 def problem_of_file(
@@ -359,8 +381,7 @@ def problem_of_file(
     """
     if problem is None:
         try:
-            tables = [values for name, values in sorted(arrays.items(), key=_number) if name.startswith("tables/")]
-            return problem_from(head, tables)
+            return problem_from(head, tables_of(arrays))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             raise TableFileError(f"the problem of {path} cannot be read: {error}") from error
     if problem.steps is None and head["details"].get("endless"):
@@ -371,7 +392,3 @@ def problem_of_file(
             f"{problem.name!r} is {problem.digest[:12]}...; {other}"
         )
     return problem
-
-
-def _number(entry: tuple[str, Any]) -> int:
-    return int(entry[0].split("/")[1]) if entry[0].startswith("tables/") else -1

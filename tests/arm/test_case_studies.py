@@ -25,6 +25,7 @@ OBSTACLES = [
     {"radius": 0.04, "path": {"kind": "line", "start": [0.24, -0.02], "velocity": [-0.10, 0.12]}},
     {"radius": 0.04, "path": {"kind": "circle", "centre": [0.0, -0.22], "radius": 0.07, "rate": 2.0, "phase": -1.0}},
 ]
+FASTEST = math.hypot(0.10, 0.12)  # speed of the fastest obstacle, m/s
 
 
 def small(**changes):
@@ -44,10 +45,11 @@ def test_the_canonical_problem():
     assert (problem.delta, problem.steps, problem.view_time) == (0.1, 8, "swept")
     levels = (-3.0, -1.5, 0.0, 1.5, 3.0)
     assert problem.inputs.tolist() == [list(u) for u in itertools.product(levels, levels)]  # first component slowest
-    assert dynamics.drift.tolist() == [[*u, 0.0, 0.0] for u in problem.inputs.tolist()]
-    assert dynamics.gain.tolist() == np.eye(4).tolist() and dynamics.bounds.tolist() == [0.3, 0.3, 0.2, 0.2]
+    drift, gain, bounds = dynamics.arrays
+    assert drift.tolist() == [[*u, 0.0, 0.0] for u in problem.inputs.tolist()]
+    assert gain.tolist() == np.eye(4).tolist() and bounds.tolist() == [0.3, 0.3, 0.2, 0.2]
     assert [part.axes for part in problem.unsafe] == [(0, 1), (0, 1, 2, 3)]
-    assert [part.rate for part in problem.unsafe] == [pytest.approx(math.hypot(0.10, 0.12)), 0.0]
+    assert [part.moving for part in problem.unsafe] == [True, False] and not problem.opaque
     # Two independent prototypes have the share of the nodes in the target and safe at step 0 at 0.025.
     assert (problem.goal(0) <= 0).mean() == pytest.approx(0.025, abs=0.0005)
 
@@ -70,7 +72,7 @@ def test_level_sets_match_plain_loops(kinematics, rng):
 def test_evader_level_sets_match_plain_loops(rng):
     problem = evader_case_study(7)
     assert problem.target.axes == (0, 1, 2, 3) and [part.axes for part in problem.unsafe] == [(0, 1)]
-    assert problem.dynamics.bounds.tolist() == [0.3, 0.3, 0.1, 0.1]
+    assert problem.dynamics.arrays[2].tolist() == [0.3, 0.3, 0.1, 0.1]
     states = rng.uniform(-1.0, 1.0, (150, 4)) * [math.pi, math.pi, 0.36, 0.36]
     target, unsafe = problem.target_value(states, 0.2), problem.unsafe_value(states, 0.2)
     for m, (q1, q2, px, py) in enumerate(states):
@@ -99,7 +101,7 @@ def test_swept_contains_the_obstacles_at_every_time(rng):
         swept = known.over(q, t0, t1, "swept")
         least = np.minimum.reduce([known.level_set(q, t) for t in np.linspace(t0, t1, 201)])
         assert (swept <= least + ROUNDING).all()
-        assert (swept >= least - known.rate * 0.1 / 200 / 2 - ROUNDING).all()
+        assert (swept >= least - FASTEST * 0.1 / 200 / 2 - ROUNDING).all()
 
 
 def test_sampled_is_a_subset_of_swept_at_the_nodes_and_a_proper_one():
@@ -110,7 +112,7 @@ def test_sampled_is_a_subset_of_swept_at_the_nodes_and_a_proper_one():
     ]
     assert np.min(gaps) >= -ROUNDING
     # 20 samples can miss half a gap of the fastest obstacle, 0.41 mm, and not more
-    assert 1e-4 < np.max(gaps) <= known.rate * 0.1 / 19 / 2 + ROUNDING
+    assert 1e-4 < np.max(gaps) <= FASTEST * 0.1 / 19 / 2 + ROUNDING
 
 
 def test_sampled_misses_a_collision_with_a_canonical_obstacle():
@@ -136,11 +138,14 @@ def test_sampled_misses_a_thin_fast_obstacle_altogether():
     assert known.over(upright, 0.0, 0.1, "swept")[0] == pytest.approx(-0.012, abs=ROUNDING)
 
 
-def test_the_rate_bounds_the_change_in_time(rng):
+def test_the_fastest_obstacle_bounds_the_change_in_time(rng):
+    """And so do bounds of the formula over a short time, at points."""
     known = small().unsafe[0]
     q = rng.uniform(-math.pi, math.pi, (300, 2))
     change = np.abs(known.level_set(q, 0.41) - known.level_set(q, 0.4)) / 0.01
-    assert 0.5 * known.rate < change.max() <= known.rate * (1 + 1e-9)
+    assert 0.5 * FASTEST < change.max() <= FASTEST * (1 + 1e-9)
+    least, greatest = known.level_set.bounds(q, q, (0.4, 0.41))
+    assert (change * 0.01 <= greatest - least).all()
 
 
 def test_without_moving_obstacles_the_unsafe_set_is_static():

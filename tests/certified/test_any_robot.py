@@ -12,8 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import robots
+import toys
 from click.testing import CliRunner
-from forging import forged
+from forging import describe, forged
 from naive_certified import states_in
 from robots import car
 
@@ -38,11 +39,11 @@ def test_a_car_grows_and_is_proved(saved, rng):
     table, path = saved
     assert table.proof.low.shape[2] == 38  # its images by heading alone
     assert table.fraction(start=0, within=4) > 1.8 * table.fraction(start=0, within=0) > 0.01
-    assert (verdict := verify(path, car(), progress=False)).ok, str(verdict)
-    assert verify(path, car(), samples=500, progress=False).ok
+    assert (verdict := verify(path, progress=False)).ok, str(verdict)
+    assert verify(path, samples=500, progress=False).ok
     report = sdhj.monte_carlo(sdhj.Controller(table), 1000, "worst", seed=1, progress=False)
     assert report.counts["reached"] == 1000
-    again = sdhj.load(path, problem=car())
+    again = sdhj.load(path)
     states = states_in(table, rng, 500)
     np.testing.assert_array_equal(again.certified_inputs(states, 0, 4), table.certified_inputs(states, 0, 4))
 
@@ -57,7 +58,7 @@ def play_and_check(seed, tmp_path, runs):
         outcomes = robot.outcomes(table, adversary, np.random.default_rng(seed), runs)
         assert set(outcomes) == {"reached"}, (seed, adversary)
     table.save(tmp_path / "robot.h5")
-    assert (verdict := verify(tmp_path / "robot.h5", problem, samples=300, progress=False)).ok, f"{seed}: {verdict}"
+    assert (verdict := verify(tmp_path / "robot.h5", samples=300, progress=False)).ok, f"{seed}: {verdict}"
     return table.fraction(start=0, within=robot.steps) > 1.1 * table.fraction(start=0, within=0)
 
 
@@ -89,7 +90,7 @@ def test_staying_clear_for_ever(tmp_path, rng):
     fast = np.maximum(states[:, 1], 0) ** 2 / (2 * 3.2)
     assert not (inside & (states[:, 0] + fast > 1)).any() and inside.mean() > 0.4
     table.save(tmp_path / "cart.h5")
-    assert (verdict := verify(tmp_path / "cart.h5", cart(), progress=False)).ok, str(verdict)
+    assert (verdict := verify(tmp_path / "cart.h5", progress=False)).ok, str(verdict)
     states = states[inside][:300]
     for _ in range(10 * table.steps):
         safe = table.certified_inputs(states, 0, 1)
@@ -142,11 +143,11 @@ def all_clear(arrays):
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_planted_faults_are_found(name, straight, tmp_path):
-    (claim, plant), (problem, path) = FAULTS[name], straight
-    path = shutil.copy(path, tmp_path / "faulty.h5")
+    claim, plant = FAULTS[name]
+    path = shutil.copy(straight, tmp_path / "faulty.h5")
     with forged(path) as (told, arrays):
         plant(told, arrays)
-    verdict = verify(path, problem, progress=False)
+    verdict = verify(path, progress=False)
     assert any(claim in one.name and one.failed for one in verdict.claims), str(verdict)
 
 
@@ -167,89 +168,91 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     gone = table.contains([[0.95, 0.5], [0.05, 0.5], [0.05, 0.9]], start=0, within=4)
     assert gone.tolist() == [True, False, True]
     table.save(tmp_path / "stream.h5")
-    assert (verdict := verify(tmp_path / "stream.h5", stream(), progress=False)).ok, str(verdict)
+    assert (verdict := verify(tmp_path / "stream.h5", progress=False)).ok, str(verdict)
     walled = replace(stream(), grid=sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=["unsafe", "wall"]))
-    verdict = verify(tmp_path / "stream.h5", walled, progress=False)
+    describe(tmp_path / "stream.h5", walled)
+    verdict = verify(tmp_path / "stream.h5", progress=False)
     assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in verdict.claims)
 
 
 def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setitem(sys.modules, "cars", SimpleNamespace(problem=car, number=lambda: 3, broken=lambda: 1 / 0))
+    monkeypatch.setitem(sys.modules, "lines", SimpleNamespace(problem=hidden, number=lambda: 3, broken=lambda: 1 / 0))
 
-    def asked(*options):
-        return CliRunner().invoke(main, ["verify", str(saved[1]), "--samples", "300", *options])
+    def asked(path, *options):
+        return CliRunner().invoke(main, ["verify", str(path), "--samples", "300", *options])
 
-    done = asked("--problem", "cars:problem")
+    done = asked(saved[1])
     assert done.exit_code == 0 and "moves: " in done.output and "NOT proved" not in done.output, done.output
+    path = tmp_path / "line.h5"
+    sdhj.solve(hidden(), sdhj.Certified(cells=[80]), progress=False).save(path)
+    done = asked(path, "--problem", "lines:problem")
+    assert done.exit_code == 0 and "rests on what is stated of wall" in done.output, done.output
     for wrong, told in {
-        "cars": "must be module:function",
+        "lines": "must be module:function",
         "nowhere:problem": "failed with ModuleNotFoundError",
-        "cars:none": "failed with AttributeError",
-        "cars:broken": "failed with ZeroDivisionError",
-        "cars:number": "must return a ReachAvoidProblem, got 3",
+        "lines:none": "failed with AttributeError",
+        "lines:broken": "failed with ZeroDivisionError",
+        "lines:number": "must return a ReachAvoidProblem, got 3",
     }.items():
-        done = asked("--problem", wrong)
+        done = asked(path, "--problem", wrong)
         assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
-    done = asked()
+    done = asked(path)
     assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
+
+
+STRAIGHT = ((0.5, 0.0), (1.0, 0.0))
 
 
 @pytest.fixture(scope="module")
 def straight(tmp_path_factory):
     """A car that drives straight on: a move that cannot be proved is looked at in ever smaller pieces, so few moves."""
-    problem, path = car(), tmp_path_factory.mktemp("straight") / "car.h5"
-    problem = replace(problem, dynamics=replace(problem.dynamics, inputs=[[0.5, 0.0], [1.0, 0.0]]))
+    problem, path = car(inputs=STRAIGHT), tmp_path_factory.mktemp("straight") / "car.h5"
     table = sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 12), parts=4), progress=False)
     assert table.fraction(start=0, within=4) > table.fraction(start=0, within=0) > 0
     table.save(path)
-    assert verify(path, problem, samples=300, progress=False).ok
-    return problem, path
+    assert verify(path, samples=300, progress=False).ok
+    return path
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"bounds": [0.2, 0.2]},
-        {
-            "drift": lambda q, u: np.stack(
-                [1.2 * u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), 0 * q[:, 2] + u[1]], axis=1
-            )
-        },
-        {"unsafe": lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5},
-        {"target": lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.35},
-    ],
-)
-def test_claims_of_another_problem_are_not_proved(change, straight):
+@pytest.mark.parametrize("change", [{"bound": 0.2}, {"speed": 1.2}, {"post": 0.5}, {"goal": 0.35}])
+def test_claims_of_another_problem_are_not_proved(change, straight, tmp_path):
     """The file's arrays fit; what it says does not hold for this robot."""
-    (problem, path), told = straight, dict(change)
-    if "unsafe" in told:
-        told["unsafe"] = [sdhj.UnsafeSet((0, 1), told["unsafe"], name="post")]
-    if "target" in told:
-        told["target"] = sdhj.TargetSet((0, 1), told["target"])
-    moving = {name: told.pop(name) for name in ("bounds", "drift") if name in told}
-    given = {name: getattr(problem.dynamics, name) for name in ("inputs", "drift", "gain", "bounds")} | moving
-    other = {name: getattr(problem, name) for name in ("grid", "target", "unsafe", "delta", "steps")} | told
-    problem = sdhj.ReachAvoidProblem(dynamics=sdhj.Dynamics(**given), **other)
-    assert not verify(path, problem, samples=300, progress=False).ok
+    path = shutil.copy(straight, tmp_path / "other.h5")
+    describe(path, car(inputs=STRAIGHT, **change))
+    assert not verify(path, samples=300, progress=False).ok
+
+
+def hidden(**declared):
+    """A wall that nobody can look into: its author states how steep it is."""
+    problem = toys.interval_problem(steps=2)
+    wall = sdhj.BlackBox(lambda p, t: [3.0 - float(x) for (x,) in p], **({"slope": 1.0, "rate": 0.0} | declared))
+    return replace(problem, unsafe=(sdhj.UnsafeSet((0,), wall, name="wall"),))
 
 
 def test_what_it_rests_on_is_said(tmp_path):
-    """A function that nobody can look into: the file holds what its author states, and the verdict says so."""
-    from toys import interval_problem
-
-    problem = interval_problem(steps=2)
-    wall = problem.unsafe[0]
-    hidden = sdhj.UnsafeSet((0,), lambda p, t: wall.level_set(np.array(p, dtype=float), t), name="wall")
-    given = {name: getattr(problem, name) for name in ("grid", "dynamics", "target", "delta", "steps")}
-    problem = sdhj.ReachAvoidProblem(unsafe=[hidden], **given)
-    bounds = sdhj.certified.LipschitzBounds(sets={"wall": [1.0]})
-    table = sdhj.solve(problem, sdhj.Certified(cells=[80], bounds=bounds), progress=False)
-    table.save(tmp_path / "line.h5")
-    verdict = verify(tmp_path / "line.h5", problem, progress=False)
+    """The function is not in the file: it is needed beside it, and the verdict says what is believed of it."""
+    path = tmp_path / "line.h5"
+    sdhj.solve(hidden(), sdhj.Certified(cells=[80]), progress=False).save(path)
+    verdict = verify(path, hidden(), progress=False)
     assert verdict.ok and "rests on what is stated of wall" in str(verdict)
-    with pytest.raises(ValueError, match="--problem module:function"):
-        verify(tmp_path / "line.h5")
-    with forged(tmp_path / "line.h5") as (told, _):
-        assert told["proof"]["sets"] == {"wall": [1.0]}
+    with pytest.raises(ValueError, match=r"black boxes.*unsafe 0.*--problem module:function"):
+        verify(path)
+    with pytest.raises(ValueError, match="the problem given must have the black box"):
+        verify(path, toys.interval_problem(steps=2))
+    with pytest.raises(ValueError, match="must have an enclosure, or a slope and a rate"):
+        verify(path, hidden(slope=None), progress=False)
+    steep = verify(path, hidden(slope=50.0), progress=False)
+    assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in steep.claims)
+
+
+def test_a_black_box_may_have_an_enclosure(tmp_path):
+    def declared(low, high, t0, t1):
+        return 3.0 - high[:, 0], 3.0 - low[:, 0]
+
+    path = tmp_path / "line.h5"
+    given = hidden(enclosure=declared, slope=None)
+    sdhj.solve(given, sdhj.Certified(cells=[80]), progress=False).save(path)
+    verdict = verify(path, given, progress=False)
+    assert verdict.ok and "rests on what is stated of wall" in str(verdict)

@@ -41,9 +41,9 @@ def test_tubes_hold_every_sampled_motion(small, clear, rng):
         low = np.array([own[i] for own, i in zip(edges, cell, strict=True)])
         high = np.array([own[i + 1] for own, i in zip(edges, cell, strict=True)])
         states = np.where(rng.random((16, 4)) < 0.7, rng.choice([low, high], (16,)), rng.uniform(low, high, (16, 4)))
-        push = rng.choice([-1.0, 1.0], (16, 4)) * problem.dynamics.bounds
+        push = rng.choice([-1.0, 1.0], (16, 4)) * problem.dynamics.bounds_at()
         for tau in np.linspace(0.0, problem.delta, 9):
-            moved = states + tau * (problem.dynamics.drift[j] + push)
+            moved = states + tau * (problem.dynamics.arrays[0][j] + push)
             t = problem.time(step) + tau
             clearance = np.minimum(stage.obstacles_value(moved[:, :2], t), stage.pursuer_value(moved, t))
             least = min(least, clearance.min())

@@ -9,9 +9,8 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CELLS, GENERAL, BOUNDS, INTERVALS = (
-    f"certified/{name}.py" for name in ("cells", "general_proof", "bounds", "enclosures")
-)
+CELLS, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "general_proof", "bounds"))
+DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
 LATTICES = GUESSES = GENERAL
 PACKED, LINKS, CONTACT, STENCILS = (f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils"))
 FARTHER = "test_no_prediction_is_farther"
@@ -80,7 +79,7 @@ MUTATIONS = {
         "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
         GROWTH,
     ),
-    "push of the adversary": (BOUNDS, "Enclosure(-push, push)", "0.0", GROWTH),
+    "push of the adversary": (DYNAMICS, "ends.append(make(op, one, reduce(", "ends.append(one or (reduce(", GROWTH),
     "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", GROWTH),
     "tube between the parts": (
         GENERAL,
@@ -94,7 +93,13 @@ MUTATIONS = {
         "velocity[2 + side][:, axis] = least_most[0]",
         "test_damped_motion",
     ),
-    "change with time": (BOUNDS, "time * ((t1 - t0) / 2)", "0.0", "test_timed_growth_holds"),
+    "change with time": (DYNAMICS, "* ((time[1] - time[0]) / 2)", "* 0.0", "test_timed_growth_holds"),
+    "a box that grows": (
+        DYNAMICS,
+        "return np.sort(signs * ends, axis=0)",
+        "return np.stack([signs * ends[1]] * 2)",
+        "test_bounds_that_change",
+    ),
     "time of an interval": (
         GENERAL,
         "[start + begin, start + end]",
@@ -115,12 +120,12 @@ MUTATIONS = {
         "test_bounds_of_a_lattice",
     ),
     "rate of a set": (
-        BOUNDS,
-        "moved = rate * half if rate and half else 0.0",
-        "moved = 0.0",
+        BLACK_BOXES,
+        "(time[1] - time[0]) / 2 * float(self.rate or 0.0)",
+        "0.0",
         "test_general_bounds_hold",
     ),
-    "size of a box": (BOUNDS, "far = reach @ bounds if", "far = 0.0 if", "test_general_bounds_hold"),
+    "size of a box": (BLACK_BOXES, "slope * np.sqrt((half**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
     "where an axis closes": (BOUNDS, "np.minimum.at(least", "(lambda *_: None)(least", "test_a_box_across"),
     "all cells of an image": (
         STENCILS,
@@ -144,7 +149,7 @@ MUTATIONS = {
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
     "push of the adversary meanwhile": (GUESSES, "self._ends(self.any, box)", "self._ends(self.calm, box)", FARTHER),
-    "open sides of a jump": (INTERVALS, "np.where(some, np.minimum(a, c), c)", "c", SAMPLES),
+    "open sides of a jump": (TAPE, "lesser(b[0, m], c[0, m]))", "c[0, m])", SAMPLES),
 }
 COMPILED = {
     "slack",

@@ -9,7 +9,7 @@ from robots import random_robot
 from toys import interval_problem, unicycle_problem
 
 import sdhj
-from sdhj.certified.bounds import Bounds, LipschitzBounds
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import cells_of
 from sdhj.certified.losing import MOST_VERTICES, LosingProof
 from sdhj.certified.table import lost_cells
@@ -111,15 +111,16 @@ def test_every_claim_is_borne_out_by_an_adversary(seed):
     assert tried > 250 and table.unknown(start=0, within=problem.steps) < 0.9
 
 
-def test_one_vertex_is_bounded_by_what_is_stated_too(rng):
-    """Where intervals cannot follow: velocities at samples lie between the bounds, which one vertex makes narrower."""
+def test_one_vertex_is_bounded_by_what_is_declared_too(rng):
+    """Of a black box: velocities at samples lie between the bounds, which one vertex makes narrower."""
     problem = interval_problem()
-    bent = sdhj.Dynamics([[1.0]], lambda q, u: np.interp(q, [-4, 0, 4], [-1, 1, 0]), [[0.5]], [0.4])
+    drift = sdhj.BlackBox(lambda q, u, t: np.interp(q, [-4, 0, 4], [-1, 1, 0]), slope=0.5, rate=0.0)
+    bent = sdhj.Dynamics([[1.0]], drift, [[0.5]], [0.4])
     problem = sdhj.ReachAvoidProblem(problem.grid, bent, problem.target, problem.unsafe, 0.5, 3)
-    stated, low = LipschitzBounds(dynamics=[[0.5]]).checked(problem), rng.uniform(-3.9, 3.5, (200, 1))
+    low = rng.uniform(-3.9, 3.5, (200, 1))
     widths, exact = [], np.interp(low + 0.15, [-4, 0, 4], [-1, 1, 0])
     for sign in (-1.0, 1.0, None):
-        bounds = Bounds(problem, stated, None if sign is None else np.array([sign]))
+        bounds = Bounds(problem, None if sign is None else np.array([sign]))
         least, most = bounds.velocity(0, low, low + 0.3, 0.0, 0.0)
         assert all(
             ((least <= exact + s * 0.2) & (exact + s * 0.2 <= most)).all() for s in ((sign,) if sign else (-1, 1))
@@ -138,4 +139,4 @@ def test_what_is_refused():
     many = sdhj.Dynamics([[0.0]], [[0.0]], np.ones((1, 7)), [0.1] * 7)
     crowded = sdhj.ReachAvoidProblem(problem.grid, many, problem.target, (), 0.5, 3)
     with pytest.raises(ValueError, match=f"128 vertices; at most {MOST_VERTICES}"):
-        LosingProof.against(crowded, solved(problem, cells=(40,)).axes, 4, LipschitzBounds())
+        LosingProof.against(crowded, solved(problem, cells=(40,)).axes, 4)

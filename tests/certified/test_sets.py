@@ -79,11 +79,15 @@ def test_options_are_checked(options, message):
         sdhj.Certified(**options).sets(sdhj.arm_case_study(**SMALL))
 
 
-def test_a_case_study_that_was_changed_is_refused():
-    """Its proof would be of what the recipe says: with a target, without the set added here."""
-    arm = sdhj.arm_case_study(nodes=9, steps=2)
+def test_a_case_study_that_was_changed_is_proved_as_any_robot(rng):
+    """The arm's own proof would be of what the recipe says: with a target, without the set added here."""
+    arm = sdhj.arm_case_study(**SMALL)
     wall = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.3, name="wall")
-    with pytest.raises(ValueError, match=r"what arm_case_study builds, and this problem, with no target, is another"):
-        sdhj.solve(dataclasses.replace(arm, target=None), sdhj.Certified(cells=(20, 20, 12, 12)))
-    with pytest.raises(ValueError, match=r"with other parts, is another: build it with other arguments, or give"):
-        sdhj.solve(dataclasses.replace(arm, unsafe=(*arm.unsafe, wall)), sdhj.Certified(cells=(20, 20, 12, 12)))
+    still = sdhj.arm_case_study(**(SMALL | {"nodes": 9, "u_max": 0.5, "v_d_max": 0.1, "v_p_max": 0.1, "steps": 1}))
+    for changed in (dataclasses.replace(still, target=None), dataclasses.replace(arm, unsafe=(*arm.unsafe, wall))):
+        table = sdhj.solve(changed, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False)
+        assert table.proof.kind == "enclosed" and table.fraction(start=0, within=1) > 0.001
+        states = naive.states_in(table, rng, 2000)
+        assert (changed.unsafe_value(states, 0.0) > 0).all()
+        naive.assert_runs_succeed(table, states, rng, pieces=4)
+    assert (np.abs(states[:, 0]) > 0.3).all()

@@ -4,7 +4,6 @@ Nothing of the library moves a state here: `judge` integrates the functions of a
 """
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 
 import judge
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.certified import LipschitzBounds
 from sdhj.certified.general_proof import GeneralProof
 
 
@@ -21,7 +19,8 @@ from sdhj.certified.general_proof import GeneralProof
 class Case:
     """dx = drift(x, u, t) + gain(u, t) v with |v| <= bound(u, t) on each axis; the target is a ball about centre(t).
 
-    unsafe: x_1 >= wall + rate t. matrix and time are the Lipschitz bounds, worked out by hand.
+    unsafe: x_1 >= wall + rate t. slope and pace bound how fast the drift changes along each axis and with time, worked
+    out by hand, for one who may not read it.
     """
 
     inputs: tuple
@@ -32,39 +31,33 @@ class Case:
     radius: float
     wall: float
     rate: float
-    matrix: object
-    time: object
+    slope: object
+    pace: object
     cells: tuple
     delta: float = 0.4
     steps: int = 3
 
     @property
     def ndim(self):
-        return len(self.time)
+        return len(self.pace)
 
-    def problem(self):
+    def problem(self, drift=None):
         eye = np.eye(self.ndim)
-        stateless = not np.any(self.matrix)
-        drift = (
-            (lambda u, t: self.drift(np.zeros((1, self.ndim)), u, t)[0])
-            if stateless
-            else (lambda points, u, t: self.drift(points, u, t))
-        )
         dynamics = sdhj.Dynamics(
             self.inputs,
-            drift,
+            drift or (lambda x, u, t: self.drift(x, u, t)),
             lambda u, t: self.gain(u, t) * eye,
-            lambda u, t: np.full(self.ndim, self.bound(u, t)),
+            lambda u, t: np.stack([self.bound(u, t)] * self.ndim),
         )
         grid = sdhj.Grid([-3.0] * self.ndim, [3.0] * self.ndim, [31] * self.ndim)
         target = sdhj.TargetSet(tuple(range(self.ndim)), self.target)
         wall = sdhj.UnsafeSet((0,), self.unsafe, name="wall")
         return sdhj.ReachAvoidProblem(grid, dynamics, target, (wall,), self.delta, self.steps)
 
-    def bounds(self, scale=1.0):
-        sets = {"target": [1.0] * self.ndim, "wall": [1.0]}
-        matrix = self.matrix if np.any(self.matrix) else None
-        return LipschitzBounds(matrix, sets, scale * np.array(self.time))
+    def black_box(self, **changed):
+        """The same with a drift that cannot be read."""
+        declared = {"slope": self.slope, "rate": self.pace} | changed
+        return self.problem(sdhj.BlackBox(self.drift, **declared))
 
     def target(self, points, t):
         return np.sqrt(((points - self.centre(t)) ** 2).sum(axis=1)) - self.radius
@@ -85,29 +78,29 @@ CASES = {
     # a current that turns within an interval and is about as fast as the robot; gusts that grow with speed
     "tide": Case(
         inputs=((-1.5,), (0.0,), (1.5,)),
-        drift=lambda x, u, t: u + 1.2 * math.sin(5.0 * t) + 0.0 * x,
-        gain=lambda u, t: 1.0 + 0.5 * math.cos(3.0 * t),
-        bound=lambda u, t: 0.05 + 0.04 * abs(u[0]),
+        drift=lambda x, u, t: u + 1.2 * np.sin(5.0 * t) + 0.0 * x,
+        gain=lambda u, t: 1.0 + 0.5 * np.cos(3.0 * t),
+        bound=lambda u, t: 0.05 + 0.04 * np.abs(u[0]),
         centre=lambda t: 0.3 * t,
         radius=0.7,
         wall=1.7,
         rate=-0.3,
-        matrix=[[0.0]],
-        time=[6.0 + 1.5 * 0.11],
+        slope=[[0.0]],
+        pace=[6.0],
         cells=(240,),
     ),
     # also the place matters, and the adversary's bound dies down
     "eddy": Case(
         inputs=tuple((a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)),
-        drift=lambda x, u, t: u * (1.0 - 0.2 * math.sin(2.0 * t)) + 0.4 * np.sin(2.0 * t + x[:, ::-1]),
-        gain=lambda u, t: 1.0 + 0.1 * math.sin(2.0 * t) * u[0],
-        bound=lambda u, t: 0.06 + 0.06 * math.exp(-2.0 * t),
+        drift=lambda x, u, t: u * (1.0 - 0.2 * np.sin(2.0 * t)) + 0.4 * np.sin(2.0 * t + x[:, ::-1]),
+        gain=lambda u, t: 1.0 + 0.1 * np.sin(2.0 * t) * u[0],
+        bound=lambda u, t: 0.06 + 0.06 * np.exp(-2.0 * t),
         centre=lambda t: 0.1,
         radius=0.9,
         wall=1.6,
         rate=0.2,
-        matrix=[[0.0, 0.4], [0.4, 0.0]],
-        time=[0.4 + 0.8 + 0.2 * 0.12 + 1.1 * 0.12] * 2,
+        slope=[[0.0, 0.4], [0.4, 0.0]],
+        pace=[0.4 + 0.8] * 2,
         cells=(90, 90),
     ),
 }
@@ -117,17 +110,17 @@ CASES = {
 def proved(request):
     """A case and its table."""
     case = CASES[request.param]
-    return case, sdhj.solve(case.problem(), sdhj.Certified(cells=case.cells, bounds=case.bounds()), progress=False)
+    return case, sdhj.solve(case.problem(), sdhj.Certified(cells=case.cells), progress=False)
 
 
 @pytest.mark.parametrize("parts", [1, 4])
 @pytest.mark.parametrize("name", CASES)
-def test_timed_growth_holds_every_motion(name, parts, rng):
+@pytest.mark.parametrize("opaque", [False, True], ids=["formula", "black box"])
+def test_timed_growth_holds_every_motion(name, opaque, parts, rng):
     """In the tube of each part and in the image, whenever the interval begins."""
     case = CASES[name]
-    problem = case.problem()
-    method = sdhj.Certified(cells=[60] * case.ndim, parts=parts)
-    proof = GeneralProof.of(problem, method.axes(problem), parts, case.bounds())
+    problem = case.black_box() if opaque else case.problem()
+    proof = GeneralProof.of(problem, sdhj.Certified(cells=[60] * case.ndim).axes(problem), parts)
     every, edges = range(case.ndim), proof.layout.edges
     for start, j in itertools.product((0.0, 0.31, 0.8), range(0, len(case.inputs), 2)):
         cells = rng.integers(15, 45, (100, case.ndim))
@@ -197,8 +190,8 @@ def test_every_step_leads_one_nearer(proved, rng):
 def test_who_ignores_time_proves_what_is_not_so(rng):
     """The case needs its clock: sets that are proved for the dynamics of t = 0 lose runs of the real ones."""
     case = CASES["tide"]
-    frozen = replace(case, drift=lambda x, u, t: case.drift(x, u, 0.0), gain=lambda u, t: case.gain(u, 0.0), time=[0.0])
-    table = sdhj.solve(frozen.problem(), sdhj.Certified(cells=case.cells, bounds=frozen.bounds()), progress=False)
+    frozen = replace(case, drift=lambda x, u, t: case.drift(x, u, 0.0), gain=lambda u, t: case.gain(u, 0.0))
+    table = sdhj.solve(frozen.problem(), sdhj.Certified(cells=case.cells), progress=False)
     states = naive.states_in(table, rng, 3000)
     left = naive.steps_to_go(table, states, 0)
     states, left = states[left > 0], left[left > 0]
@@ -210,10 +203,10 @@ def test_who_ignores_time_proves_what_is_not_so(rng):
 
 
 def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
-    case, table = proved
+    _, table = proved
     table.save(tmp_path / "timed.h5")
-    again = sdhj.load(tmp_path / "timed.h5", problem=case.problem())
-    np.testing.assert_array_equal(again.proof.stated.time, case.time)
+    again = sdhj.load(tmp_path / "timed.h5")
+    assert again.problem.dynamics.timed and again.problem.digest == table.problem.digest
     states = naive.states_in(table, rng, 500)
     for within in (1, 3):
         np.testing.assert_array_equal(
@@ -223,20 +216,15 @@ def test_timed_proofs_survive_a_file(proved, tmp_path, rng):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_bound_in_time_is_asked_for_and_looked_at(name):
-    case, ndim = CASES[name], CASES[name].ndim
-    problem, bounds = case.problem(), case.bounds()
+def test_a_rate_is_asked_for_where_nothing_can_be_read(name):
+    case = CASES[name]
 
-    def certified(time):
-        return sdhj.Certified(cells=[20] * ndim, bounds=replace(bounds, time=time)).sets(problem)
+    def asked(problem):
+        proof = sdhj.Certified(cells=[20] * case.ndim).proof(problem)
+        return proof.reached(np.array([0]), 0, 0.0, 1)
 
-    with pytest.raises(
-        ValueError, match=r"dynamics of .* cannot be bounded .* bounds=LipschitzBounds\(dynamics=..., time=...\)"
-    ):
-        certified(None)
-    for wrong in (np.ones(ndim + 1), np.full(ndim, -1.0), np.full(ndim, np.inf)):
-        with pytest.raises(ValueError, match=rf"time of LipschitzBounds must be {ndim} finite numbers >= 0"):
-            certified(wrong)
-    with pytest.raises(ValueError, match=r"velocity along .* under input 0 changes by .* s, and its Lipschitz bound"):
-        certified(0.1 * np.array(case.time))
-    certified(case.time)  # the true one is not refuted
+    with pytest.raises(ValueError, match="drift is a BlackBox without a rate or an enclosure, which a proof needs"):
+        asked(case.black_box(rate=None))
+    with pytest.raises(ValueError, match="rate of a BlackBox must be finite and at least 0"):
+        case.black_box(rate=[-1.0] * case.ndim)
+    assert np.isfinite(asked(case.black_box())[1]).all()

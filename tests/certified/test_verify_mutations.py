@@ -8,9 +8,11 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-CLAIMS, READING, SEPARATION, ROWS, BITS = (
-    f"certified/check/{name}.py" for name in ("claims", "reading", "separation", "rows", "bits")
+CLAIMS, READING, SEPARATION, ROWS, BITS, INTERVALS, FORMULAS = (
+    f"certified/check/{name}.py"
+    for name in ("claims", "reading", "separation", "rows", "bits", "intervals", "formulas")
 )
+EXACT, FORMS, TABLES, TEXT = "test_every_exact", "test_closed_forms", "test_tables_are_interpolated", "test_what_is_no"
 COVER, LISTS, REFUSED = "test_cells_that_do_not", "test_image_lists", "test_numbers_beyond"
 ROW, CLEAR, FLAGS = "test_nothing_that_samples", "test_what_is_proved", "test_flags_that"
 FARTHER, DISK, HAIR, HALF = "test_no_point", "test_a_disk_stays", "test_contact_is_met", "test_half_planes_prove"
@@ -107,6 +109,34 @@ MUTATIONS = {
         ROW,
     ),
     "the evader's tips": (ROWS, "if not tip_inside(bench.part, 0.0, world, bench.stack)", "if False", ROW),
+    "outward rounding": (INTERVALS, "return low - (by * np.abs(low) + least),", "return low,", EXACT),
+    "underflow": (INTERVALS, "TINY = 5e-324", "TINY = 0.0", EXACT),
+    "not below zero": (INTERVALS, "return np.maximum(low, least), high", "return low, high", FORMS),
+    "signs of products": (INTERVALS, "np.where(alike, np.maximum(low, 0.0), low)", "low", FORMS),
+    "a divisor of zero": (INTERVALS, "(b[0] <= 0) & (b[1] >= 0)", "b[0] > b[1]", FORMS),
+    "odd powers": (INTERVALS, "np.where(a[0] < 0, -up, down)", "down", EXACT),
+    "a base of zero": (INTERVALS, "((a[0] == 0) & (b[0] > 0))", "(a[0] == 0)", EXACT),
+    "NumPy's powers of one": (INTERVALS, "~defined | np.isnan(b[0])", "~defined", "test_what_is_undefined"),
+    "hills": (INTERVALS, "np.where(hills, 1.0, high)", "high", EXACT),
+    "valleys": (INTERVALS, "np.where(valleys, -1.0, low)", "low", EXACT),
+    "poles": (INTERVALS, "unless(pole, ", "unless(np.isnan(begin), ", FORMS),
+    "the jump of an angle": (INTERVALS, "jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)", "jump = x[0] > x[1]", EXACT),
+    "laps of a rest": (
+        INTERVALS,
+        "low = np.where(first == last, np.maximum(rest[0], least), least)",
+        "low = rest[0]",
+        FORMS,
+    ),
+    "NaN in a comparison": (INTERVALS, "np.isnan(a[0]) | np.isnan(b[0])", "np.isnan(a[0])", "test_what_is_undefined"),
+    "an open condition": (INTERVALS, "np.where(no, b[0], np.minimum(a[0], b[0]))", "b[0]", EXACT),
+    "nodes in a box": (INTERVALS, "(np.ceil(high) - begin).max(axis=1) + 1", "[2] * len(low)", TABLES),
+    "the last block": (INTERVALS, "np.ceil(high).astype(np.int64)", "np.floor(high).astype(np.int64)", TABLES),
+    "endless ends": (INTERVALS, "np.isfinite(low) & np.isfinite(high)", "~np.isnan(low + high)", FORMS),
+    "later lines": (FORMULAS, "self.whole(word, len(self.nodes), ", "self.whole(word, 10**6, ", TEXT),
+    "lines": (FORMULAS, "1 <= len(lines) <= MOST_LINES", "True", TEXT),
+    "exponents": (FORMULAS, "abs(exponent) <= MOST_EXPONENT", "True", TEXT),
+    "truth values": (FORMULAS, "self.truths.issuperset(truths)", "True", TEXT),
+    "values let go": (FORMULAS, "del values[operand]", "pass", "test_many_values"),
     "flags": (ROWS, "failed, example = failed + 1,", "failed, example = failed,", FLAGS),
     "time of a flag": (
         ROWS,

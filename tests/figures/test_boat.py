@@ -43,7 +43,7 @@ def test_winds_stay_within_bounds_and_change_at_the_pieces():
     problem = boat_problem(nodes=11)
     signals = winds(problem, 20, seed=3)
     assert signals.shape == (24, PIECES, 2)
-    assert (np.abs(signals) == problem.dynamics.bounds).all()
+    assert (np.abs(signals) == problem.dynamics.bounds_at()).all()
     assert np.array_equal(signals, winds(problem, 20, seed=3))
 
 

@@ -2,12 +2,13 @@
 
 import csv
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fleet import FLEET, Hazard, Robot, many_inputs
+from fleet import FLEET, WIND, Hazard, Robot, many_inputs, wind_at
 from promises import HEAD, MARK, ROBOTS, Row, bounds, heading, into_page, main, methods, rows
 from referee import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
 
@@ -70,7 +71,9 @@ def test_who_starts_beyond_its_braking_distance_is_lost_and_who_starts_before_is
 def test_a_collision_between_two_instants_is_seen():
     """Post and door are clear at every sampling time; the door is shut for a twentieth of an interval."""
     post = Hazard((0,), lambda p, t: np.abs(p[:, 0] - 0.5) - 0.1, "post")
-    door = Hazard((0,), lambda p, t: np.abs(p[:, 0] - 1.5) - 0.6 + 10 * max(abs(t - 1.5) - 0.025, 0.0), "door", 10.0)
+    door = Hazard(
+        (0,), lambda p, t: np.abs(p[:, 0] - 1.5) - 0.6 + 10 * np.maximum(np.abs(t - 1.5) - 0.025, 0.0), "door"
+    )
     for hazard in (post, door):
         outcomes, _ = play(line([hazard]), steered(0), [[0.0], [0.7]], steps=3)
         assert outcomes.tolist() == ["collided", "won"]
@@ -176,7 +179,7 @@ def test_a_problem_is_built_of_what_the_judge_knows(name, rng):
     states = rng.uniform(robot.lower, robot.upper, (500, robot.ndim))
     places, v = rng.integers(len(robot.inputs), size=500), rng.uniform(-1, 1, (500, len(robot.bounds))) * robot.bounds
     interval = problem.interval(0)
-    theirs = interval.undisturbed(states, places, 0.0) + v @ np.array(problem.dynamics.gain).T
+    theirs = interval.undisturbed(states, places, 0.0) + np.einsum("mad,md->ma", problem.dynamics.gain_at(states), v)
     np.testing.assert_allclose(robot.velocity(states, robot.inputs[places], v), theirs, atol=1e-9)
     for t in (0.0, 0.7):
         if problem.unsafe:
@@ -194,14 +197,20 @@ def test_a_problem_is_built_of_what_the_judge_knows(name, rng):
     )
 
 
-def test_sets_that_move_are_no_faster_than_their_rate(rng):
-    for name, build in FLEET.items():
-        robot = build()
-        for hazard in robot.hazards:
-            points = rng.uniform(robot.lower, robot.upper, (2000, robot.ndim))[:, list(hazard.axes)]
-            for t in np.linspace(0.0, 5.0, 40):
-                moved = np.abs(hazard.level(points, t + 0.01) - hazard.level(points, t)).max()
-                assert moved <= 0.01 * hazard.rate + 1e-9, (name, hazard.name)
+def test_which_sets_move_is_read_from_them():
+    moving = {name: [part.name for part in build().unsafe if part.moving] for name, build in ROBOTS.items()}
+    moves = {"forklift": ["gate"], "merging": ["car behind", "car in front"]}
+    assert {name: parts for name, parts in moving.items() if parts} == moves
+
+
+def test_the_wind_is_what_stations_measured_and_bilinear_between(rng):
+    points = rng.uniform([-0.2, -0.2], [4.2, 3.2], (200, 2))
+    for point, wind in zip(points, wind_at(points), strict=True):
+        x, y = (min(max(coordinate / 0.5, 0.0), last) for coordinate, last in zip(point, (8.0, 6.0), strict=True))
+        i, j, expected = min(int(x), 7), min(int(y), 5), np.zeros(2)
+        for a, b in product((0, 1), repeat=2):
+            expected += (1 - abs(x - i - a)) * (1 - abs(y - j - b)) * WIND[i + a, j + b]
+        np.testing.assert_allclose(wind, expected, atol=1e-12)
 
 
 # ---- the table

@@ -200,7 +200,7 @@ TRACE = {
         (p[:, 0] > p[:, 1]) * 1.0 + (p[:, 0] >= 0.5) * 2.0 + (p[:, 1] < t) * 4.0 + (0.5 <= p[:, 1]) * 8
     ),
     "equal": lambda p, t: (p[:, 0] == 0.5) * 1.0 + (p[:, 1] != 0.5) * 2.0,
-    "truths": lambda p, t: ((p[:, 0] > 0) & (p[:, 1] > 0) | ~(p[:, 0] < -1)) ^ (p[:, 1] < 0.3),
+    "truths": lambda p, t: (((p[:, 0] > 0) & (p[:, 1] > 0) | ~(p[:, 0] < -1)) ^ (p[:, 1] < 0.3)) * 1.0,
     "truths added": lambda p, t: ((p[:, 0] > 0) + (p[:, 1] > 0)) * 1.0,
     "truths counted": lambda p, t: (p > 0).sum(axis=1) + np.sum(p > 0.5, axis=1) / 3 + sum([p[:, 0] > 0, p[:, 1] > 0]),
     "truths meant": lambda p, t: np.mean(p > 0, axis=1) + np.prod(p > 0, axis=1) + (p > 0).astype(float)[:, 0],
@@ -211,7 +211,7 @@ TRACE = {
     "numbers for truths": lambda p, t: np.logical_and(p[:, 0], p[:, 1] > 0) * 1.0 + np.logical_xor(p[:, 0], p[:, 1]),
     "any and all": lambda p, t: np.any(p > 1, axis=1) + 2.0 * (p > 0).all(axis=1) + np.any(p[:, :1], axis=1),
     "reduced truths": lambda p, t: (
-        np.logical_or.reduce(p[:, :1], axis=1) + np.logical_and.reduce([p[:, 0] > 0, p[:, 1] > 0])
+        1.0 * np.logical_or.reduce(p[:, :1], axis=1) + np.logical_and.reduce([p[:, 0] > 0, p[:, 1] > 0])
     ),
     "sums": lambda p, t: (
         p.sum(axis=1) + np.prod(p, axis=-1) + np.mean(p, axis=1) + p.mean(1) + np.sum([p[:, 0], p[:, 1]], 0)

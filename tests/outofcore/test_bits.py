@@ -10,7 +10,6 @@ import sdhj
 from sdhj.outofcore import solve
 from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 from sdhj.outofcore.solve import planned
-from sdhj.problem import dynamics as dynamics_module
 from sdhj.problem import grid as grid_module
 from sdhj.solver.avoid import dangers
 
@@ -195,12 +194,12 @@ def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
     for build in make.values():
         at_once = build()
         monkeypatch.setattr(grid_module, "PIECE", 100)
-        monkeypatch.setattr(dynamics_module, "SURVEYED", 100)
         in_pieces, pieces = build(), list(build().grid.pieces())
         assert len(pieces) > 3 and max(piece.size for piece in pieces) <= 100
         assert np.array_equal(np.concatenate([piece.points() for piece in pieces]), at_once.grid.points())
-        for one, other in zip(in_pieces.interval(0).survey, at_once.interval(0).survey, strict=True):
-            assert np.array_equal(one, other)
+        assert np.array_equal(in_pieces.interval(0).speeds, at_once.interval(0).speeds)
+        for ends in zip(*(one.interval(0).ends_at_nodes(1, 0.0) for one in (in_pieces, at_once)), strict=True):
+            assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
         assert in_pieces.timeless == at_once.timeless
         monkeypatch.undo()
 

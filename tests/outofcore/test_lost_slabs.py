@@ -229,14 +229,13 @@ def test_a_store_of_another_problem_is_refused(problem, store):
         ),
     }
     for other in others.values():
-        with pytest.raises(sdhj.TableFileError, match=r"belongs to another problem than 'problem'; "):
+        with pytest.raises(sdhj.TableFileError, match="another problem"):
             sdhj.solve(other, store=store, resume=True)
-        with pytest.raises(sdhj.TableFileError, match="belongs to another problem"):
+        with pytest.raises(sdhj.TableFileError, match="another problem"):
             sdhj.load(store, problem=other)
     with pytest.raises(sdhj.TableFileError, match=r"is being solved by method 'hji' with .* and this is 'lax'"):
         sdhj.solve(problem, "lax", store=store, resume=True)
-    with pytest.raises(sdhj.TableFileError, match="use load"):
-        sdhj.load(store)
+    assert sdhj.load(store).problem.digest == problem.digest  # its formulas are in it
 
 
 def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):

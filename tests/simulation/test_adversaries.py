@@ -81,13 +81,13 @@ def test_the_nearest_set_rules_what_it_is_affected_by(rng: np.random.Generator) 
     for part in problem.unsafe:
         value = part.level_set(states[:, part.axes], 0.0)
         trials = [
-            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds, np.eye(4), strict=True)
+            states + now.duration * bound * e for bound, e in zip(problem.dynamics.bounds_at(), np.eye(4), strict=True)
         ]
         values.append(value)
         changes.append([part.level_set(trial[:, part.axes], 0.0) - value for trial in trials])
     nearest, pursuer = np.argmin(values, axis=0), len(problem.unsafe) - 1
     signs = -np.sign(np.array(changes))  # (parts, D, M)
-    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds
+    v = ADVERSARIES["aggressive"](now) / problem.dynamics.bounds_at()
     everyone = np.arange(300)
     felt = signs[nearest, 0, everyone] != 0
     np.testing.assert_array_equal(v[felt, 0], signs[nearest, 0, everyone][felt])
@@ -103,7 +103,7 @@ def test_worst_takes_the_vertex_with_the_worst_score() -> None:
     now = moment(controller, states)
     v = ADVERSARIES["worst"](now)
     vertices = [0.4 * np.array(signs) for signs in itertools.product((-1.0, 1.0), repeat=2)]
-    middle = states + problem.delta * problem.dynamics.drift[0]
+    middle = states + problem.delta * problem.dynamics.arrays[0][0]
     end = problem.delta
     distance = problem.unsafe_value(middle, end)
     slopes = [problem.unsafe_value(middle + problem.delta * 0.4 * e, end) - distance for e in np.eye(2)]
@@ -120,8 +120,9 @@ def test_worst_takes_the_vertex_with_the_worst_score() -> None:
 def slipping_controller() -> Controller:
     """The torus with a second component of v that grows with the input and a box that shrinks with time."""
     problem = toys.torus_problem(nodes=16)
-    dynamics = replace(
-        problem.dynamics,
+    dynamics = sdhj.Dynamics(
+        problem.inputs,
+        problem.inputs,
         gain=lambda u: np.array([[1.0, 0.0], [0.5, 1.0 + abs(u[0])]]),
         bounds=lambda u, t: [0.2 + 0.1 * abs(u[1]), 0.4 - 0.6 * t],
     )
@@ -188,7 +189,7 @@ def test_worst_may_switch_within_an_interval() -> None:
         run = simulate(controller, q, "worst")
         for k in range(len(run.inputs)):
             held = run.disturbances[k * SUBSTEPS : (k + 1) * SUBSTEPS]
-            assert (np.abs(held) == controller.problem.dynamics.bounds).all()  # always a vertex
+            assert (np.abs(held) == controller.problem.dynamics.bounds_at()).all()  # always a vertex
             switches += int((np.diff(held, axis=0) != 0).any())
     assert switches > 0
 

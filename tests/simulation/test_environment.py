@@ -9,7 +9,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj.certified import Certified
 from sdhj.table.batches import Table
 
 gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'sdhj[gym]'")
@@ -21,8 +21,7 @@ from sdhj.simulation.environment import ReachAvoidEnv  # noqa: E402
 
 @cache
 def certified_line() -> Table:
-    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
-    return sdhj.solve(toys.interval_problem(), Certified((80,), bounds), progress=False)
+    return sdhj.solve(toys.interval_problem(), Certified((80,)), progress=False)
 
 
 TABLES: dict[str, Any] = {"line": toys.interval_table, "torus": toys.torus_table, "certified": certified_line}

@@ -59,7 +59,7 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     problem = replace(interval_problem(unsafe=False), target=None, grid=sdhj.Grid([-4.0], [4.0], [81]))
     with pytest.warns(ResolutionWarning, match="no input stays clear of .*bars.* for one interval"):
         sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
-    weak = replace(problem.dynamics, bounds=[1.5])
+    weak = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], [1.5])
     with pytest.warns(ResolutionWarning, match="none of the 3 inputs makes progress against the adversary"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
 
@@ -108,7 +108,7 @@ def test_an_axis_that_only_the_adversary_moves_is_named() -> None:
         4,
     )
     table = sdhj.solve(problem, progress=False)
-    faster = replace(problem.dynamics, bounds=[0.8])  # than the table knows
+    faster = sdhj.Dynamics(problem.inputs, [[-1.0, 0.0], [1.0, 0.0]], [[0.0], [1.0]], [0.8])  # than the table knows
     found = replace(table, problem=replace(problem, dynamics=faster)).played(300)
     assert "went off the grid past the end of pursuer" in found.ways
     assert 'ends="wall" or "safe" for pursuer, or a longer axis: only the adversary moves' in found.advice

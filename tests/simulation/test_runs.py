@@ -118,7 +118,8 @@ def test_running_out_of_steps_is_late() -> None:
 def test_an_adversary_stronger_than_solved_for_drives_the_state_out() -> None:
     """|v| <= 2 against |u| <= 1: pushed away from the target, out of every tube."""
     table = toys.interval_table()
-    stronger = replace(table.problem.dynamics, bounds=np.array([2.0]))
+    inputs = table.problem.inputs
+    stronger = sdhj.Dynamics(inputs, inputs, [[1.0]], [2.0])
     controller = judged_by(table, dynamics=stronger)
     run = simulate(controller, [-2.0], adversary=lambda m: np.full((len(m.states), 1), -2.0))
     assert run.outcome == "left" and len(run.inputs) < 5

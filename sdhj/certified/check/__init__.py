@@ -24,11 +24,11 @@ A row is the cells of the agent for one pair of joint cells; it is checked with 
 and inputs. The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more
 halving than is granted.
 
-For a robot of one's own, whose functions are given beside the file: `sdhj.certified.check.robots`, with intervals of
-its own (`spans`).
+For a robot of one's own, whose functions are in the file as text: `sdhj.certified.check.robots`, with a reader of
+`formulas` and `intervals` of its own.
 
 From the command line: `python -m sdhj.certified.check table.h5`, or `sdhj verify table.h5`, with `--problem
-module:function` for a robot of one's own.
+module:function` where the robot has black boxes.
 """
 
 from sdhj.certified.check.claims import Claim, Verdict, verify

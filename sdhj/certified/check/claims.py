@@ -72,7 +72,8 @@ def verify(
     ----------
     path : path
     problem : ReachAvoidProblem, optional
-        Whose claims they are, of a robot of one's own: its functions are not in the file.
+        Of a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
+        else is in the file.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
         own: how many cells.
@@ -88,19 +89,19 @@ def verify(
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
-    kind = "arm"
+    kind, opaque = "arm", {}
     with told_and_arrays(path) as (told, arrays):
         if "cells" in told and (kind := told["cells"].get("kind")) == "arm":
             file = File(told, arrays)
-        elif "cells" in told and problem is not None:
+        elif "cells" in told and not ((opaque := dict(told["formulas"]["opaque"])) and problem is None):
             robot = Robot(told, arrays, problem)
     if "cells" not in told:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
-    if kind != "arm" and problem is None:
+    if opaque and problem is None:
+        names = ", ".join(f"{name} ({why})" for name, why in opaque.items())
         raise ValueError(
-            f"{path} holds certified sets of a problem of your own, whose functions are not in the file: give it, for "
-            "example as `sdhj verify --problem module:function`; only the arm's case study can be checked from a file "
-            "alone"
+            f"{path} rests on black boxes, whose functions are not in the file: {names}; give the problem, for example "
+            "as `sdhj verify --problem module:function`"
         )
     if kind != "arm":
         found = examine(robot, samples, seed, _silent(progress))

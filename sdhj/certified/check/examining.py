@@ -21,13 +21,13 @@ def examine(robot: Robot, samples: int | None, seed: int, silent: bool) -> Itera
     if samples is not None:
         chosen[:] = False
         chosen[rng.permutation(size)[:samples]] = True
-    if robot.problem.sensing:
+    if robot.sensing:
         wrong = robot.known_within()
         yield "predictions are as near as told", robot.low.shape[1], robot.low.shape[1], wrong
     yield from examine_moves(robot, chosen, silent)
     yield from examine_sets(robot, chosen, silent)
-    if robot.rests_on:
-        yield f"rests on what is stated of {', '.join(sorted(robot.rests_on))}", 0, 0, []
+    if robot.trusted:
+        yield f"rests on what is stated of {', '.join(sorted(robot.trusted))}", 0, 0, []
 
 
 def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
@@ -63,7 +63,7 @@ def examine_moves(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[s
 
 def examine_sets(robot: Robot, chosen: Array, silent: bool) -> Iterator[tuple[str, int, int, list[str]]]:
     """Goals, whether sets grow (without a target: shrink), and every step."""
-    stays, kinds = robot.problem.stays, {"in the target, and safe": [0, 0], "one step nearer": [0, 0]}
+    stays, kinds = robot.stays, {"in the target, and safe": [0, 0], "one step nearer": [0, 0]}
     failed: dict[str, list[str]] = {"sets grow with the steps to go": [], **{name: [] for name in kinds}}
     rows = [(0, n) for n in range(robot.steps + 1)]
     if not robot.timeless:

@@ -37,7 +37,7 @@ MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
 MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
 MOST_ON_AN_AXIS = 10**6  # cells
-BEGINNING = b"sdhj look-up table, format 3\n"
+BEGINNING = b"sdhj look-up table, format 4\n"
 PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing that are undone
 MOST_PARTS = 64  # that an interval is cut into at once
 
@@ -199,7 +199,7 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         first, second = stream.readline(100), stream.readline(100)
         begin = stream.tell()
         if first != BEGINNING or second != b"sha256 %s\n" % hashlib.file_digest(stream, "sha256").hexdigest().encode():
-            raise ValueError(f"{path} is damaged, or holds no certified sets in format 3; solve it anew")
+            raise ValueError(f"{path} is damaged, or holds no certified sets in format 4; solve it anew")
         stream.seek(begin)
         try:
             told = dict(json.loads(stream.readline(MOST_TEXT)))
@@ -211,7 +211,7 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             ) from error
 
 
-def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:
+def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int = MOST_BYTES) -> Array:
     """An array of numbers inside a file, looked at before it is read; None stands for any length."""
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
@@ -220,7 +220,7 @@ def array(file: h5py.File, name: str, kind: type, *shape: int | None) -> Array:
     plan = data.id.get_create_plist()
     packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     own = data.external is None and not data.is_virtual and packed <= PLAIN
-    own = own and data.nbytes <= min(MOST_BYTES, MOST_PACKED * (data.id.get_storage_size() + 1000))
+    own = own and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
     fits = len(data.shape) == len(shape) and all(
         one in (None, other) for one, other in zip(shape, data.shape, strict=True)
     )

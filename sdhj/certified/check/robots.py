@@ -1,4 +1,4 @@
-"""The claims of a file for a robot of one's own, whose functions are given: derived anew with `spans`.
+"""The claims of a file for a robot of one's own, derived anew by its formulas over boxes (`intervals`).
 
 1.  *Moves.* From anywhere in the cells at a place each input leads into the cells that the file says: `driven` follows
     the ends of the box in ever shorter pieces until what they reach lies inside.
@@ -10,12 +10,11 @@
 Of what has wholly left over a safe end nothing more is asked.
 
 A place is the part of a cell that its moves depend on; on the other axes the velocity is bounded wherever the state may
-be. A level set that cannot be called with spans is bounded by its own `enclosure`, or by what the file states of it or
-its `slope`, and the verdict says so; other dynamics are refused.
+be. A black box is bounded by what its author states of it (`described`), and the verdict says so.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise, product
 from typing import Any
 
@@ -23,8 +22,8 @@ import h5py
 import numpy as np
 
 from sdhj.certified.check.bits import Array
+from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Sensing, Times, Velocity, real
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, decimal, expect, fraction, is_whole
-from sdhj.certified.check.spans import Span, called, ends_of
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
@@ -33,35 +32,61 @@ DEEPEST = 4
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
+MOST_INPUTS = 1 << 16
+ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
-BAD = (TypeError, ValueError, AttributeError, LookupError, AssertionError)
+
+Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
 
 
 class Robot:
-    """A problem's functions over boxes, and the cells of a file; ValueError where the two do not fit together."""
+    """The functions of a file over boxes, and its cells; ValueError where the two do not fit together."""
 
     def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        cells, stated, dynamics, ndim = told["cells"], told["proof"], problem.dynamics, problem.grid.ndim
-        self.problem, self.steps, self.delta, self.parts = problem, told["steps"], float(problem.delta), stated["parts"]
-        fits = is_whole(self.steps, 1) and problem.steps in (None, self.steps)
-        expect(fits, f"steps must be {problem.steps}, as the problem's", self.steps)
+        self.grid, self.steps, self.count = Grid.of(told["grid"]), told["steps"], len(told["inputs"])
+        expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
+        expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
+        self.delta = real("delta", told["delta"], 1e-9)
+        self.sensing = Sensing.of(told.get("sensing", {}), self.grid.ndim, self.delta)
+        functions = Functions(told, arrays, problem)
+        self.moves = Velocity(functions, told["inputs"], self.grid)
+        self.target, self.unsafe = functions.parts(told["sets"], self.grid.ndim)
+        self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
+        self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
+        expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
+        self.length = self.delta + 2 * self.jitter  # of an interval, at most
+        self.always = 0.0, self.time(self.steps) + self.jitter
+        self.stays, self.periodic = self.target is None, np.array(self.grid.periodic)
+        self.safe = [("safe" in ends) for ends in self.grid.ends]
+        self.read_cells(told["cells"], told["proof"])
+        self.read_arrays(arrays)
+
+    def read_cells(self, cells: Mapping[str, Any], stated: Mapping[str, Any]) -> None:
+        """The cells of each axis, and what the proof says of them."""
+        ndim, self.parts = self.grid.ndim, stated["parts"]
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in cells["shape"]), "shape must be numbers", cells["shape"])
         ends = zip(cells["lowers"], cells["widths"], cells["extents"], strict=True)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
-        flags, sets = stated["own"], stated["sets"]
+        flags = stated["own"]
         fits = len(self.axes) == len(cells["shape"]) == len(flags) == ndim and {True, False}.issuperset(flags)
         expect(fits, f"the problem has {ndim} axes", flags)
-        self.counts, self.known, self.stated = np.array(cells["shape"]), np.array(flags, np.bool_), sets
+        self.counts, self.known = np.array(cells["shape"]), np.array(flags, np.bool_)
         self.strides = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
-        self.rests_on: set[str] = set()
-        self.compared: set[str] = set()
-        self.periodic, self.safe = np.array(problem.grid.periodic), [("safe" in ends) for ends in problem.grid.ends]
-        timed, pairs = "t" in sum(dynamics.takes.values(), ()), (self.steps + 1) * (self.steps + 2) // 2
-        moving, count = timed or any(part.rate > 0 for part in problem.unsafe), len(dynamics.inputs)
-        sizes = self.counts.tolist()
-        moves = self.steps if timed else 1, count, math.prod(self.counts[self.known].tolist()), ndim
-        clear = self.steps if moving else 1, math.prod(sizes), -(-count // 8)
+        self.edges = [
+            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
+            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
+        ]
+        expect(len(stated["unsure"]) == ndim, f"predictions must be off by {ndim} numbers", stated["unsure"])
+        self.off = np.array([real("unsure", off, 0.0) for off in stated["unsure"]])
+        expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
+
+    def read_arrays(self, arrays: h5py.File) -> None:
+        """Moves, which inputs are clear, and the sets."""
+        sizes, timed = self.counts.tolist(), self.moves.timed
+        moving, pairs = timed or any(part.moving for part in self.unsafe), (self.steps + 1) * (self.steps + 2) // 2
+        moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), len(sizes)
+        clear = self.steps if moving else 1, math.prod(sizes), -(-self.count // 8)
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.index = array(arrays, "index", np.uint32, None, math.prod(sizes[:-1]))
@@ -69,26 +94,17 @@ class Robot:
         self.timeless = len(self.index) != pairs
         fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
-        self.edges = [
-            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
-            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
-        ]
-        sensing = problem.sensing
-        self.delay, self.jitter = float(sensing.delay), float(sensing.jitter)
-        self.error, self.off = np.zeros(ndim) + np.array(sensing.error), np.zeros(ndim) + np.array(stated["unsure"])
-        expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
-        self.length = self.delta + 2 * self.jitter  # of an interval, at most
-        self.always = 0.0, self.time(self.steps) + self.jitter
 
     def cover(self) -> list[str]:
         """What is wrong with the cells of the axes."""
-        wrong, grid = [], self.problem.grid
+        wrong: list[str] = []
+        grid = self.grid
         for axis, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
             length = decimal(grid.upper[axis]) - decimal(grid.lower[axis])
             fits = low == decimal(grid.lower[axis]) and least <= length <= most and (n - 1) * width < least
             fits &= n * width >= most and most - least <= (length / 2**40 if self.periodic[axis] else 0)
             if not self.known[axis]:  # cells that move alike are alike, and no wall holds them back on the way
-                held = "wall" in grid.ends[axis] and self.problem.dynamics.takes
+                held = "wall" in grid.ends[axis] and not self.moves.constant
                 fits &= abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
             wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
         return wrong
@@ -107,84 +123,34 @@ class Robot:
 
     # ---- functions over boxes (2, M, axes), and times
 
-    def value(self, part: Any, box: Array, times: tuple[float, float]) -> Span:
-        """Bounds of a level set."""
-        rate, stated, function = getattr(part, "rate", None), self.stated.get(part.name), part.level_set.function
-        drift = rate * (times[1] - times[0]) / 2 if rate else 0.0
-        when = times[0] if rate == 0 else sum(times) / 2  # where it is not proved for all times at once
+    def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
+        """Bounds of a level set, both (M,)."""
 
-        def promised(a: Array, b: Array) -> Span:
-            self.rests_on.add(part.name)
-            if hasattr(function, "enclosure"):
-                return Span(*function.enclosure(a, b, *times))
-            half = (b - a) / 2
-            slope = part.slope * np.sqrt((half**2).sum(axis=1)) if stated is None else half @ np.array(stated)
-            value = part.level_set((a + b) / 2, when)
-            slope = (slope + drift) * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
-            return Span(value - slope, value + slope)
+        def bounds(low: Array, high: Array) -> tuple[Array, Array]:
+            least, most = (end[:, 0] for end in part.function.bounds(low, high, times))
+            if isinstance(part.function, BlackBox):
+                self.trusted.add(part.name)
+            if part.swept is not None:
+                begin, end = ((time, time) for time in times)
+                swept = part.swept.bounds(low, high, begin, end)[0][:, 0]
+                if (~(least > 0) & (swept > 0)).any():
+                    self.trusted.add(f"the sweep of {part.name}")
+                least = np.fmax(least, swept)
+            return least, most
 
-        def spanned(a: Array, b: Array, during: Any) -> Span:
-            return as_span(called(function, Span(a, b), during))
+        return self.cut(part.axes, box, bounds)
 
-        def alike(a: Array, b: Array, during: Any) -> Span:
-            self.compare(part.name, part.axes, lambda q, t: (function(q.copy(), t),) * 2, lambda q, t: spanned(q, q, t))
-            return spanned(a, b, during)
+    def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
+        """Bounds of the velocity under u_j and any adversary, or none, both (M, ndim)."""
+        axes = range(len(self.counts))
+        return self.cut(axes, box, lambda low, high: self.moves.bounds(j, low, high, times, pushed))
 
-        ways = [lambda a, b: alike(a, b, span_of(times)), promised]
-        if rate is not None:
-            ways.insert(1, lambda a, b: alike(a, b, when) + Span(-drift, drift))
-        return self.cut(part.axes, box, ways, ())
+    def cut(self, axes: Iterable[int], box: Array, bounds: Bounds) -> tuple[Array, Array]:
+        """Bounds over boxes, evaluated within the ends of the axes: in two halves where a periodic one closes.
 
-    def velocity(self, j: int, box: Array, times: tuple[float, float], pushed: bool = True) -> Span:
-        """Bounds of the velocity under u_j and any adversary, or none, (M, ndim)."""
-        dynamics = self.problem.dynamics
-
-        def spanned(a: Array, b: Array, during: Any, pushed: bool) -> Span:
-            given = {"points": Span(a, b), "u": dynamics.inputs[j], "t": during}
-
-            def term(name: str) -> Span:
-                if not callable(array := getattr(dynamics, name)):
-                    return Span(*[array[j] if name == "drift" else array] * 2)
-                return as_span(called(array, *(given[one] for one in dynamics.takes[name])))
-
-            push = np.sum(np.abs(term("gain")) * np.abs(term("bounds")), axis=-1).high if pushed else 0.0
-            return term("drift") + Span(-push, push)
-
-        def true(q: Array, t: float) -> tuple[Array, Array]:
-            push = (np.abs(dynamics.gain_at(q, j, t)) * np.abs(dynamics.bounds_at(j, t))).sum(axis=-1)
-            return dynamics.drift_at(q, j, t) - push, dynamics.drift_at(q, j, t) + push
-
-        def alike(a: Array, b: Array) -> Span:
-            axes = range(len(self.counts))
-            self.compare(f"velocity {j}", axes, true, lambda q, t: spanned(q, q, t, True), 20)
-            return spanned(a, b, span_of(times), pushed)
-
-        return self.cut(range(len(self.counts)), box, [alike], (len(self.counts),))
-
-    def compare(self, what: str, axes: Any, true: Any, spanned: Any, count: int = 100) -> None:
-        """Once: at some states, each asked alone, a function is between its spans; TypeError where it is not."""
-        if what in self.compared:
-            return
-        grid, rng = self.problem.grid, np.random.default_rng(1)
-        lower, upper = (np.array([end[axis] for axis in axes]) for end in (grid.lower, grid.upper))
-        shares = np.round(rng.random((count, len(lower))), 3)  # of the way: round numbers
-        shares[0], shares[1] = 0.0, 1.0  # and both ends
-        states = lower + (upper - lower) * shares
-        for t in (0.0, 0.3 * self.delta):
-            found = spanned(states, t)
-            for at, q in enumerate(states):
-                least, most = (np.asarray(value, dtype=np.float64)[0] for value in true(q[None], t))
-                slack = 1e-13 * (1.0 + np.abs(least) + np.abs(most))
-                low, high = (np.broadcast_to(end, (count, *least.shape))[at] for end in (found.low, found.high))
-                if not np.all(
-                    np.isnan(low) | ((low <= least + slack) & (most - slack <= high))
-                ):  # NaN: nothing is said
-                    raise TypeError(f"{what} at {q.tolist()} is {least.tolist()}, outside of what spans say of it")
-        self.compared.add(what)
-
-    def cut(self, axes: Any, box: Array, ways: list[Any], tail: tuple[int, ...]) -> Span:
-        """Bounds over boxes, asked for within the ends of the axes: in two halves where a periodic one closes."""
-        box, grid = box.copy(), self.problem.grid
+        Where nothing is known they are infinite.
+        """
+        box, grid = box.copy(), self.grid
         for column, axis in enumerate(axes):
             least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
             if not self.periodic[axis]:
@@ -196,13 +162,11 @@ class Robot:
                 second = box[:, over]
                 second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
                 b[over] = most
-                out, beyond = self.cut(axes, box, ways, tail), self.cut(axes, second, ways, tail)
-                out.low[over] = np.minimum(out.low[over], beyond.low)
-                out.high[over] = np.maximum(out.high[over], beyond.high)
-                return out
-        slabs = [box[:, at : at + BOXES_AT_ONCE] for at in range(0, max(box.shape[1], 1), BOXES_AT_ONCE)]
-        found = [first_of(ways, slab[0], slab[1], (slab.shape[1], *tail)) for slab in slabs]
-        return Span(*(np.concatenate([ends_of(one, side) for one in found]) for side in (0, 1)))
+                (low, high), beyond = self.cut(axes, box, bounds), self.cut(axes, second, bounds)
+                low[over], high[over] = np.minimum(low[over], beyond[0]), np.maximum(high[over], beyond[1])
+                return low, high
+        low, high = bounds(box[0], box[1])
+        return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 
     # ---- predictions
 
@@ -214,18 +178,15 @@ class Robot:
         """
         room, wrong, stride = self.off - self.error, [], self.delay / STRIDES
         places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
-        boxes = np.where(
-            self.known, self.ends(places), np.array([self.problem.grid.lower, self.problem.grid.upper])[:, None]
-        )
-        timed = "t" in sum(self.problem.dynamics.takes.values(), ())
+        boxes = np.where(self.known, self.ends(places), np.array([self.grid.lower, self.grid.upper])[:, None])
         cuts = [
             (self.time(step) - self.delay + stride * part, self.time(step) - self.delay + stride * (part + 1))
             for step, part in product(range(self.steps), range(STRIDES))
         ]
-        inputs = range(len(self.problem.inputs))
-        for j, times in product(inputs if self.delay else (), cuts if timed else cuts[:1]):
-            fast = self.velocity(j, boxes, times)
-            travel = [np.minimum(fast.low, 0).min(axis=0), np.maximum(fast.high, 0).max(axis=0)]
+        inputs = range(self.count if self.delay else 0)
+        for j, times in product(inputs, cuts if self.moves.timed else cuts[:1]):
+            slow, fast = self.velocity(j, boxes, times)
+            travel = [np.minimum(slow, 0).min(axis=0), np.maximum(fast, 0).max(axis=0)]
             if not self.stays_near(j, boxes, times, room, stride * np.array(travel)[:, None]).all():
                 wrong.append(f"input {j}, from {times[0]:.3g} s on")
         return wrong
@@ -239,7 +200,7 @@ class Robot:
 
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
-        grid, cells = self.problem.grid, self.cells_at(places)
+        grid, cells = self.grid, self.cells_at(places)
         at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
@@ -264,23 +225,22 @@ class Robot:
             swept[:, part, 0], swept[:, part, 1] = a, b
         return swept, held((np.stack([least, most]) if self.jitter else moved) + OUTWARD * self.off)
 
-    def piece(self, box: Array, moved: Array, j: int, times: tuple[float, float]) -> Array:
+    def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
         h, grown = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:])
         for _ in range(30):
             room = box + OUTWARD * self.known * (grown + 1e-11)
-            speed = self.velocity(j, room, times)
-            far = np.stack([h * np.minimum(speed.low, 0), h * np.maximum(speed.high, 0)])
+            out = np.stack(self.velocity(j, room, times))
+            far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
             if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
                 break
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
-        out = np.stack([speed.low, speed.high])
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
             face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
-            out[side, :, axis] = ends_of(self.velocity(j, face, times), side)[:, axis]
+            out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
@@ -300,7 +260,7 @@ class Robot:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
         calm = self.velocity(j, boxes + travel, times, False)
         wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
-        apart = np.maximum(wild.high - calm.low, calm.high - wild.low)
+        apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
         out: Array = np.all(apart * self.delay <= room * (1 + 1e-13) + 1e-15, axis=1)
         left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
         out[left] = bool(depth)
@@ -315,9 +275,9 @@ class Robot:
 
     # ---- tubes and sets
 
-    def outside(self, part: Any, box: Array, times: tuple[float, float], depth: int = DEEPEST) -> Array:
+    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
         """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
-        out = self.value(part, box, times).low > 0
+        out = self.value(part, box, times)[0] > 0
         open_ = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
         if open_.size:
             good, middle = np.ones(open_.size, np.bool_), box[:, open_].mean(axis=0)
@@ -331,30 +291,30 @@ class Robot:
 
     def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
         """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
-        grid, ends, out = self.problem.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
+        grid, ends, out = self.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
         there = self.inside(ends, swept)
         until = np.where(there[:, :, None, None], swept, swept[:, :1])
         whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            room = 1e-6 * grid.spacing[axis]
+            room = ROOM * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
             out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
         cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]
-        for part in self.problem.unsafe:
+        for part in self.unsafe:
             own, left = list(part.axes), np.flatnonzero(out)
-            if part.rate == 0:  # often the whole tube at once will do
+            if not part.moving:  # often the whole tube at once will do
                 left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
                 box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
                 when = times[0] - self.jitter, times[1] + self.jitter
-                good = self.outside(part, box[..., own], self.always if part.rate == 0 else when)
+                good = self.outside(part, box[..., own], self.always if not part.moving else when)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]
         return out
 
     def inside(self, ends: Array, swept: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
-        left, grid = np.zeros(swept.shape[:2], np.bool_), self.problem.grid
+        left, grid = np.zeros(swept.shape[:2], np.bool_), self.grid
         for axis in np.flatnonzero(self.safe):
             a, b = (ends[side, :, axis, None] + swept[:, :, side, axis] for side in (0, 1))
             left |= (b < grid.lower[axis] - NEAR) & (grid.ends[axis][0] == "safe")
@@ -364,14 +324,12 @@ class Robot:
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
         times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
-        box, out, target = (
-            self.ends(self.cells(numbers), NEAR + self.off),
-            np.ones(len(numbers), np.bool_),
-            self.problem.target,
-        )
-        for part in self.problem.unsafe:
+        box, out = self.ends(self.cells(numbers), NEAR + self.off), np.ones(len(numbers), np.bool_)
+        for part in self.unsafe:
             out &= self.outside(part, box[..., list(part.axes)], times)
-        return out & ((self.value(target, box[..., list(target.axes)], times).high <= 0) | self.problem.stays)
+        if self.target is None:
+            return out
+        return out & (self.value(self.target, box[..., list(self.target.axes)], times)[1] <= 0)
 
     def bits(self, row: int) -> Array:
         """A set of the file, (cells,) bool."""
@@ -392,7 +350,7 @@ class Robot:
             left = np.flatnonzero(~out)
             left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
             first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
-            safe = np.array([[end == "safe" for end in ends] for ends in self.problem.grid.ends])
+            safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
             gone = (((last < -1) & safe[:, 0]) | ((first > most + 1) & safe[:, 1])).any(axis=1)  # by a cell or more
             turns, whole = first // self.counts * self.counts, last - first > most
             first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
@@ -403,26 +361,3 @@ class Robot:
                 total += sums[at] * (-1) ** corner.count(0)
             out[left] = gone | (total == np.prod(last - first + 1, axis=1))
         return out
-
-
-def as_span(value: Any) -> Span:
-    return value if isinstance(value, Span) else Span(ends_of(value, 0), ends_of(value, 1))
-
-
-def span_of(times: tuple[float, float]) -> Any:
-    return Span(*times) if times[0] < times[1] else times[0]
-
-
-def first_of(ways: list[Any], low: Array, high: Array, shape: tuple[int, ...]) -> Span:
-    """The answer of the first way that goes through."""
-    failed: list[Exception] = []
-    for way in ways:
-        try:
-            answer = as_span(way(low, high))
-            ends = np.broadcast_to(answer.low, shape), np.broadcast_to(answer.high, shape)
-            return Span(
-                *(np.where(np.isnan(end), every, end) for end, every in zip(ends, (-np.inf, np.inf), strict=True))
-            )
-        except BAD as error:
-            failed.append(error)
-    raise ValueError(f"a function of the problem cannot be called with spans: {failed[0]}")

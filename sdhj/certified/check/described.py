@@ -1,0 +1,242 @@
+"""What the head of a file says of a robot of one's own: its axes, sets, sensing, and functions, every part checked.
+
+A function is a formula (`formulas`), or a black box: then the head says why, and it is taken from the problem that was
+given beside the file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.certified.check import intervals
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.formulas import MOST_AXES, Formula, read
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole
+
+LARGEST = 1e9  # of a number in the head
+MOST_TABLE = 1 << 27  # bytes of a table
+MOST_TABLES = 1 << 30  # of all together
+ENDS = {"unsafe", "wall", "safe"}
+
+Times = tuple[float, float]
+
+
+def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
+    """A number of the head, from `least` to `most`."""
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+    expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe", `spacing` is that of the nodes."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    spacing: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    ends: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> "Grid":
+        lower, upper, periodic, shape = (told[name] for name in ("lower", "upper", "periodic", "shape"))
+        ends = tuple((low, high) for low, high in told["ends"])
+        fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, shape, ends)}) == 1
+        expect(fits, f"a grid must have 1 to {MOST_AXES} axes", told)
+        bounds = [(real("lower", a), real("upper", b)) for a, b in zip(lower, upper, strict=True)]
+        expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)
+        expect(all(flag in (True, False) for flag in periodic), "periodic must be true or false", periodic)
+        expect(all({*pair} <= ENDS for pair in ends), f"ends must be of {', '.join(sorted(ENDS))}", ends)
+        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of nodes", shape)
+        spacing = tuple((b - a) / (n - 1) for (a, b), n in zip(bounds, shape, strict=True))
+        return cls(tuple(a for a, _ in bounds), tuple(b for _, b in bounds), spacing, tuple(map(bool, periodic)), ends)
+
+    @property
+    def ndim(self) -> int:
+        return len(self.lower)
+
+
+class BlackBox:
+    """A function that is no formula, by what its author states of it.
+
+    given : has `enclosure(low, high, t0, t1)` or None, `slope` (a number, one for each axis, or a row of these for each
+    component) and `rate` (a number, or one for each component) or None, and is callable with points and a time.
+    results, components : how many results it has for a box, and of how many components.
+    inputs : of drift and gain the input, which is handed over before times.
+    """
+
+    def __init__(
+        self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
+    ) -> None:
+        self.name, self.given, self.inputs = name, given, inputs
+        self.results, self.components = results, components
+
+    def reads(self, leaf: str, number: int | None = None) -> bool:
+        """Whether it may read a coordinate, "x", or the time, "p"."""
+        return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
+
+    def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
+        """As those of a formula: both (M, results)."""
+        if self.given.enclosure is not None:
+            least, most = self.given.enclosure(low, high, *self.inputs, *times)
+            return intervals.sure(self.shaped(least), self.shaped(most))
+        slope, rate, half = self.given.slope, self.given.rate, (high - low) / 2
+        stated = slope is not None and (rate is not None or times[0] == times[1])
+        expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
+        far = half @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(half, axis=1, keepdims=True)
+        if rate is not None:
+            far = far + np.array(rate) * (times[1] - times[0]) / 2
+        each = np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
+        value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
+        each = each * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+        return intervals.sure(value - each, value + each)
+
+    def shaped(self, answer: Any) -> Array:
+        return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The target or an unsafe set, and perhaps a function that is nowhere above its own from a time to another."""
+
+    name: str
+    axes: tuple[int, ...]
+    function: Formula | BlackBox
+    swept: Formula | None
+
+    @property
+    def moving(self) -> bool:
+        return self.function.reads("p")
+
+
+class Functions:
+    """The formulas and the black boxes of a file."""
+
+    def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        formulas = told["formulas"]
+        expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])
+        self.told, self.opaque = formulas["functions"], dict(formulas["opaque"])
+        self.arrays, self.problem = arrays, problem
+        expect(not self.told.keys() & self.opaque.keys(), "a function is a formula or a black box", [*self.opaque])
+        self.tables: dict[int, Array] = {}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.told or name in self.opaque
+
+    def table(self, number: int, axes: int) -> Array:
+        """A table of the file, on so many axes."""
+        if number not in self.tables:
+            group = self.arrays.get("tables", getlink=True)
+            expect(isinstance(group, h5py.HardLink), "tables must be in the file itself", group)
+            table = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=MOST_TABLE)
+            self.tables[number] = table
+            size = sum(each.nbytes for each in self.tables.values())
+            expect(size <= MOST_TABLES, f"tables must take at most {MOST_TABLES} bytes", size)
+        found = self.tables[number]
+        expect(found.ndim == axes, f"table {number} must have an axis for each operand, {axes}", found.shape)
+        return found
+
+    def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
+        expect(name in self.told, f"there must be a formula {name}", [*self.told])
+        return read(name, self.told[name], coordinates, parameters, self.table)
+
+    def black_box(self, name: str) -> Any:
+        """What the problem has of that name."""
+        try:
+            return self.problem.black_box(name)
+        except (AssertionError, AttributeError, LookupError):
+            expect(False, "the problem given must have the black box of the file", name)
+
+    def part(self, name: str, number: int, given: Mapping[str, Any], ndim: int) -> Part:
+        """A set, by its name among the functions and what the head says."""
+        axes = given["axes"]
+        fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})
+        fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)
+        expect(fits, "axes of a set must be some of the axes, each once", axes)
+        own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
+        sweep = name != "target" and f"swept {number}" in self.told
+        swept = self.formula(f"swept {number}", len(axes), 2) if sweep else None
+        for one in (own, swept):
+            expect(not isinstance(one, Formula) or len(one.results) == 1, f"{name} must have one result", one)
+        return Part(str(given["name"]), tuple(axes), own, swept)
+
+    def parts(self, told: Any, ndim: int) -> tuple[Part | None, list[Part]]:
+        """The target, if there is one, and the unsafe sets, by what the head says of sets."""
+        kinds = [given["kind"] for given in told]
+        first = int("target" in kinds)
+        fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)
+        expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)
+        target = self.part("target", 0, told[0], ndim) if first else None
+        return target, [self.part(f"unsafe {k}", k, given, ndim) for k, given in enumerate(told[first:])]
+
+
+class Velocity:
+    """What the velocity can be: by the formulas of drift, gain and bounds, or of velocity and bounds."""
+
+    def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
+        n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
+        d = len(bounds.results) // len(inputs)
+        fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED
+        expect(fits, "bounds must have as many results for each input", len(bounds.results))
+        self.ndim, self.adversaries, self.linear = n, d, "drift" in functions
+        self.own: dict[str, list[Any]] = {"bounds": [bounds.part(j * d, d) for j in range(len(inputs))]}
+        for name, each in {"drift": n, "gain": n * d}.items() if self.linear else [("velocity", n)]:
+            if name in functions.opaque and self.linear:
+                given = functions.black_box(name)
+                self.own[name] = [BlackBox(name, given, each, n, (np.array(u, dtype=np.float64),)) for u in inputs]
+                continue
+            found = functions.formula(name, n, 1 + d * (name == "velocity"))
+            fits = len(found.results) == len(inputs) * each
+            expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
+            self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
+        self.all = [one for parts in self.own.values() for one in parts]
+
+    @property
+    def timed(self) -> bool:
+        return any(one.reads("p", 0) for one in self.all)
+
+    @property
+    def constant(self) -> bool:
+        return not self.timed and not any(one.reads("x") for one in self.all)
+
+    def bounds(self, j: int, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
+        """Least and greatest velocity under u_j and any adversary, or none, over boxes (M, ndim): both (M, ndim)."""
+        half = np.zeros((len(low), self.adversaries))
+        if pushed:
+            half = np.maximum(*map(np.abs, self.own["bounds"][j].bounds(low, high, times)))
+        if not self.linear:
+            pushes = ((-one, one) for one in half.T)
+            found: tuple[Array, Array] = self.own["velocity"][j].bounds(low, high, times, *pushes)
+            return found
+        least, most = self.own["drift"][j].bounds(low, high, times)
+        if not pushed:
+            return least, most
+        gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))
+        each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
+        push = each.sum(axis=2) * (1 + MOST_COUNTED * intervals.UNIT) + MOST_COUNTED * intervals.TINY
+        return intervals.outward(least - push, most + push)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How the robot senses; `error` for each axis."""
+
+    error: Array
+    delay: float
+    jitter: float
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any], ndim: int, delta: float) -> "Sensing":
+        error = told.get("error", 0.0)
+        errors = error if isinstance(error, list) else [error] * ndim
+        expect(len(errors) == ndim, f"error must be {ndim} numbers", error)
+        delay = real("delay", told.get("delay", 0.0), 0.0, delta)
+        jitter = real("jitter", told.get("jitter", 0.0), 0.0, delta / 2)
+        return cls(np.array([real("error", one, 0.0) for one in errors]), delay, jitter)
+
+    def __bool__(self) -> bool:
+        return bool(self.error.any()) or self.delay > 0 or self.jitter > 0

@@ -1,0 +1,213 @@
+"""Formulas of a file: text that is read, refused where it is none, and evaluated over boxes by `intervals`.
+
+A formula is a list of lines, numbered from 0. Each is a coordinate (`x 0`), a parameter (`p 0`), a hexadecimal number
+(`const 0x1.8p+0`), or an operation and the numbers of earlier lines (`mul 2 3`); the last line, `return`, has the
+numbers of the results. So nothing is recursive, and reading takes time in proportion to the text.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.intervals import RULES, TRUTHS, Interval, gridded, sure
+from sdhj.certified.check.reading import expect
+
+MOST_LINES = 100_000  # of a formula
+MOST_EXPONENT = 64
+MOST_AXES = 6  # of a table
+MOST_NUMBERS = 1 << 25  # in memory at once, while a formula is evaluated
+MOST_BOXES = 1 << 16  # at once
+WHOLE = re.compile("[0-9]{1,6}")
+EXPONENT = re.compile("-?[0-9]{1,2}")
+REAL = re.compile(r"nan|-?(inf|0x[01](\.[0-9a-f]{1,13})?p[+-][0-9]{1,4})")
+WORDS = {"true": 1.0, "false": 0.0}
+
+Tables = Callable[[int, int], Array]  # number and axes of a table to its values
+
+
+@dataclass(frozen=True)
+class Node:
+    """An operation, the numbers of the nodes that it works on, and what else stands in its line."""
+
+    name: str
+    operands: tuple[int, ...] = ()
+    given: tuple[Any, ...] = ()
+
+
+class Reader:
+    """The lines of one function, `what`, with so many coordinates and parameters; ValueError says what is wrong."""
+
+    def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
+        self.what, self.tables, self.line = what, tables, ""
+        self.leaves = {"x": coordinates, "p": parameters}
+        self.nodes: list[Node] = []
+        self.truths: set[int] = set()  # numbers of nodes that are truth values
+
+    def expect(self, fits: bool, wrong: str) -> None:
+        if not fits:
+            expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
+
+    def whole(self, word: str, below: int, of: str) -> int:
+        self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
+        return int(word)
+
+    def real(self, word: str) -> float:
+        try:
+            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
+            return float.fromhex(word)
+        except OverflowError:
+            self.expect(False, "a number must not be as large")
+            raise
+
+    def operands(self, words: list[str]) -> tuple[int, ...]:
+        return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
+
+    def read(self, lines: Any) -> "Formula":
+        fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
+        expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
+        for line in lines:
+            self.line = line
+            self.expect(isinstance(line, str), "a line must be text")
+            name, *words = line.split(" ")
+            if len(self.nodes) == len(lines) - 1:
+                self.expect(name == "return", "the last line must be `return` and the numbers of the results")
+                return Formula(tuple(self.nodes), self.operands(words))
+            node = self.node(name, words)
+            if self.is_truth(node, words):
+                self.truths.add(len(self.nodes))
+            self.nodes.append(node)
+        raise AssertionError
+
+    def node(self, name: str, words: list[str]) -> Node:
+        if name in self.leaves or name == "const":
+            self.expect(len(words) == 1, f"{name} must be followed by one number")
+            if name == "const":
+                return Node(name, (), (WORDS[words[0]] if words[0] in WORDS else self.real(words[0]),))
+            kind = "a coordinate" if name == "x" else "a parameter"
+            return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))
+        if name == "gridded":
+            return self.gridded(words)
+        self.expect(name in RULES, "an operation must be one of those that are known")
+        count = RULES[name][0]
+        self.expect(len(words) == count + (name == "power"), f"{name} must have {count} operands")
+        operands = self.operands(words[:count])
+        if name == "power":
+            exponent = int(words[1]) if EXPONENT.fullmatch(words[1]) else MOST_EXPONENT + 1
+            self.expect(abs(exponent) <= MOST_EXPONENT, f"an exponent must be from -{MOST_EXPONENT} to {MOST_EXPONENT}")
+            return Node(name, operands, (exponent,))
+        truths = operands[:1] if name == "where" else operands if name in ("and", "or", "not") else ()
+        self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")
+        same = name == "mul" and operands[0] == operands[1]
+        return Node("sqr", operands[:1]) if same else Node(name, operands)
+
+    def is_truth(self, node: Node, words: list[str]) -> bool:
+        chosen = node.name == "where" and self.truths.issuperset(node.operands[1:])
+        return node.name in TRUTHS or chosen or (node.name == "const" and words[0] in WORDS)
+
+    def gridded(self, words: list[str]) -> Node:
+        """`gridded`, a table, operands, `lower` and `spacing`: as many numbers each as there are operands."""
+        axes = (len(words) - 3) // 3
+        fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
+        fits = fits and (words[1 + axes], words[2 + 2 * axes]) == ("lower", "spacing")
+        self.expect(fits, f"gridded must have a table, 1 to {MOST_AXES} operands, `lower`, `spacing`, numbers for each")
+        operands = self.operands(words[1 : 1 + axes])
+        lower, spacing = [[self.real(word) for word in words[at : at + axes]] for at in (2 + axes, 3 + 2 * axes)]
+        finite = all(map(math.isfinite, lower + spacing)) and min(spacing) > 0
+        self.expect(finite, "`lower` must be finite and `spacing` above 0")
+        table = self.tables(self.whole(words[0], 10**6, "a table"), axes)
+        self.expect(min(table.shape) >= 2, "a table must have two nodes on each axis")
+        return Node("gridded", operands, (table, lower, spacing))
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Lines that were read, and the numbers of the results."""
+
+    nodes: tuple[Node, ...]
+    results: tuple[int, ...]
+
+    def part(self, first: int, count: int) -> "Formula":
+        """Some of the results alone."""
+        return Formula(self.nodes, self.results[first : first + count])
+
+    @cached_property
+    def needed(self) -> list[int]:
+        """The lines that the results rest on, in order."""
+        found, left = set(self.results), list(set(self.results))
+        while left:
+            new = set(self.nodes[left.pop()].operands) - found
+            found |= new
+            left += new
+        return sorted(found)
+
+    @cached_property
+    def done(self) -> dict[int, list[int]]:
+        """Which values are no longer needed after each line."""
+        last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
+        done: dict[int, list[int]] = {}
+        for operand in last.keys() - set(self.results):
+            done.setdefault(last[operand], []).append(operand)
+        return done
+
+    @cached_property
+    def boxes(self) -> int:
+        """How many boxes are evaluated at once, so that memory is bounded."""
+        most = count = 0
+        for number in self.needed:
+            count += 1
+            most = max(most, count)
+            count -= len(self.done.get(number, ()))
+        return max(min(MOST_BOXES, MOST_NUMBERS // (2 * most + 1)), 1)
+
+    def reads(self, leaf: str, number: int | None = None) -> bool:
+        """Whether a result rests on a coordinate, "x", or a parameter, "p"; on any of them, or on one."""
+        found = (self.nodes[n] for n in self.needed)
+        return any(node.name == leaf and number in (None, *node.given) for node in found)
+
+    def __call__(self, low: Array, high: Array, parameters: list[tuple[Any, Any]]) -> Iterator[Interval]:
+        """Bounds of each result over boxes (M, coordinates); arrays that broadcast to (M,)."""
+        values: dict[int, Interval] = {}
+        for number in self.needed:
+            node = self.nodes[number]
+            values[number] = sure(*self.value(node, [values[n] for n in node.operands], low, high, parameters))
+            for operand in self.done.get(number, ()):
+                del values[operand]
+        return (values[number] for number in self.results)
+
+    @staticmethod
+    def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any) -> Interval:
+        if node.name == "x":
+            return low[:, node.given[0]], high[:, node.given[0]]
+        if node.name in ("p", "const"):
+            ends = parameters[node.given[0]] if node.name == "p" else node.given * 2
+            return np.array(ends[0]), np.array(ends[1])
+        if node.name == "gridded":
+            return gridded(operands, *node.given)
+        return RULES[node.name][1](*operands, *node.given)
+
+    def bounds(self, low: Array, high: Array, *parameters: tuple[Any, Any]) -> tuple[Array, Array]:
+        """Least and greatest values of the results over boxes low, high (M, coordinates): both (M, results).
+
+        Parameters are pairs of numbers, or of arrays (M,).
+        """
+        out = np.empty((2, len(self.results), len(low)))
+        with np.errstate(all="ignore"):
+            for begin in range(0, len(low), self.boxes):
+                own = slice(begin, begin + self.boxes)
+                given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
+                for place, ends in enumerate(self(low[own], high[own], given)):
+                    out[0, place, own], out[1, place, own] = ends
+        return out[0].T, out[1].T
+
+
+def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
+    """A function of the file, of so many coordinates and parameters; ValueError where it is none."""
+    for name, count in (("coordinates", coordinates), ("parameters", parameters)):
+        expect(given[name] == count, f"{what} must have {count} {name}", given[name])
+    return Reader(what, coordinates, parameters, tables).read(given["lines"])

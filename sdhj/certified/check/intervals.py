@@ -1,0 +1,311 @@
+"""Intervals of the checker: between which ends each operation of a formula lies over whole boxes, rounded outward.
+
+An interval is a pair (low, high) of float64 arrays, one entry a box, or of numbers. Both ends are NaN where the result
+may be undefined, or where an end is not finite: nothing is known there, and NaN stays NaN in whatever follows.
+
+Why the ends hold. NumPy's sums, products, quotients and square roots are the nearest numbers (IEEE 754), off by half a
+unit in the last place. `UNIT` times an end is one unit at least. What underflows is off by less than `TINY`; sums and
+square roots do not, and a zero among them is exact. NumPy's elementary functions are off by a few units (its own tests
+allow four), and `UNITS` times an end is eight at least; sines and cosines have room for `NEAR_ZERO` besides. The rest
+is where an operation rises and falls.
+"""
+
+import math
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+
+Interval = tuple[Array, Array]
+
+UNIT = 2.0**-52
+UNITS = 2.0**-49
+TINY = 5e-324  # the least positive number
+NEAR_ZERO = 2.0**-56
+ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
+DOUBT = 1e-14  # of a number of turns: more than its rounding
+MOST_POINTS = 4  # on each axis of a table, up to which a box is looked up exactly
+
+
+def outward(low: Array, high: Array, by: float = UNIT, least: float = 0.0) -> Interval:
+    """Ends moved outward by a share of their size, and by `least`."""
+    return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)
+
+
+def sure(low: Array, high: Array) -> Interval:
+    """NaN at both ends where one is not finite."""
+    known = np.isfinite(low) & np.isfinite(high)
+    return (low, high) if known.all() else (np.where(known, low, np.nan), np.where(known, high, np.nan))
+
+
+def unless(undefined: Array, low: Array, high: Array) -> Interval:
+    return np.where(undefined, np.nan, low), np.where(undefined, np.nan, high)
+
+
+def above(least: float, low: Array, high: Array) -> Interval:
+    """The part from `least` on, where nothing lies below it."""
+    return np.maximum(low, least), high
+
+
+# ---- arithmetic
+
+
+def add(a: Interval, b: Interval) -> Interval:
+    return outward(a[0] + b[0], a[1] + b[1])
+
+
+def sub(a: Interval, b: Interval) -> Interval:
+    return outward(a[0] - b[1], a[1] - b[0])
+
+
+def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
+    """The least and the greatest result at the corners, not rounded outward."""
+    ends = [of(p, q) for p in a for q in b]
+    return np.minimum.reduce(np.broadcast_arrays(*ends)), np.maximum.reduce(np.broadcast_arrays(*ends))
+
+
+def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
+    """Products or quotients; rounding does not change the sign where it is known."""
+    low, high = outward(*corners(of, a, b), least=TINY)
+    alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
+    unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
+    return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)
+
+
+def mul(a: Interval, b: Interval) -> Interval:
+    return signed(np.multiply, a, b)
+
+
+def div(a: Interval, b: Interval) -> Interval:
+    return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))
+
+
+def neg(a: Interval) -> Interval:
+    return -a[1], -a[0]
+
+
+def size(a: Interval) -> Interval:
+    """Absolute values."""
+    return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])
+
+
+def raised(x: Array, n: int) -> Interval:
+    """x**n for numbers x >= 0 and n >= 1, by squares and products."""
+    low = high = x
+    for bit in f"{n:b}"[1:]:
+        low, high = above(0.0, *outward(low * low, high * high, least=TINY))
+        if bit == "1":
+            low, high = above(0.0, *outward(low * x, high * x, least=TINY))
+    return low, high
+
+
+def power(a: Interval, n: int) -> Interval:
+    if n < 0:
+        return div((np.array(1.0), np.array(1.0)), power(a, -n))
+    if n == 0:
+        return a[0] * 0.0 + 1.0, a[1] * 0.0 + 1.0
+    if n % 2 == 0:
+        least, most = size(a)
+        return raised(least, n)[0], raised(most, n)[1]
+    (down, up), (below, beyond) = raised(np.abs(a[0]), n), raised(np.abs(a[1]), n)
+    return np.where(a[0] < 0, -up, down), np.where(a[1] < 0, -below, beyond)
+
+
+def pow_(a: Interval, b: Interval) -> Interval:
+    """It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)"""
+    low, high = above(0.0, *outward(*corners(np.power, a, b), UNITS, TINY))
+    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))
+    return unless(~defined | np.isnan(b[0]), low, high)
+
+
+# ---- elementary functions; what NumPy calls undefined at an end is NaN or not finite there, and so at both ends
+
+
+def rising(
+    function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
+) -> Callable[..., Interval]:
+    """The rule of a function that rises, with values from `least` to `most`."""
+
+    def rule(a: Interval) -> Interval:
+        low, high = outward(function(a[0]), function(a[1]), UNITS, TINY)
+        return np.maximum(low, least), np.minimum(high, most)
+
+    return rule
+
+
+def sqrt(a: Interval) -> Interval:
+    return above(0.0, *outward(np.sqrt(a[0]), np.sqrt(a[1])))
+
+
+def arccos(a: Interval) -> Interval:
+    return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))
+
+
+def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
+    """The rule of sine or cosine; a hill is there, in turns, and at every whole turn from it, a valley between two."""
+
+    def rule(a: Interval) -> Interval:
+        begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
+        doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
+        hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
+        valleys = np.floor(end + 0.5 + doubt) >= np.ceil(begin + 0.5 - doubt)
+        first, last = function(a[0]), function(a[1])
+        low, high = outward(np.minimum(first, last), np.maximum(first, last), UNITS, NEAR_ZERO)
+        low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
+        return np.where(valleys, -1.0, low), np.where(hills, 1.0, high)
+
+    return rule
+
+
+def tan(a: Interval) -> Interval:
+    begin, end = a[0] / np.pi + 0.5, a[1] / np.pi + 0.5  # whole at a pole
+    doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
+    pole = np.floor(begin - doubt) != np.floor(end + doubt)
+    return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))
+
+
+def arctan2(y: Interval, x: Interval) -> Interval:
+    """At corners, because a box that does not contain the origin is convex; any angle where the jump may be met."""
+    low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
+    jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
+    return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
+
+
+def hypot(a: Interval, b: Interval) -> Interval:
+    (a0, a1), (b0, b1) = size(a), size(b)
+    return above(0.0, *outward(np.hypot(a0, b0), np.hypot(a1, b1), UNITS, TINY))
+
+
+# ---- what jumps, and truth values: (0, 0), (1, 1), or (0, 1) where it is open
+
+
+def mod(a: Interval, b: Interval) -> Interval:
+    """a - floor(a / b) * b, between 0 and b: closer where the whole number of laps is known."""
+    laps = div(a, b)
+    first, last = np.floor(laps[0]), np.floor(laps[1])
+    rest, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
+    low = np.where(first == last, np.maximum(rest[0], least), least)
+    high = np.where(first == last, np.minimum(rest[1], most), most)
+    return unless(~np.isfinite(first) | ~np.isfinite(last), low, high)
+
+
+def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
+    return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))
+
+
+def less(a: Interval, b: Interval) -> Interval:
+    return truth(a[1] < b[0], a[0] >= b[1], a, b)
+
+
+def lesseq(a: Interval, b: Interval) -> Interval:
+    return truth(a[1] <= b[0], a[0] > b[1], a, b)
+
+
+def equal(a: Interval, b: Interval) -> Interval:
+    return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)
+
+
+def where(condition: Interval, a: Interval, b: Interval) -> Interval:
+    yes, no = condition[0] == 1.0, condition[1] == 0.0
+    low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))
+    high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
+    return unless(np.isnan(condition[0]), low, high)
+
+
+# ---- interpolation
+
+
+def gridded(operands: list[Interval], table: Array, lower: list[float], spacing: list[float]) -> Interval:
+    """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
+
+    In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
+    are ends of the box or nodes between. A box with many nodes lies between the least and the greatest node around it.
+    """
+    ends = []
+    for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
+        at = div(sub((low, high), (np.array(first), np.array(first))), (np.array(step), np.array(step)))
+        ends += [np.clip(end, 0.0, nodes - 1.0) for end in at]
+    whole = np.stack(np.broadcast_arrays(*ends))
+    places = whole.reshape(len(ends), -1)  # (2 * axes, M)
+    known, out = np.isfinite(places).all(axis=0), np.full((2, places.shape[1]), np.nan)
+    low, high = places[0::2], places[1::2]
+    points = np.ceil(high) - np.floor(low) + 1.0
+    few = known & (points <= MOST_POINTS).all(axis=0)
+    for own, rule in ((few, at_points), (known & ~few, at_blocks)):
+        if own.any():
+            out[:, own] = rule(table, low[:, own], high[:, own])
+    rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
+    low, high = outward(out[0], out[1], rounding)
+    return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
+
+
+def at_points(table: Array, low: Array, high: Array) -> Array:
+    """The least and the greatest value in boxes (axes, M) in units of nodes, rounding apart: (2, M)."""
+    begin, out = np.floor(low), np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
+    for step in product(*(range(int(n)) for n in (np.ceil(high) - begin).max(axis=1) + 1)):
+        at = np.clip(begin + np.array(step)[:, None], low, high)
+        node = np.minimum(np.floor(at), np.array(table.shape)[:, None] - 2.0).astype(np.int64)
+        share, value, most = at - node, np.zeros(low.shape[1]), np.zeros(low.shape[1])
+        for side in product((0, 1), repeat=table.ndim):
+            weight = np.prod([s if up else 1.0 - s for s, up in zip(share, side, strict=True)], axis=0)
+            own = table[tuple(n + up for n, up in zip(node, side, strict=True))]
+            value, most = value + weight * own, np.maximum(most, np.abs(own))
+        slack = (2.0**table.ndim + 2 * table.ndim) * UNIT * most
+        out = np.stack([np.minimum(out[0], value - slack), np.maximum(out[1], value + slack)])
+    return out
+
+
+def at_blocks(table: Array, low: Array, high: Array) -> Array:
+    """As `at_points`, but of all nodes around a box, in blocks of so many that few are looked up."""
+    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
+    blocks = [1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1)]
+    least = most = table
+    for axis, block in enumerate(blocks):
+        begins = np.arange(0, table.shape[axis], block)
+        least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
+    first, last = first // np.array(blocks)[:, None], last // np.array(blocks)[:, None]
+    out = np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
+    for step in product(*(range(n) for n in (last - first).max(axis=1) + 1)):
+        at = tuple(np.minimum(first + np.array(step)[:, None], last))
+        out = np.stack([np.minimum(out[0], least[at]), np.maximum(out[1], most[at])])
+    return out
+
+
+RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of operands, rule
+    "add": (2, add),
+    "sub": (2, sub),
+    "mul": (2, mul),
+    "div": (2, div),
+    "neg": (1, neg),
+    "abs": (1, size),
+    "sqr": (1, lambda a: power(a, 2)),
+    "sqrt": (1, sqrt),
+    "power": (1, power),
+    "pow": (2, pow_),
+    "exp": (1, rising(np.exp, 0.0)),
+    "log": (1, rising(np.log)),
+    "sin": (1, wave(np.sin, 0.25)),
+    "cos": (1, wave(np.cos, 0.0)),
+    "tan": (1, tan),
+    "arctan": (1, rising(np.arctan)),
+    "arctan2": (2, arctan2),
+    "tanh": (1, rising(np.tanh, -1.0, 1.0)),
+    "arcsin": (1, rising(np.arcsin)),
+    "arccos": (1, arccos),
+    "hypot": (2, hypot),
+    "min": (2, lambda a, b: (np.minimum(a[0], b[0]), np.minimum(a[1], b[1]))),
+    "max": (2, lambda a, b: (np.maximum(a[0], b[0]), np.maximum(a[1], b[1]))),
+    "floor": (1, lambda a: (np.floor(a[0]), np.floor(a[1]))),
+    "mod": (2, mod),
+    "sign": (1, lambda a: (np.sign(a[0]), np.sign(a[1]))),
+    "less": (2, less),
+    "lesseq": (2, lesseq),
+    "equal": (2, equal),
+    "and": (2, lambda a, b: (np.minimum(a[0], b[0]), np.minimum(a[1], b[1]))),
+    "or": (2, lambda a, b: (np.maximum(a[0], b[0]), np.maximum(a[1], b[1]))),
+    "not": (1, lambda a: (1.0 - a[1], 1.0 - a[0])),
+    "where": (3, where),
+}
+TRUTHS = ("less", "lesseq", "equal", "and", "or", "not")  # operations whose result is a truth value

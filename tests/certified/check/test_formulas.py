@@ -1,0 +1,166 @@
+"""Formulas of a file as the checker reads them: refused with a sentence, or evaluated line by line; memory bounded."""
+
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from sdhj.certified.check import formulas
+from sdhj.certified.check.formulas import MOST_LINES, read
+from sdhj.certified.check.intervals import RULES
+
+DISK = ["x 0", "const 0x1.8000000000000p+0", "sub 0 1", "x 1", "hypot 2 3", "const 0x1p-1", "sub 4 5", "return 6"]
+LOOKUP = "gridded 0 0 1 lower 0x0p+0 -0x1p+0 spacing 0x1p-1 0x1p-2"
+
+
+def tables(number, axes):
+    if number:
+        raise KeyError(f"tables/{number}")
+    return np.arange(3.0**axes).reshape((3,) * axes)
+
+
+def formula(lines, coordinates=2, parameters=1):
+    told = {"coordinates": coordinates, "parameters": parameters, "lines": lines}
+    return read("drift", told, coordinates, parameters, tables)
+
+
+def test_a_disk_by_hand():
+    low, high = formula(DISK).bounds(np.array([[0.0, 1.0], [1.0, -1.0]]), np.array([[0.5, 2.0], [2.0, 1.0]]), (0, 0))
+    np.testing.assert_allclose(low[:, 0], [np.hypot(1, 1) - 0.5, -0.5], rtol=1e-14)
+    np.testing.assert_allclose(high[:, 0], [np.hypot(1.5, 2) - 0.5, np.hypot(0.5, 1) - 0.5], rtol=1e-14)
+    assert (low[:, 0] < [np.hypot(1, 1) - 0.5, -0.5 + 1e-18]).all()
+
+
+def test_every_operation_can_be_read():
+    lines = ["x 0", "x 1", "p 0", "less 0 1"]
+    for name, (count, _) in RULES.items():
+        truths = {"and": 2, "or": 2, "not": 1, "where": 1}.get(name, 0)
+        words = [name, *["3"] * truths, *["0", "1", "2"][: count - truths]]
+        lines.append(" ".join([*words, "-3"] if name == "power" else words))
+    lines += [LOOKUP, "const inf", "const -inf", "const nan", "const true", f"where 3 3 {len(lines) + 4}"]
+    lines += [f"not {len(lines) - 1}", f"return {' '.join(map(str, range(len(lines) + 1)))}"]
+    low, high = formula(lines).bounds(np.full((5, 2), 0.25), np.full((5, 2), 0.5), (0.1, 0.2))
+    assert low.shape == high.shape == (5, len(lines) - 1) and not (low > high).any()
+    assert (np.isnan(low[:, -6:-3])).all() and np.isfinite(low[:, :4]).all()
+
+
+def test_a_square_of_one_value_is_one():
+    low, _ = formula(["x 0", "mul 0 0", "sqrt 1", "return 1 2"]).bounds(-np.ones((1, 2)), np.ones((1, 2)), (0, 0))
+    assert low.tolist() == [[0.0, 0.0]]
+
+
+def test_parameters_are_numbers_or_one_for_each_box():
+    own = formula(["x 0", "p 1", "mul 0 1", "p 0", "add 2 3", "return 4"], 1, 2)
+    half = np.array([1.0, 2.0])
+    low, high = own.bounds(np.ones((2, 1)), np.ones((2, 1)), (0.0, 0.5), (-half, half))
+    np.testing.assert_allclose([low[:, 0], high[:, 0]], [-half, half + 0.5], rtol=1e-14)
+
+
+def test_what_it_reads_and_parts():
+    both = formula(["x 0", "x 1", "p 0", "add 0 2", "neg 1", "return 3 4 1"])
+    assert both.reads("p", 0) and not both.part(1, 2).reads("p") and both.part(1, 2).needed == [1, 4]
+    assert both.part(0, 1).reads("x", 0) and not both.part(0, 1).reads("x", 1)
+
+
+def test_many_values_take_little_memory():
+    """A value is let go once it is no longer needed; of those that are, few boxes are evaluated at once."""
+    chain = ["x 0", *(f"sin {k}" for k in range(400)), "return 400"]
+    assert formula(chain).boxes == formulas.MOST_BOXES
+    wide = ["x 0", *("sin 0" for _ in range(3000)), *(f"add {k + 1} {k + 3000}" for k in range(2999)), "return 5999"]
+    assert formula(wide).boxes * 2 * 3000 <= formulas.MOST_NUMBERS
+    tracemalloc.start()
+    formula(chain).bounds(np.zeros((20_000, 2)), np.ones((20_000, 2)), (0, 0))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 20 * 20_000 * 16
+
+
+REFUSED = {
+    "operand of a later line": (
+        ["x 0", "add 0 2", "neg 0", "return 2"],
+        "line 1 of drift: an operand must be a number",
+    ),
+    "itself": (["neg 0", "return 0"], "an operand must be"),
+    "negative": (["x 0", "neg -1", "return 1"], "an operand must be"),
+    "unknown operation": (["x 0", "__import__ 0", "return 1"], "one of those that are known"),
+    "no operation": (["", "return 0"], "one of those that are known"),
+    "several spaces": (["x  0", "return 0"], "followed by one number"),
+    "too few operands": (["x 0", "add 0", "return 1"], "add must have 2 operands"),
+    "too many operands": (["x 0", "neg 0 0", "return 1"], "neg must have 1 operands"),
+    "huge exponent": (["x 0", "power 0 65", "return 1"], "an exponent must be from -64 to 64"),
+    "long exponent": (["x 0", f"power 0 {'9' * 10_000}", "return 1"], "an exponent must be"),
+    "broken exponent": (["x 0", "power 0 0x1p+1", "return 1"], "an exponent must be"),
+    "no number": (["const one", "return 0"], "a number must be hexadecimal"),
+    "decimal": (["const 1.5", "return 0"], "a number must be hexadecimal"),
+    "long number": ([f"const 0x1.{'0' * 10_000}p+0", "return 0"], "a number must be hexadecimal"),
+    "too large": (["const 0x1p+9999", "return 0"], "must not be as large"),
+    "a truth as an operand": (["x 0", "not 0", "return 1"], "must be given truth values"),
+    "a number as a condition": (["x 0", "where 0 0 0", "return 1"], "must be given truth values"),
+    "coordinate": (["x 2", "return 0"], "a coordinate must be a number below 2"),
+    "parameter": (["p 1", "return 0"], "a parameter must be a number below 1"),
+    "no return": (["x 0", "x 1"], "the last line must be `return`"),
+    "early return": (["x 0", "return 0", "return 0"], "one of those that are known"),
+    "result of no line": (["x 0", "return 1"], "an operand must be a number below 1"),
+    "no text": (["x 0", 7, "return 0"], "a line must be text"),
+    "no lines": ([], "a list of at most"),
+    "no list": ("return", "a list of at most"),
+    "too many lines": (["x 0"] * MOST_LINES + ["return 0"], "a list of at most 100,000 lines"),
+    "no table": (["x 0", "gridded 1 0 lower 0x0p+0 spacing 0x1p+0", "return 1"], "tables/1"),
+    "spacing": (["x 0", "gridded 0 0 lower 0x0p+0 spacing -0x1p+0", "return 1"], "`spacing` above 0"),
+    "no spacing": (["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x0p+0", "return 1"], "`spacing` above 0"),
+    "endless": (["x 0", "gridded 0 0 lower inf spacing 0x1p+0", "return 1"], "`lower` must be finite"),
+    "seven axes": (["x 0", f"gridded 0{' 0' * 7} lower{' 0x0p+0' * 7} spacing{' 0x1p+0' * 7}", "return 1"], "1 to 6"),
+    "lower too short": (["x 0", "gridded 0 0 0 lower 0x0p+0 spacing 0x1p+0 0x1p+0", "return 1"], "gridded must have"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_formula_is_refused(name):
+    lines, what = REFUSED[name]
+    with pytest.raises((ValueError, KeyError), match=what):
+        formula(lines)
+
+
+def test_other_numbers_of_coordinates_are_refused():
+    for given in (
+        {"coordinates": 3, "parameters": 1, "lines": DISK},
+        {"coordinates": 2, "parameters": 2, "lines": DISK},
+    ):
+        with pytest.raises(ValueError, match="drift must have"):
+            read("drift", given, 2, 1, tables)
+
+
+def test_reading_takes_time_in_proportion(rng):
+    def seconds(count):
+        lines = ["x 0", *(f"add {k} {rng.integers(k + 1)}" for k in range(count)), f"return {count}"]
+        began = time.process_time()
+        formula(lines).needed.copy()
+        return time.process_time() - began
+
+    assert seconds(90_000) < 40 * max(seconds(9_000), 0.01)
+    deep = ["x 0", *(f"sin {k}" for k in range(MOST_LINES - 2)), f"return {MOST_LINES - 2}"]
+    assert len(formula(deep).needed) == MOST_LINES - 1
+
+
+def test_forged_text_is_read_or_refused(rng):
+    """Words exchanged, dropped, doubled and changed at random: a sentence or a formula, never another error."""
+    lines = [*DISK[:-1], LOOKUP, "power 6 -2", "less 0 8", "where 9 7 8", "return 6 10"]
+    words = [*{word for line in lines for word in line.split()}, "-1", "1e400", "inf", "nan", "", "\n", "0x1p+2000"]
+    words.sort()
+    refused = 0
+    for _ in range(3000):
+        forged = [line.split(" ") for line in lines]
+        for _ in range(rng.integers(1, 4)):
+            line = forged[rng.integers(len(forged))]
+            place = int(rng.integers(len(line) + 1))
+            line[place : place + int(rng.integers(0, 2))] = [words[rng.integers(len(words))]] * int(rng.integers(0, 3))
+        try:
+            found = formula([" ".join(line) for line in forged])
+        except (ValueError, KeyError) as error:
+            assert str(error)
+            refused += 1
+        else:
+            low, high = found.bounds(np.zeros((3, 2)), np.ones((3, 2)), (0, 1))
+            assert not (low > high).any()
+    assert 500 < refused < 3000

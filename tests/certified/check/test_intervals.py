@@ -1,0 +1,207 @@
+"""The checker's intervals: every exact value inside, by fractions and by Arb; undefined wherever a value may be."""
+
+import math
+from fractions import Fraction
+from itertools import product
+
+import flint
+import numpy as np
+import pytest
+
+from sdhj.certified.check.intervals import RULES, gridded, sure
+
+flint.ctx.prec = 200
+
+
+def fraction(function):
+    """An exact operation on the numbers themselves."""
+    return lambda *numbers: function(*map(Fraction, numbers))
+
+
+def arb(function):
+    return lambda *numbers: function(*map(flint.arb, numbers))
+
+
+def power(n):
+    return fraction(lambda a: None if a == 0 and n < 0 else a**n)
+
+
+def real_power(a, b):
+    if a < 0 or (a == 0 and b <= 0):
+        return None
+    return Fraction(0) if a == 0 else flint.arb(a) ** flint.arb(b)
+
+
+def angle(y, x):
+    return Fraction(0) if x == y == 0 else flint.arb.atan2(flint.arb(y), flint.arb(x))
+
+
+EXACT = {  # None where it is undefined
+    "add": fraction(lambda a, b: a + b),
+    "sub": fraction(lambda a, b: a - b),
+    "mul": fraction(lambda a, b: a * b),
+    "div": fraction(lambda a, b: None if b == 0 else a / b),
+    "neg": fraction(lambda a: -a),
+    "abs": fraction(abs),
+    "sqr": fraction(lambda a: a * a),
+    "sqrt": lambda a: None if a < 0 else flint.arb(a).sqrt(),
+    "pow": real_power,
+    "exp": arb(flint.arb.exp),
+    "log": lambda a: None if a <= 0 else flint.arb(a).log(),
+    "sin": arb(flint.arb.sin),
+    "cos": arb(flint.arb.cos),
+    "tan": arb(flint.arb.tan),
+    "arctan": arb(flint.arb.atan),
+    "arctan2": angle,
+    "tanh": arb(flint.arb.tanh),
+    "arcsin": lambda a: None if abs(a) > 1 else flint.arb(a).asin(),
+    "arccos": lambda a: None if abs(a) > 1 else flint.arb(a).acos(),
+    "hypot": arb(lambda a, b: (a * a + b * b).sqrt()),
+    "min": fraction(min),
+    "max": fraction(max),
+    "floor": fraction(lambda a: Fraction(math.floor(a))),
+    "mod": fraction(lambda a, b: None if b == 0 else a - math.floor(a / b) * b),
+    "sign": fraction(lambda a: Fraction((a > 0) - (a < 0))),
+    "less": fraction(lambda a, b: Fraction(a < b)),
+    "lesseq": fraction(lambda a, b: Fraction(a <= b)),
+    "equal": fraction(lambda a, b: Fraction(a == b)),
+    "and": fraction(min),
+    "or": fraction(max),
+    "not": fraction(lambda a: 1 - a),
+    "where": fraction(lambda c, a, b: a if c else b),
+}
+TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # so many operands are truth values
+KINKS = np.array([0.0, -0.0, 1.0, -1.0, 0.5, math.pi / 2, math.pi, -math.pi, 2.0, 3.0, -4.0, 5e-324, 1e-160, -1e-200])
+
+
+def boxes(rng, count):
+    """Intervals of all widths and sizes, many of which end at a kink."""
+    centre = rng.uniform(-4, 4, count) * 10.0 ** rng.choice([-3, 0, 0, 0, 1, 6], count)
+    some = rng.random(count) < 0.4
+    centre[some] = rng.choice(KINKS, int(some.sum()))
+    width = rng.choice([0.0, 0.0, 1e-15, 1e-3, 0.3, 2.0, 9.0], (2, count)) * rng.choice([0, 1], (2, count))
+    return centre - width[0], centre + width[1]
+
+
+def truths(rng, count):
+    low = rng.integers(0, 2, count).astype(float)
+    return low, np.maximum(low, rng.integers(0, 2, count))
+
+
+def check(name, rule, exact, operands, rng):
+    """How many of the boxes are known; every sample is inside those, and those in which one is undefined are not."""
+    with np.errstate(all="ignore"):
+        low, high = (np.broadcast_to(end, operands[0][0].shape) for end in sure(*rule(*operands)))
+    assert (np.isnan(low) == np.isnan(high)).all() and not np.isinf([low, high]).any()
+    assert (low <= high)[~np.isnan(low)].all()
+    for box in range(len(low)):
+        ends = [(a[box], b[box]) for a, b in operands]
+        inside = [rng.uniform(a, b) for a, b in ends]
+        for point in [
+            *product(*ends),
+            inside,
+            [0.0 if a <= 0 <= b else x for (a, b), x in zip(ends, inside, strict=True)],
+        ]:
+            value = exact(*map(float, point))
+            if value is None:
+                assert np.isnan(low[box]), (name, ends, point)
+            elif not np.isnan(low[box]):
+                least, most = (kind(end) for kind, end in ((type(value), low[box]), (type(value), high[box])))
+                assert not (value < least or most < value), (name, ends, point, value, low[box], high[box])
+    return float(np.mean(~np.isnan(low)))
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_every_exact_value_is_inside(name, rng):
+    if name == "power":
+        for n in (-64, -3, -2, -1, 0, 1, 2, 3, 5, 64):
+            assert check(name, lambda a, n=n: RULES[name][1](a, n), power(n), [boxes(rng, 100)], rng) > 0.3
+        return
+    count, rule = RULES[name]
+    operands = [truths(rng, 400) if k < TRUTHS.get(name, 0) else boxes(rng, 400) for k in range(count)]
+    known = check(name, rule, EXACT[name], operands, rng)
+    assert known > (0.15 if name in ("sqrt", "log", "pow", "arcsin", "arccos") else 0.4)
+
+
+@pytest.mark.parametrize(
+    "name", ["add", "mul", "div", "sqrt", "exp", "log", "sin", "tan", "arctan2", "hypot", "arccos"]
+)
+def test_a_point_stays_narrow(name, rng):
+    count, rule = RULES[name]
+    operands = [(x := rng.uniform(0.1, 0.9, 1000), x) for _ in range(count)]
+    low, high = sure(*rule(*operands))
+    assert (high - low <= 40 * np.spacing(np.maximum(np.abs(low), np.abs(high)))).all() and (low < high).all()
+
+
+def test_closed_forms():
+    """Hills, valleys, laps and jumps, by hand."""
+
+    def of(name, *operands):
+        with np.errstate(all="ignore"):
+            return np.array(sure(*RULES[name][1](*[tuple(map(np.array, map(float, one))) for one in operands])))
+
+    np.testing.assert_allclose(of("sin", (1, 2)), [math.sin(1), 1.0], rtol=1e-14)
+    np.testing.assert_allclose(of("sin", (3, 8)), [-1.0, 1.0], rtol=1e-14)
+    np.testing.assert_allclose(of("cos", (-1, 0.5)), [math.cos(1), 1.0], rtol=1e-14)
+    np.testing.assert_allclose(of("cos", (3, 3.3)), [-1.0, math.cos(3.3)], rtol=1e-14)
+    np.testing.assert_allclose(of("sin", (1e17, 1e17)), [-1.0, 1.0])  # nothing is known of the angle
+    np.testing.assert_allclose(of("mod", (-2.8, -2.6), (1, 1)), [0.2, 0.4], atol=1e-14)
+    assert of("mod", (0.9, 1.1), (1, 1)).tolist() == [0.0, 1.0] and of("mod", (0.9, 1.1), (-1, -1)).tolist() == [-1, 0]
+    assert np.isnan(of("mod", (0.9, 1.1), (0, 1))).all() and np.isnan(of("tan", (1, 2))).all()
+    assert np.isnan(of("div", (1, 2), (-1, 1))).all() and np.isnan(of("div", (1, 2), (0, 0))).all()
+    assert of("arctan2", (-1, 1), (-1, 1)).tolist() == of("arctan2", (0, 0), (-2, -1)).tolist()
+    assert of("arctan2", (0, 0), (-2, -1))[1] > math.pi > of("arctan2", (0, 1), (1, 2))[1]
+    assert np.isnan(of("sqrt", (-5e-324, 1))).all() and of("sqrt", (0, 4))[0] == 0.0
+    assert np.isnan(of("exp", (0, 800))).all() and of("exp", (-800, -800))[0] == 0.0 < of("exp", (-800, -800))[1]
+    assert of("sqrt", of("add", of("sqr", (0, 1)), of("sqr", (-1, 0))))[0] == 0.0  # no rounding below zero
+    assert of("sqrt", of("mul", (0, 1), (0, 1)))[0] == 0.0 == of("sqrt", of("div", (-1, 0), (-2, -1)))[0]
+    assert of("sqr", (-2, 3))[0] == 0.0 and of("mod", (0, 5), (2, 3)).tolist() == [0.0, 3.0]
+    assert of("where", (0, 1), (2, 3), (5, 6)).tolist() == [2.0, 6.0] and of("less", (0, 1), (1, 2)).tolist() == [0, 1]
+    assert of("less", (0, 1), (2, 3)).tolist() == [1, 1] and of("less", (1, 2), (0, 1)).tolist() == [0, 0]
+    assert of("equal", (1, 1), (1, 1)).tolist() == [1, 1] and of("equal", (0, 1), (1, 2)).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_what_is_undefined_stays_so(name):
+    """NaN in any one operand; but not in the branch that `where` does not take."""
+    count, rule = RULES[name]
+    for place in range(count):
+        operands = [(np.array([1.0]), np.array([1.0])) for _ in range(count)]
+        operands[place] = np.array([np.nan]), np.array([np.nan])
+        with np.errstate(all="ignore"):
+            found = sure(*(rule(*operands, 0) if name == "power" else rule(*operands)))
+        assert np.isnan(found).all() == (name != "where" or place < 2), (name, place)
+
+
+def exact_lookup(table, lower, spacing, point):
+    """In fractions, from the definition."""
+    value, at = Fraction(0), []
+    for x, low, step, nodes in zip(point, lower, spacing, table.shape, strict=True):
+        at.append(min(max((Fraction(x) - Fraction(low)) / Fraction(step), Fraction(0)), Fraction(nodes - 1)))
+    first = [min(int(place), nodes - 2) for place, nodes in zip(at, table.shape, strict=True)]
+    for corner in product((0, 1), repeat=table.ndim):
+        weight = math.prod(p - n if up else 1 - p + n for p, n, up in zip(at, first, corner, strict=True))
+        value += weight * Fraction(table[tuple(n + up for n, up in zip(first, corner, strict=True))])
+    return value
+
+
+@pytest.mark.parametrize("shape", [(9,), (7, 12), (2, 5, 4), (2, 3, 2, 2)])
+def test_tables_are_interpolated(shape, rng):
+    """Inside; and of a box within a few cells, the extremes are attained at a corner or a node."""
+    table, n = rng.normal(size=shape), len(shape)
+    lower, spacing = rng.normal(size=n).tolist(), rng.uniform(0.1, 0.4, n).tolist()
+    length = np.array(spacing) * (np.array(shape) - 1)
+    centre = lower + length * rng.uniform(-0.2, 1.2, (60, n))
+    half = length * rng.choice([0.0, 0.01, 0.1, 0.4, 2.0], (60, 1)) * rng.random((60, n))
+    low, high = centre - half, centre + half
+    least, most = gridded(list(zip(low.T, high.T, strict=True)), table, lower, spacing)
+    for box in range(60):
+        own = [[low[box, k], high[box, k]] for k in range(n)]
+        for k in range(n):
+            own[k] += [x for x in lower[k] + spacing[k] * np.arange(shape[k]) if low[box, k] < x < high[box, k]]
+        found = [exact_lookup(table, lower, spacing, point) for point in product(*own)]
+        assert least[box] <= min(found) and max(found) <= most[box]
+        if all(len(ends) <= 4 for ends in own):
+            assert min(found) - 1e-12 <= least[box] and most[box] <= max(found) + 1e-12
+    undefined = gridded([(np.array([np.nan]),) * 2] * n, table, lower, spacing)
+    assert np.isnan(undefined).all()
