@@ -20,7 +20,7 @@ from sdhj.formulas.gridded import MOST_AXES
 from sdhj.formulas.rules import RULES
 from sdhj.formulas.text import MOST_LINES, parsed
 from sdhj.kernels.tape import play
-from sdhj.problem.problem import STATES
+from sdhj.problem.problem import COMPARED_STATES
 
 SITE = ROOT / "notebooks" / "site"
 
@@ -173,7 +173,7 @@ def test_the_page_on_formulas_holds_what_it_says() -> None:
         f"1 to {MOST_AXES} axes",
     ):
         assert limit in text
-    assert f"At {STATES} random states".lower() in text.lower()
+    assert f"at {COMPARED_STATES} random states" in text
 
 
 def test_every_rule_is_on_the_page_and_the_lines_are_read_again() -> None:
