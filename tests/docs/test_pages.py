@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import runpy
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,14 @@ from documents import ROOT, blocks, named_files
 
 import sdhj
 from sdhj.cli import main
+from sdhj.formulas.arrays import MOST_NODES
+from sdhj.formulas.formula import tape_of
+from sdhj.formulas.graph import MOST_EXPONENT
+from sdhj.formulas.gridded import MOST_AXES
+from sdhj.formulas.rules import RULES
+from sdhj.formulas.text import MOST_LINES, parsed
+from sdhj.kernels.tape import play
+from sdhj.problem.problem import COMPARED_STATES
 
 SITE = ROOT / "notebooks" / "site"
 
@@ -101,9 +110,8 @@ def test_the_robot_has_an_answer_everywhere(recipes: dict[str, Any], capsys: pyt
 
 def test_the_octagon_holds_the_ball(recipes: dict[str, Any]) -> None:
     """How far the disturbances of the recipe reach in every direction: at least r, at most r / cos(22.5 degrees)."""
-    dynamics, directions = recipes["ball"].problem.dynamics, np.linspace(0.0, 2 * np.pi, 721)
+    (_, gain, bounds), directions = recipes["ball"].problem.dynamics.arrays, np.linspace(0.0, 2 * np.pi, 721)
     ways = np.stack([np.cos(directions), np.sin(directions)], axis=1)
-    _, gain, bounds = dynamics.arrays
     reach = np.abs(ways @ gain) @ bounds
     assert reach.min() == pytest.approx(0.1) and reach.max() == pytest.approx(0.1 / np.cos(np.pi / 8))
     boxed = sdhj.solve(recipes["problem"]([recipes["office"]]), progress=False)
@@ -131,6 +139,56 @@ def test_nothing_passes_the_thin_fence(recipes: dict[str, Any]) -> None:
 def test_the_wind_blows_one_way(recipes: dict[str, Any]) -> None:
     low, high = recipes["windy"].problem.interval(0).extremes(0.0)[:, 0]  # of the input that rests
     np.testing.assert_allclose([low, high], [[0.0, -0.1], [0.2, 0.1]], rtol=0, atol=1e-15)
+
+
+def test_the_wind_from_a_table_is_a_formula(recipes: dict[str, Any]) -> None:
+    dynamics = recipes["gusty"].problem.dynamics
+    low, high = dynamics.extremes(np.array([[2.0, 1.5], [1.0, 0.0]]), 0, 0.0).transpose(1, 0, 2)
+    np.testing.assert_allclose(high, [[0.15, 0.15], [0.075, 0.075]], rtol=1e-12)
+    np.testing.assert_allclose(low, -high)
+    assert recipes["gusty"].problem.opaque == {}
+
+
+def test_a_direction_that_is_turned_errs_to_the_safe_side(recipes: dict[str, Any]) -> None:
+    """Every velocity that a turn by up to 0.2 rad gives lies in the box, whose sides are reached."""
+    problem = recipes["skewed"].problem
+    assert problem.dynamics.gain is None
+    low, high = problem.dynamics.extremes(np.zeros((1, 2)), 1, 0.0)[0]
+    turned = 0.5 * np.array([[np.cos(v), np.sin(v)] for v in np.linspace(-0.2, 0.2, 401)])
+    assert (low <= turned.min(axis=0) + 1e-12).all() and (turned.max(axis=0) - 1e-12 <= high).all()
+    np.testing.assert_allclose([low, high], [turned.min(axis=0), turned.max(axis=0)], atol=1e-6)
+
+
+def test_the_page_on_formulas_holds_what_it_says() -> None:
+    """Its code runs, its black box is one, and its limits are the library's."""
+    names: dict[str, Any] = {}
+    for code in blocks(SITE / "formulas.md"):
+        exec(code, names)
+    assert names["moving"].moving and isinstance(names["masts"].level_set, sdhj.BlackBox)
+    text = (SITE / "formulas.md").read_text(encoding="utf-8")
+    for limit in (
+        f"{MOST_NODES:,}",
+        f"{MOST_LINES:,}",
+        f"-{MOST_EXPONENT} to {MOST_EXPONENT}",
+        f"1 to {MOST_AXES} axes",
+    ):
+        assert limit in text
+    assert f"at {COMPARED_STATES} random states" in text
+
+
+def test_every_rule_is_on_the_page_and_the_lines_are_read_again() -> None:
+    """What notebooks/site/conf.py puts in place of the two marks."""
+    conf = runpy.run_path(str(SITE / "conf.py"))
+    source = [(SITE / "formulas.md").read_text(encoding="utf-8")]
+    conf["with_rules"](None, "site/formulas", source)
+    named = re.findall(r"^\| `(\w+)` \| (?:\d|1 to 6) \|", source[0], re.MULTILINE)
+    assert named == list(RULES) and "<!--" not in source[0]
+    lines = re.search(r"^```text\n(x 0\n.*?)\n```$", source[0], re.MULTILINE | re.DOTALL)
+    assert lines is not None
+    (disk,) = parsed(lines[1].splitlines(), [], 2, 1)
+    states, found = np.array([[1.0, 0.5], [0.3, 0.0]]), np.empty((1, 2))
+    play(tape_of([disk]), states, np.array([2.0]), found)
+    np.testing.assert_allclose(found[0], np.hypot(states[:, 0] - 0.4, states[:, 1]) - 0.5, atol=1e-12)
 
 
 def test_gymnasiums_recipe_arrives(recipes: dict[str, Any]) -> None:

@@ -107,8 +107,8 @@ def check_boat(boat_tube):
     angles = np.pi / 4 * np.arange(8)
     headings = 1.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
-    def drift(points, held):
-        return held + 0.8 * np.stack([-points[:, 1], points[:, 0]], axis=1)
+    def drift(points, u):
+        return u + 0.8 * np.stack([-points[:, 1], points[:, 0]], axis=1)
 
     steered = sdhj.ReachAvoidProblem(
         grid=problem.grid,
