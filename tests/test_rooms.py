@@ -18,7 +18,16 @@ COMPILERS = {"kernel", "njit"}
 SCREEN = 45  # lines of a function at most, but for its docstring
 # Names that two files may share: the checker has its own, as it imports nothing of what it checks.
 TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command", "EXACT", "PI", "TURNS", "farthest", "widened"}
-TWICE |= {"mod", "power", "tan", "LARGEST", "TINY", "TURN", "WHERE", "OPERATIONS"}  # of values, of intervals, and of graphs
+TWICE |= {
+    "mod",
+    "power",
+    "tan",
+    "LARGEST",
+    "TINY",
+    "TURN",
+    "WHERE",
+    "OPERATIONS",
+}  # of values, of intervals, and of graphs
 TWICE |= {"RULES", "Rule"}  # by which a controller selects, and of formulas
 
 

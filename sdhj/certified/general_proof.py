@@ -27,8 +27,9 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.bounds import Bounds, Ends, known_sets
+from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, MOST_PIECES, CellAxis, CellTable, cells_of, moved_cells, unknown
+from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
