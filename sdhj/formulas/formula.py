@@ -189,9 +189,16 @@ class Formula:
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The same function of some coordinates, numbered anew; it reads no others."""
+        if (known := self._restricted.get(tuple(axes))) is not None:
+            return known
         new = {axis: place for place, axis in enumerate(axes)}
         moved = rebuilt(self.outputs, lambda one: leaf("x", new[one.value[0]]) if one.op == "x" else None)
-        return replace(self, outputs=tuple(moved), coordinates=len(axes))
+        self._restricted[tuple(axes)] = replace(self, outputs=tuple(moved), coordinates=len(axes))
+        return self._restricted[tuple(axes)]
+
+    @cached_property
+    def _restricted(self) -> "dict[tuple[int, ...], Formula]":
+        return {}
 
     @cached_property
     def tape(self) -> Tape:

@@ -42,6 +42,11 @@ class Velocities:
     shape: tuple[int, ...] = ()
 
     @cached_property
+    def terms(self) -> dict[Any, Any]:
+        """As the kernels of a scheme read them, by the layout (`sdhj.solver.schemes`)."""
+        return {}
+
+    @cached_property
     def lower(self) -> FloatArray:
         """`low` as one array."""
         return self._whole(self.low)
@@ -95,6 +100,7 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 MOST_INPUTS = 256
+KNOWN_AT_MOST, SMALL = 512, 2**25  # velocities at different times that an interval keeps, and bytes of all of them
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -335,7 +341,7 @@ class VectorField:
 
     @cached_property
     def read_methods(self) -> dict[Any, Formula]:
-        """Where the state moves to in intervals of some length, as formulas (`Interval`)."""
+        """Formulas that follow from those of the dynamics, by what they are."""
         return {}
 
     @property
@@ -456,6 +462,13 @@ class VectorField:
                 size = len(part.outputs) // len(self.inputs)
                 out[name] = [part.of(range(j * size, (j + 1) * size), part.shape[1:]) for j in range(len(self.inputs))]
         return out
+
+    def component(self, name: str, j: int, place: int) -> Formula:
+        """One number of the drift or the gain under an input."""
+        known, key = self.read_methods, (name, j, place)
+        if key not in known:
+            known[key] = self.each[name][j].of([place])
+        return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
         """Velocity under input j at points (M, ndim) and time t without a disturbance; shape (M, ndim)."""
@@ -872,8 +885,8 @@ class Interval:
             return [[(low + high) / 2, (high - low) / 2] for low, high in zip(least, greatest, strict=True)]
         bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
         for axis in everything:
-            gain = [self._sampled(dynamics.each["gain"][j].of([axis * count + d]), everything, t) for d in range(count)]
-            drift = self._sampled(dynamics.each["drift"][j].of([axis]), everything, t)
+            gain = [self._sampled(dynamics.component("gain", j, axis * count + d), everything, t) for d in range(count)]
+            drift = self._sampled(dynamics.component("drift", j, axis), everything, t)
             out.append([drift, *(bound * one for bound, one in zip(bounds, gain, strict=True))])
         return out
 
@@ -905,7 +918,24 @@ class Interval:
         boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
         (the moving frame).
         """
-        t, keep, dynamics = self.begin if t is None else t, list(axes), self.dynamics
+        t = self.begin if t is None else t
+        key = j, tuple(axes), t, drift
+        if key not in self._known:
+            found = self._velocities(j, list(axes), t, drift)
+            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > SMALL:  # the games keep what is the same at all times
+                return found
+            if len(self._known) >= KNOWN_AT_MOST:
+                self._known.clear()
+            self._known[key] = found
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[Any, Velocities]:
+        """Velocities at some times, which each number of steps to go asks for again."""
+        return {}
+
+    def _velocities(self, j: int, keep: list[int], t: float, drift: bool) -> Velocities:
+        dynamics, axes = self.dynamics, keep
         if dynamics.stateless and dynamics.gain is not None:
             nothing = np.zeros((1, self.grid.ndim))
             f = dynamics.drift_at(nothing, j, t)[:, keep] * drift
@@ -936,10 +966,10 @@ class Interval:
         ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
         for axis in axes:
-            middle = drift * self._sampled(dynamics.each["drift"][j].of([axis]), seen, t)
+            middle = drift * self._sampled(dynamics.component("drift", j, axis), seen, t)
             spread = np.zeros((1,) * len(seen))
             for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
-                gain = self._sampled(dynamics.each["gain"][j].of([axis * count + d]), seen, t)
+                gain = self._sampled(dynamics.component("gain", j, axis * count + d), seen, t)
                 spread = spread + np.abs(bounds[d] * gain)
             low, high = middle - spread, middle + spread
             hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
@@ -979,10 +1009,10 @@ class Interval:
         """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
         dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
         for row, axis in enumerate(axes):
-            sampled[row, 0] = self._sampled(dynamics.each["drift"][j].of([axis]), seen, t)
+            sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
             for d in np.flatnonzero(dynamics.pushes[j, axis]):
                 place = axis * dynamics.adversaries + int(d)
-                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.each["gain"][j].of([place]), seen, t)
+                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.component("gain", j, place), seen, t)
 
     def velocity_field(
         self, j: int, axes: Sequence[int], *, drift: bool = True

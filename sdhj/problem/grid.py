@@ -180,7 +180,15 @@ class Grid:
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""
+        if tuple(axes) not in self._subgrids:
+            self._subgrids[tuple(axes)] = self._subgrid(axes)
+        return self._subgrids[tuple(axes)]
 
+    @cached_property
+    def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
+        return {}
+
+    def _subgrid(self, axes: Sequence[int]) -> "Grid":
         def pick(field: tuple[Any, ...]) -> list[Any]:
             return [field[axis] for axis in axes]
 
@@ -349,7 +357,7 @@ class Window(Grid):
     def shares(self, axis: int) -> FloatArray:
         return self.whole.shares(axis)[self.places(axis)]
 
-    def subgrid(self, axes: Sequence[int]) -> Grid:
+    def _subgrid(self, axes: Sequence[int]) -> Grid:
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
