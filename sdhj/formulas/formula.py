@@ -5,7 +5,6 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 """
 
 import inspect
-import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -78,21 +77,19 @@ class Formula:
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
-        if isinstance(points, Traced) or any(isinstance(one, Traced) for one in parameters):
-            return self._inlined(points, parameters)
-        points = np.ascontiguousarray(points, dtype=np.float64)
+        for one in (points, *parameters):
+            if type(one) is Traced:
+                return self._inlined(points, parameters)
+        points = np.ascontiguousarray(points, np.float64)
         out = np.empty((len(self.outputs), len(points)))
-        play(self.tape, points, np.array(parameters, dtype=np.float64), out)
-        if not math.isfinite(out.sum()):  # the sum is cheap, and finite where all is
-            self._check(out, points, parameters)
+        if not play(self.tape, points, np.array(parameters, np.float64), out):
+            self._refuse(out, points, parameters)
         if len(points) == 1 or not self.shape:
             return out.reshape(len(points), *self.shape)
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
-    def _check(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
-        """Raise ValueError where values are undefined or infinite."""
-        if np.isfinite(out).all():
-            return
+    def _refuse(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
+        """Raise ValueError for values that are undefined or infinite."""
         row = int(np.argmin(np.isfinite(out).all(axis=0)))
         value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
         raise ValueError(

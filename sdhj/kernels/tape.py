@@ -237,12 +237,12 @@ def _gridded(lookup, places, tables, room, place, out, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(tape, points, parameters, out, start, stop):
-    """`play` of the points from start to stop; compiled code may call it, too.
+    """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
     code, value, slots, outputs, lookups, places, tables = tape
-    width = min(BLOCK, stop - start)
+    width, total = min(BLOCK, stop - start), 0.0
     room, place, spare = np.empty((slots + 1, width)), np.arange(slots), slots
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
@@ -266,22 +266,23 @@ def play_part(tape, points, parameters, out, start, stop):
             result = room[place[outputs[i]]]
             for m in range(count):
                 out[i, at + m] = result[m]
+                total += 0.0 * result[m]
+    return total
 
 
-def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
-    """Values of a tape at points (M, C) with parameters (P,), into out (K, M)."""
-    if len(points) * len(tape.code) < MANY:
-        play_part(tuple(tape), points, parameters, out, 0, len(points))  # handed over in half the time of a named one
-    else:
-        _share_out(play_part, len(points), tuple(tape), points, parameters, out)
+def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
+    """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
+    if len(points) * len(tape.code) < MANY:  # a plain tuple is handed over in half the time of a named one
+        return bool(play_part(tuple(tape), points, parameters, out, 0, len(points)) == 0.0)
+    return sum(_share_out(play_part, len(points), tuple(tape), points, parameters, out)) == 0.0
 
 
-def _share_out(part: Any, count: int, *arguments: Any) -> None:
+def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
     """Play parts in several threads; a parallel kernel would compile everything once more."""
     threads = get_num_threads()
     ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda part_ends: part(*arguments, *part_ends), ends))
+        return list(pool.map(lambda part_ends: part(*arguments, *part_ends), ends))
 
 
 @kernel(nogil=True, error_model="numpy")
