@@ -41,10 +41,10 @@ class Velocities:
     gain: FloatArray | None = None
     shape: tuple[int, ...] = ()
 
-    @cached_property
-    def terms(self) -> dict[Any, Any]:
-        """As the kernels of a scheme read them, by the layout (`sdhj.solver.schemes`)."""
-        return {}
+    def kept(self) -> "Velocities":
+        """These velocities, which keep what is made of them for the kernels in `terms`, by the layout."""
+        self.__dict__.setdefault("terms", {})
+        return self
 
     @cached_property
     def lower(self) -> FloatArray:
@@ -926,7 +926,7 @@ class Interval:
                 return found
             if len(self._known) >= KNOWN_AT_MOST:
                 self._known.clear()
-            self._known[key] = found
+            self._known[key] = found.kept()
         return self._known[key]
 
     @cached_property

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import FEW, choice
+from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 from sdhj.problem.boxes import most_on_rim, out_of_danger
 from sdhj.problem.checks import option
@@ -168,11 +168,11 @@ def _field(
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as `stage` reads them; on small grids they are kept with the velocities."""
-    if grid.size > FEW:
+    """Velocities as `stage` reads them."""
+    if (terms := vars(velocities).get("terms")) is None:
         return _arranged(grid, layout, velocities, dtype)
-    if (known := velocities.terms.get((id(layout), dtype))) is None:
-        known = velocities.terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
+    if (known := terms.get((id(layout), dtype))) is None:
+        known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
     return known[1]
 
 
