@@ -6,12 +6,14 @@ Where a function may jump, or be infinitely steep, the interval of its derivativ
 what is no more than a difference between two sides would be taken for a slope.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
 
 ZERO, ONE, TWO = constant(0.0), constant(1.0), constant(2.0)
 EITHER = make("cos", make("arctan2", ZERO, constant(-1.0)))  # on arctan2's cut: its interval is [-1, 1]
+TURN = constant(2 * math.pi)
 NEAR = constant(1e-100)  # lengths that are no longer divided by
 COMPARED = ("less", "lesseq", "equal")
 STEPS = ("floor", "sign", "and", "or", "not", *COMPARED)
@@ -44,7 +46,20 @@ def _derived(one: Node, found: Found) -> Node:
         return _interpolated(one, slopes)
     if one.op == "sqrt" and (parts := _squares(one.args[0])) is not None:
         return _sum([_share(part, one) * _slope(part, found) for part in parts])
+    if one.op in ("sin", "cos"):
+        slopes = [_turning(one.args[0], found)]
     return CHAIN[one.op](one, one.args, slopes)
+
+
+def _turning(one: Node, found: Found) -> Node:
+    """Of an angle of which whole turns do not matter, as those by which `mod` and `arctan2` jump."""
+    if found[one] is not None and one.op in ("add", "sub", "neg"):
+        return make(one.op, *(_turning(arg, found) for arg in one.args))
+    if found[one] is not None and one.op == "mod" and one.args[1] is TURN:
+        return _turning(one.args[0], found)
+    if found[one] is not None and one.op == "arctan2":
+        return _turned(one.args, [_slope(arg, found) for arg in one.args])
+    return _slope(one, found)
 
 
 def _sum(nodes: Sequence[Node]) -> Node:
@@ -117,9 +132,12 @@ def _remainder(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
 
 
 def _angle(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
-    y, x = a
-    cut = make("div", ZERO, make("max", x, make("abs", y)))  # undefined at y = 0, x <= 0
-    return make("div", make("sub", x * d[0], y * d[1]), make("sqr", x) + make("sqr", y)) + cut
+    cut = make("div", ZERO, make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
+    return _turned(a, d) + cut
+
+
+def _turned(a: Sequence[Node], d: Sequence[Node]) -> Node:
+    return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
 
 
 def _any_power(f: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:

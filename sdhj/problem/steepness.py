@@ -51,7 +51,7 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
         if not np.isfinite(jumps[axis]):
             raise ValueError(
                 f"the velocity along {grid.names[axis]} may be undefined somewhere on the grid, so no bound is "
-                "known on how it changes, which a Sensing needs; clip what is divided by, or is under a root or a logarithm"
+                "known on how it changes, which a Sensing needs; clip what it is divided by, or a root is taken of"
             )
     declared = _declared(grid, dynamics, end, delta)
     return slope + declared[0], push + declared[1], jumps
@@ -123,7 +123,8 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
         formula = Formula((make("sub", *sides),), len(low))
-        middles = sum(_boxes(formula.reads[0], low, high)) / 2
+        begin, end = _boxes(formula.reads[0], low, high)
+        middles = (begin + end) / 2
         least, most = formula.bounds(middles, middles, (0.0, 0.0))
         if np.maximum(least, -most).max() > SAME * (1.0 + _greatest(one, low, high)):
             return True
