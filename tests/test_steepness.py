@@ -10,6 +10,7 @@ import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
 from sdhj.problem.problem import boxes
 from sdhj.problem.steepness import rates
+from sdhj.table.controller import predicted
 
 PLANE = Grid([-np.pi, -3.0], [np.pi, 3.0], [21, 21], [True, False])
 
@@ -96,13 +97,12 @@ def test_states_on_two_sides_of_a_jump_stay_in_the_box():
     jump = Dynamics([[-1.0], [0.0], [1.0]], lambda q, u: u[0] + 0.2 * np.sign(q), [[1.0]], [0.1])
     problem = replace(toys.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1))
     box, wider = boxes(problem)
-    np.testing.assert_allclose([box, wider], [[0.01 + 0.1 * 0.5 + 0.0], [2 * box[0] + 0.5 * wider_jump()]][:2], rtol=1)
-    state, told, t = 0.005, -0.004, 0.1
-    assert abs((state + (0.2 + 0.1) * t) - (told - 0.2 * t)) <= box[0]
-
-
-def wider_jump():
-    return 0.6
+    np.testing.assert_allclose(box, 0.01 + 0.1 * (0.4 + 0.2), rtol=1e-9)
+    np.testing.assert_allclose(wider, 2 * box + 0.5 * (0.4 + 0.2), rtol=1e-9)
+    state, measured = np.array([[0.004]]), np.array([[-0.004]])
+    moved = problem.interval(0).advance(state, np.array([1]), np.array([[0.1]]), 0.0, 0.1)
+    off = float((moved - predicted(problem, measured, np.array([1])))[0, 0])
+    assert 0.057 < off <= box[0]
 
 
 def test_ends_of_a_periodic_axis_that_differ_are_a_jump():
