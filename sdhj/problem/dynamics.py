@@ -620,7 +620,8 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
         return np.asarray(function(full, *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    return BlackBox(some, reads, name=part.name, rate=part.rate, shape=(len(keep), *part.shape[1:]))
+    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (len(lower),) * 2)[np.ix_(keep, keep)]
+    return BlackBox(some, reads, slope, part.rate, name=part.name, shape=(len(keep), *part.shape[1:]))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:

@@ -22,10 +22,10 @@ SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis
 def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A (ndim, ndim), b (ndim,) and jumps (ndim,), for all states on the grid, all inputs, and times up to `end`.
 
-    Velocities f(q, v) that may jump or be infinitely steep anywhere have zeros in A and b. Differences between nodes
-    would say how large a jump is, divided by their distance; times an error smaller than that it is less than the
-    velocities on both sides may differ. They are taken at their worst instead: anything between their least and their
-    greatest, which is what `jumps` says. Too much is refused where nothing is left of the target.
+    Velocities that may jump or be infinitely steep anywhere have zeros in A and b. Differences between nodes would take
+    a jump J for a slope J / h, and so velocities at both sides of it, w < h apart, to differ by J w / h only: less than
+    they do. These are taken at their worst instead: anything between their least and their greatest, which `jumps` says
+    and adds to b. That is never too little; where it is too much, nothing is left of the target, and that is said.
 
     Raises
     ------
@@ -92,6 +92,8 @@ def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
+    if one.op == "const":
+        return abs(float(one.value))
     formula = Formula((one,), len(low))
     begin, end = _boxes(formula.reads[0], low, high)
     size = np.where(formula.reads[0], (end - begin).max(axis=0), np.inf)
@@ -119,14 +121,16 @@ def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[Fl
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether velocities at both ends of a periodic axis differ, in the middles of the boxes of a search."""
+    """Whether velocities at both ends of a periodic axis differ, at a point of each box of a search."""
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
-        formula = Formula((make("sub", *sides),), len(low))
+        if sides[0] is sides[1]:
+            continue
+        formula = Formula((make("sub", *sides), one), len(low), shape=(2,))
         begin, end = _boxes(formula.reads[0], low, high)
-        middles = (begin + end) / 2
-        least, most = formula.bounds(middles, middles, (0.0, 0.0))
-        if np.maximum(least, -most).max() > SAME * (1.0 + _greatest(one, low, high)):
+        points = begin + 0.3 * (end - begin)  # in the middle v is 0
+        least, most = formula.bounds(points, points, (0.0, 0.0))
+        if np.maximum(least, -most)[:, 0].max() > SAME * (1.0 + np.abs(most[:, 1]).max()):
             return True
     return False
 
