@@ -241,6 +241,7 @@ class ReachAvoidProblem:
             return self
         part = object.__new__(ReachAvoidProblem)  # its functions have been checked
         part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
+        part.__dict__.update({name: one for name, one in vars(self).items() if name == "half_widths"})
         if not (self.dynamics.timed or self.dynamics.stateless):
             part._intervals[0] = self.interval(0).on(grid)
         return part

@@ -11,8 +11,8 @@ without a disturbance. When the new input starts, the state is in the box of hal
 
     E = w(d),    w(0) = e,    dw/dt = A w + b,
 
-where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds to it. Both
-are bounds on derivatives of its formulas, for all states on the grid, inputs and times (`sdhj.problem.steepness`), or
+where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds. Both are
+bounds on derivatives of its formulas, for all states on the grid, inputs and times (`sdhj.problem.steepness`), or
 what a black box declares. A velocity that jumps has no such constant: there b is all by which it may vary. Where
 velocities do not depend on the state, E = e + d b. Jitter adds nothing, because d is exact.
 
