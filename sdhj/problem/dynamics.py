@@ -561,15 +561,15 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            v = zip(*self._disturbance(j, low, high, time, signs), strict=True)
+            v = zip(*self.disturbance(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
         return least, greatest
 
-    def _disturbance(
-        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
+    def disturbance(
+        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
     ) -> FloatArray:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
@@ -592,13 +592,14 @@ class VectorField:
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
-        drift, gain = (self._part(name, j, low, high, time) for name in ("drift", "gain"))
-        pushes = np.stack([one * v for one in gain for v in self._disturbance(j, low, high, time, signs)])
+        drift, gain = (self.part_in(name, j, low, high, time) for name in ("drift", "gain"))
+        pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
         return drift[0] + least - rounded, drift[1] + most + rounded
 
-    def _part(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
+    def part_in(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
+        """Bounds on drift or gain under input j in boxes (M, ndim) and an interval of time, as of one alone."""
         part = getattr(self, name)
         if isinstance(part, Formula):
             return self.each[name][j].bounds(low, high, time)
@@ -632,7 +633,8 @@ def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> Bla
         return np.asarray(function(full, *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    return BlackBox(some, reads, name=part.name, rate=part.rate, shape=(len(keep), *part.shape[1:]))
+    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (len(lower),) * 2)[np.ix_(keep, keep)]
+    return BlackBox(some, reads, slope, part.rate, name=part.name, shape=(len(keep), *part.shape[1:]))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
@@ -873,22 +875,6 @@ class Interval:
         pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
         return list(least), list(greatest)
-
-    def parts_at_nodes(self, j: int, t: float) -> list[list[FloatArray]]:
-        """For each axis the drift under u_j and, for each component of v, gain times bound, each on the axes it reads.
-
-        Where v does not enter linearly: the middle of the velocity's range, and half of its width.
-        """
-        dynamics, everything, out = self.dynamics, list(range(self.grid.ndim)), []
-        if not (dynamics.formulas and dynamics.gain is not None):
-            least, greatest = self.ends_at_nodes(j, t)
-            return [[(low + high) / 2, (high - low) / 2] for low, high in zip(least, greatest, strict=True)]
-        bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
-        for axis in everything:
-            gain = [self._sampled(dynamics.component("gain", j, axis * count + d), everything, t) for d in range(count)]
-            drift = self._sampled(dynamics.component("drift", j, axis), everything, t)
-            out.append([drift, *(bound * one for bound, one in zip(bounds, gain, strict=True))])
-        return out
 
     @cached_property
     def speeds(self) -> FloatArray:

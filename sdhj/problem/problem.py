@@ -25,6 +25,7 @@ from sdhj.problem.dynamics import INSTANTS, Dynamics, Interval, VectorField
 from sdhj.problem.grid import Grid, Window
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, LARGEST, STEEP, VIEW_TIMES, TargetSet, UnsafeSet
+from sdhj.problem.steepness import rates
 
 
 def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
@@ -240,6 +241,7 @@ class ReachAvoidProblem:
             return self
         part = object.__new__(ReachAvoidProblem)  # its functions have been checked
         part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
+        part.__dict__.update({name: one for name, one in vars(self).items() if name == "half_widths"})
         if not (self.dynamics.timed or self.dynamics.stateless):
             part._intervals[0] = self.interval(0).on(grid)
         return part
@@ -459,26 +461,6 @@ def check_sensing(problem: ReachAvoidProblem) -> None:
         )
 
 
-def rates(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
-    """A (ndim, ndim) and b (ndim,) of `sdhj.problem.sensing`, from differences between neighbouring nodes.
-
-    Between two nodes a velocity may be steeper, by a share of second order in their distance.
-    """
-    grid, dynamics = problem.grid, problem.dynamics
-    nodes = Interval(grid, dynamics, 0.0, problem.delta)
-    slope, push = np.zeros((grid.ndim, grid.ndim)), np.zeros(grid.ndim)
-    steps = range(problem.steps + 1 if dynamics.timed else 1)
-    times = [problem.delta * (step + share) for step in steps for share in (INSTANTS if dynamics.timed else [0.0])]
-    for j, t in product(range(len(problem.inputs)), times):
-        for axis, (drift, *gain) in enumerate(nodes.parts_at_nodes(j, t)):
-            push[axis] = max(push[axis], sum(float(np.abs(one).max()) for one in gain))
-            steep = np.zeros(grid.ndim)
-            for part in (drift, *gain):
-                steep += [_steepest(grid, part, k) / grid.spacing[k] for k in range(grid.ndim)]
-            slope[axis] = np.maximum(slope[axis], steep)
-    return slope, push
-
-
 def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
     """Solution w(duration) of dw/dt = slope w + push, w(0) = box, (ndim,), by a series without negative terms."""
     ndim = len(box)
@@ -494,9 +476,10 @@ def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, durati
 def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
     """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
     sensing, nothing = problem.sensing, np.zeros(problem.grid.ndim)
-    slope, push = rates(problem)
-    box = carried(slope, push, nothing + np.array(sensing.error), sensing.delay)
-    return box, box + carried(slope, 0.0, box, problem.delta + 2 * sensing.jitter)
+    end = problem.time(problem.most_steps)
+    slope, push, jumps = rates(problem.grid, problem.dynamics, end, problem.delta)
+    box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+    return box, box + carried(slope, jumps, box, problem.delta + 2 * sensing.jitter)
 
 
 def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int]) -> FloatArray:

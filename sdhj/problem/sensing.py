@@ -11,8 +11,10 @@ without a disturbance. When the new input starts, the state is in the box of hal
 
     E = w(d),    w(0) = e,    dw/dt = A w + b,
 
-where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds to it. For
-velocities that do not depend on the state, E = e + d b. Jitter adds nothing, because d is exact.
+where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds. Both are
+bounds on derivatives of its formulas, for all states on the grid, inputs and times (`sdhj.problem.steepness`), or
+what a black box declares. A velocity that jumps has no such constant: there b is all by which it may vary. Where
+velocities do not depend on the state, E = e + d b. Jitter adds nothing, because d is exact.
 
 *Sets*, all of them at the time s_k:
 
@@ -34,7 +36,7 @@ On a grid, shrinking a set by a box is the maximum of its level-set function ove
 in W if the interpolated M contains the whole box around it.
 
 Certified sets consist of cells: M_k^n contains a cell y if the image of y + E, widened by E, is in M_{k+1}^{n-1}, which
-for a cell of one point is the same. Their E is bounded by intervals (`sdhj.certified.general_proof`), not differences.
+for a cell of one point is the same. Their E is proved, by intervals of the velocities (`sdhj.certified.general_proof`).
 
 *In closed form.* dq = u + v, u in {-1, 0, 1}, |v| <= b < 1, target |q| <= r; T = delta + 2 j, S = delta - 2 j. Here
 E = e + d b, and the sets are intervals around 0. M^0 has the half-width r - E; W^n has E less than M^n. u = 1 leads

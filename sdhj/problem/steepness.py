@@ -1,0 +1,159 @@
+"""How much velocities differ between two states, from the derivatives of their formulas: A and b of `sensing`."""
+
+from collections.abc import Iterable
+from itertools import pairwise, product
+
+import numpy as np
+
+from sdhj.formulas.derivative import derivative
+from sdhj.formulas.formula import BlackBox, Ends, Formula
+from sdhj.formulas.graph import Node, constant, leaf, make, rebuilt
+from sdhj.kernels import FloatArray
+from sdhj.problem.dynamics import VectorField
+from sdhj.problem.grid import Grid
+
+PIECES = 4096  # boxes that a search for the greatest value begins with
+HALVED = 1024  # of them at a time, those with the greatest bounds
+ROUNDS = 30
+CLOSE = 1 + 1e-3  # the bound is at most this times a value that is taken: the search ends
+SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis that is no jump
+
+
+def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A (ndim, ndim), b (ndim,) and jumps (ndim,), for all states on the grid, all inputs, and times up to `end`.
+
+    Velocities that may jump or be infinitely steep anywhere have zeros in A and b. Differences between nodes would take
+    a jump J for a slope J / h, and so velocities at both sides of it, w < h apart, to differ by J w / h only: less than
+    they do. These are taken at their worst instead: anything between their least and their greatest, which `jumps` says
+    and adds to b. That is never too little; where it is too much, nothing is left of the target, and that is said.
+
+    Raises
+    ------
+    ValueError
+        Where a black box does not declare enough, or a velocity may be undefined.
+    """
+    ndim, D = grid.ndim, dynamics.adversaries
+    low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
+    slope, push, jumps = np.zeros((ndim, ndim)), np.zeros(ndim), np.zeros(ndim)
+    pushed = [leaf("x", ndim + 1 + d) for d in range(D)]
+    for axis, nodes in enumerate(zip(*_velocities(dynamics), strict=True)):
+        each = dict.fromkeys(nodes)  # inputs that differ by a number have the same derivatives
+        slope[axis] = [greatest(derivative(list(each), leaf("x", k)), low, high) for k in range(ndim)]
+        by_v = [[make("abs", one) for one in derivative(list(each), v)] for v in pushed]
+        push[axis] = greatest([sum(terms, constant(0.0)) for terms in zip(*by_v, strict=True)], low, high)
+        if dynamics.gain is None:  # the prediction is for v = 0
+            calm = rebuilt(list(each), lambda one: constant(0.0) if one in pushed else None)
+            moved = [make("sub", *pair) for pair in zip(each, calm, strict=True)]
+            push[axis] = min(push[axis], greatest(moved, low, high))
+        if not np.isfinite([*slope[axis], push[axis]]).all() or _seam(grid, each, low, high):
+            slope[axis], push[axis] = 0.0, 0.0
+            jumps[axis] = max(_width(one, low, high) for one in each)
+        if not np.isfinite(jumps[axis]):
+            raise ValueError(
+                f"the velocity along {grid.names[axis]} may be undefined somewhere on the grid, so no bound is "
+                "known on how it changes, which a Sensing needs; clip what it is divided by, or a root is taken of"
+            )
+    declared = _declared(grid, dynamics, end, delta)
+    return slope + declared[0], push + declared[1], jumps
+
+
+def _velocities(dynamics: VectorField) -> list[list[Node]]:
+    """Velocities under each input, without black boxes, as nodes of the state, t and v / bounds, in one row."""
+    ndim, D, out = dynamics.ndim, dynamics.adversaries, []
+    for j in range(len(dynamics.inputs)):
+        known = {leaf("p", 0): leaf("x", ndim)}
+        bounds = rebuilt(dynamics.each["bounds"][j].outputs, known.get)
+        v = [bound * leaf("x", ndim + 1 + d) for d, bound in enumerate(bounds)]
+        known |= {leaf("p", 1 + d): one for d, one in enumerate(v)}
+        parts = {name: rebuilt(dynamics.each[name][j].outputs, known.get) for name in dynamics.each}
+        drift, gain = parts.get("drift", [constant(0.0)] * ndim), parts.get("gain", [constant(0.0)] * ndim * D)
+        out.append([sum((gain[i * D + d] * v[d] for d in range(D)), drift[i]) for i in range(ndim)])
+    return out
+
+
+def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
+    """Boxes (M, n) that cover a box, cut along the coordinates that are read, (n,) bool."""
+    count = int(PIECES ** (1 / max(reads.sum(), 1)) + 1e-9)
+    edges = np.linspace(low, high, count + 1)
+    first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
+    return edges[first, columns], edges[np.where(reads, first + 1, count), columns]
+
+
+def _width(one: Node, low: FloatArray, high: FloatArray) -> float:
+    """The distance between bounds on a node over a box."""
+    formula = Formula((one,), len(low))
+    least, most = formula.bounds(*_boxes(formula.reads[0], low, high), (0.0, 0.0))
+    return float(most.max() - least.min())
+
+
+def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
+    """Bound on the magnitudes of nodes over a box; inf where one may be undefined."""
+    return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
+
+
+def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
+    if one.op == "const":
+        return abs(float(one.value))
+    formula = Formula((one,), len(low))
+    begin, end = _boxes(formula.reads[0], low, high)
+    size = np.where(formula.reads[0], (end - begin).max(axis=0), np.inf)
+    bounds, taken = _magnitudes(formula, begin, end)
+    for _ in range(ROUNDS):
+        if bounds.max() <= taken * CLOSE:
+            break
+        order = np.argsort(bounds)
+        rest, worst = order[:-HALVED], order[-HALVED:]
+        first, last = begin[worst], end[worst]
+        place = np.arange(len(worst)), ((last - first) / size).argmax(axis=1)
+        left, right = last.copy(), first.copy()
+        left[place] = right[place] = (first[place] + last[place]) / 2
+        first, last = np.concatenate([first, right]), np.concatenate([left, last])
+        found, least = _magnitudes(formula, first, last)
+        begin, end = np.concatenate([begin[rest], first]), np.concatenate([end[rest], last])
+        bounds, taken = np.concatenate([bounds[rest], found]), max(taken, least)
+    return float(bounds.max())
+
+
+def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
+    """A bound on the magnitude in each box (M,), and a magnitude that is reached in one of them."""
+    least, most = formula.bounds(low, high, (0.0, 0.0))
+    return np.maximum(-least, most), float(np.maximum(least, -most).max(initial=0.0))
+
+
+def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
+    """Whether velocities at both ends of a periodic axis differ, at a point of each box of a search."""
+    for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
+        sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
+        if sides[0] is sides[1]:
+            continue
+        formula = Formula((make("sub", *sides), one), len(low), shape=(2,))
+        begin, end = _boxes(formula.reads[0], low, high)
+        points = begin + 0.3 * (end - begin)  # in the middle v is 0
+        least, most = formula.bounds(points, points, (0.0, 0.0))
+        if np.maximum(least, -most)[:, 0].max() > SAME * (1.0 + np.abs(most[:, 1]).max()):
+            return True
+    return False
+
+
+def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
+    """What black boxes add to A and b."""
+    low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
+    slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
+    opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
+    for name, part in opaque.items():
+        if part.slope is None:
+            raise ValueError(f"{name} is a BlackBox without a slope, which a Sensing needs")
+    cuts = np.linspace(0.0, end, max(1, round(end / delta)) + 1).tolist()
+    times = list(pairwise(cuts)) if dynamics.timed else [(0.0, 0.0)]
+    for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
+        most = dynamics.disturbance(j, low[None], high[None], time)[1]
+        shares = {"drift": 1.0, "gain": most.sum()}
+        slope = np.maximum(
+            slope, sum(shares[name] * np.broadcast_to(opaque[name].slope, slope.shape) for name in opaque)
+        )
+        if "gain" in opaque:
+            given = opaque["gain"].reads
+            reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)
+            ends = dynamics.part_in("gain", j, *_boxes(reads, low, high), time)
+            push = np.maximum(push, (np.abs(ends).max(axis=0) @ most).max(axis=0))
+    return slope, push
