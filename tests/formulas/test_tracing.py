@@ -562,6 +562,19 @@ def test_threads_trace_at_the_same_time_and_others_do_not_notice():
     assert not wrong
 
 
+def test_other_threads_may_draw_random_numbers_meanwhile():
+    drawn = []
+
+    def meanwhile(p, t):
+        thread = threading.Thread(target=lambda: drawn.append(np.random.default_rng(0).random()))
+        thread.start()
+        thread.join()
+        return p[:, 0]
+
+    nodes_of(meanwhile)
+    assert drawn == [np.random.default_rng(0).random()] * 2
+
+
 def test_constants_that_change_later_change_nothing():
     centre = np.array([1.0, 2.0])
     nodes = nodes_of(lambda p, t: p[:, 0] - centre[0])
