@@ -41,8 +41,11 @@ class Node:
     truth: bool
     total: bool
 
-    def __add__(self, other: Any) -> "Node":  # products of matrices in NumPy add and multiply the entries
+    def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
         return make("add", self, node(other))
+
+    def __sub__(self, other: Any) -> "Node":
+        return make("sub", self, node(other))
 
     def __mul__(self, other: Any) -> "Node":
         return make("mul", self, node(other))
