@@ -79,6 +79,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
+NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
 
 
 class Traced(NDArrayOperatorsMixin):
@@ -112,8 +113,11 @@ class Traced(NDArrayOperatorsMixin):
     def _decided(self, *_: Any, **__: Any) -> Any:
         raise NotTraced("a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE)
 
-    __bool__ = __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _decided
-    __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+    def _converted(self, *_: Any, **__: Any) -> Any:
+        raise NotTraced("a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS)
+
+    __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _converted
+    __bool__ = __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
@@ -200,6 +204,8 @@ class Traced(NDArrayOperatorsMixin):
             return functools.partial(self._moved, name)
         if name.startswith("__"):
             raise AttributeError(name)
+        if name == "_numba_type_":
+            raise NotTraced("a call of compiled code", "let it stand uncompiled: its py_func attribute is the function")
         raise NotTraced(f"the attribute {name!r} of an array")
 
     @noted

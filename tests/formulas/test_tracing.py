@@ -229,6 +229,7 @@ TRACE = {
     "matrices": lambda p, t: (p @ TURN)[:, 0] + p @ CENTRE + np.dot(p, CENTRE) + (TURN @ p.T)[1] + p.dot(TURN)[:, 1],
     "einsum": lambda p, t: np.einsum("ij,ij->i", p, p) + np.einsum("ij,mj,mi->m", TURN, p, p),
     "tensors": lambda p, t: np.tensordot(p, TURN, axes=([1], [0]))[:, 1] + np.tensordot(p, TURN, 1)[:, 0],
+    "crossed": lambda p, t: np.linalg.norm(np.cross(np.column_stack([p, np.full(len(p), t)]), [0.5, 0.0, 1.0]), axis=1),
     "outer": lambda p, t: np.subtract.outer(p[:, 0], [0.0, 0.5]).min(axis=1) + np.inner(p, CENTRE),
     "differences": lambda p, t: np.diff(p, axis=1)[:, 0] + np.diff(np.hstack([p, p]), 2)[:, 1],
     "centres": lambda p, t: np.linalg.norm(p[:, None] - np.array([[0.0, 1.0], [0.5, t]])[None], axis=2).min(axis=1),
@@ -398,21 +399,22 @@ def compiled(p, t):
     return p[:, 0] - t
 
 
-DECISION, KIND, LONG = "a decision", "numbers of type|with an answer of", "differently"
+DECISION, NUMBER = "a decision", "a conversion to a plain number"
+KIND, LONG = "numbers of type|with an answer of", "differently"
 REFUSE = {
     "if": (lambda p, t: p[:, 0] if t > 1 else p[:, 1], DECISION),
     "chained comparison": (lambda p, t: np.where(0 < p[:, 0] < 1, 1.0, 2.0), DECISION),
     "and": (lambda p, t: p[:, 0] > 0 and p[:, 1] > 0, DECISION),
     "builtin min": (lambda p, t: min(p[0, 0], 1.0) + p[:, 0], DECISION),
-    "math": (lambda p, t: math.sin(t) + p[:, 0], DECISION),
-    "math trunc": (lambda p, t: math.trunc(t) + p[:, 0], DECISION),
-    "float": (lambda p, t: float(t) + p[:, 0], DECISION),
-    "round": (lambda p, t: round(t) + p[:, 0], DECISION),
+    "math": (lambda p, t: math.sin(t) + p[:, 0], NUMBER),
+    "math trunc": (lambda p, t: math.trunc(t) + p[:, 0], NUMBER),
+    "float": (lambda p, t: float(t) + p[:, 0], NUMBER),
+    "round": (lambda p, t: round(t) + p[:, 0], NUMBER),
     "np.float64": (lambda p, t: np.float64(t) + p[:, 0], "conversion"),
     "text": (lambda p, t: p[:, 0] + float(f"{t:.1f}"), DECISION),
     "in": (lambda p, t: p[:, 0] + (0.0 in p), DECISION),
     "hash": (lambda p, t: p[:, 0] + {0.7: 1.0}.get(t, 2.0), DECISION),
-    "range": (lambda p, t: p[:, 0] + sum(range(t)), DECISION),
+    "range": (lambda p, t: p[:, 0] + sum(range(t)), NUMBER),
     "mask": (lambda p, t: p[p[:, 0] > 0][:, 0], "a mask"),
     "index": (lambda p, t: np.array([1.0, 2.0])[np.floor(p[:, 0])], "decision|conversion|index"),
     "written by a mask": (lambda p, t: operator.setitem(p.copy(), p[:, 0] > 0, 1.0), "writing where"),
@@ -486,12 +488,12 @@ REFUSE = {
     "tries shapes": (tries_shapes, "matmul|mismatch|ValueError"),
     "tries keywords": (tries_keywords, "numpy.sum"),
     "probes": (probes, "attribute 'flags'"),
-    "plain room": (plain_room, "decision|conversion"),
+    "plain room": (plain_room, "conversion to a plain number.* in place of writing"),
     "argument written": (argument_written, "writing into an argument"),
     "argument increased": (argument_increased, "writing into an argument"),
     "view written": (view_written, "writing into an argument"),
     "none": (lambda p, t: None, "NoneType"),
-    "compiled": (compiled, "attribute|conversion"),
+    "compiled": (compiled, "a call of compiled code; .* py_func"),
 }
 
 
