@@ -137,7 +137,8 @@ def _numpy(rows: int) -> _NumPy:
     new |= {name: _room(name, rows, state.trace) for name in ("full", *FILLED)}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
     new |= {one.__name__: _Ufunc(one) for one in REDUCED}
-    return _NumPy(np, new | {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)})
+    new |= {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
+    return _NumPy(np, new)
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:

@@ -56,6 +56,14 @@ def refused(function, words, axes=2):
     return str(caught.value)
 
 
+def collected(p, t):
+    hit, clear = np.zeros(len(p), dtype=bool), np.ones(len(p), dtype=bool)
+    for radius in (0.5, 1.0):
+        hit |= np.hypot(p[:, 0] - radius, p[:, 1]) < radius
+        clear &= abs(p[:, 1]) > radius
+    return np.where(hit, 1.0, np.where(clear, 2.0, t))
+
+
 def written(p, t):
     out = np.zeros_like(p)
     out[:, 0] = p[:, 1]
@@ -209,6 +217,7 @@ TRACE = {
         np.stack([p[:, 0] > 0, p[:, 1]], axis=1)[:, 0] + np.array([p[:, 0] > 0, p[:, 1]])[0]
     ),
     "numbers for truths": lambda p, t: np.logical_and(p[:, 0], p[:, 1] > 0) * 1.0 + np.logical_xor(p[:, 0], p[:, 1]),
+    "truths collected": lambda p, t: collected(p, t) * 2.0,
     "any and all": lambda p, t: np.any(p > 1, axis=1) + 2.0 * (p > 0).all(axis=1) + np.any(p[:, :1], axis=1),
     "reduced truths": lambda p, t: (
         1.0 * np.logical_or.reduce(p[:, :1], axis=1) + np.logical_and.reduce([p[:, 0] > 0, p[:, 1] > 0])
