@@ -844,6 +844,27 @@ def opaque_car():
     )
 
 
+@pytest.mark.parametrize("velocity", [lambda q, u, v: np.sqrt(v + 0 * q), lambda q, u, v: u / (v + 0.1 + 0 * q)])
+def test_a_velocity_that_may_be_undefined_for_a_disturbance_is_refused(velocity):
+    problem = ReachAvoidProblem(
+        Grid([-1.0], [1.0], [15]),
+        Dynamics([[1.0]], velocity=velocity, bounds=[0.2]),
+        TargetSet((0,), lambda p, t: abs(p[:, 0]) - 0.5),
+        (),
+        0.1,
+        1,
+    )
+    with pytest.raises(ValueError, match="velocity under input 0 may be undefined or infinite for some disturbance"):
+        sdhj.solve(problem)
+
+
+def test_what_no_file_can_keep_is_refused_when_it_is_read(monkeypatch):
+    monkeypatch.setattr("sdhj.problem.dynamics.MOST_LINES", 20)
+    dynamics = Dynamics([[1.0 + k] for k in range(10)], lambda q, u: np.sin(u * q))
+    with pytest.raises(ValueError, match=r"drift has \d+ operations for all 10 inputs together, .* fewer than 20"):
+        dynamics.read(1)
+
+
 def test_black_boxes_are_solved_and_simulated():
     car, opaque = opaque_car()
     assert opaque.timeless and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3

@@ -79,6 +79,20 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
+NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
+DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
+ADVICE = {
+    **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
+    **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
+    **dict.fromkeys(("sort", "argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
+    **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
+    **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
+    **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
+    "piecewise": "np.select(conditions, values) is known",
+    "polyval": "write (a * x + b) * x + c",
+    "linspace": "np.linspace(0.0, 1.0, count) * end is known",
+    "apply_along_axis": "np.array([f(row) for row in points]) is known",
+}  # what to write in place of functions that people use
 
 
 class Traced(NDArrayOperatorsMixin):
@@ -112,8 +126,11 @@ class Traced(NDArrayOperatorsMixin):
     def _decided(self, *_: Any, **__: Any) -> Any:
         raise NotTraced("a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE)
 
-    __bool__ = __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _decided
-    __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+    def _converted(self, *_: Any, **__: Any) -> Any:
+        raise NotTraced("a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS)
+
+    __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _converted
+    __bool__ = __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
@@ -152,7 +169,8 @@ class Traced(NDArrayOperatorsMixin):
         if method == "reduce" and ufunc in REDUCED and out is None:
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if method not in ("__call__", "outer") or options:
-            raise NotTraced(f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}")
+            what = f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}"
+            raise NotTraced(what, ADVICE.get(ufunc.__name__, ""))
         whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
         if ufunc is np.multiply and whole and any(isinstance(one, list | tuple) for one in inputs):
             raise NotTraced("a list times a whole number, which repeats it", "np.array(list) * number multiplies")
@@ -170,7 +188,7 @@ class Traced(NDArrayOperatorsMixin):
             except TypeError as error:
                 raise NotTraced(f"numpy.{function.__name__} {_listed(options)}") from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
-            raise NotTraced(f"numpy.{function.__name__} {_listed(options)}")
+            raise NotTraced(f"numpy.{function.__name__} {_listed(options)}", ADVICE.get(function.__name__, ""))
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
         return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
@@ -200,7 +218,9 @@ class Traced(NDArrayOperatorsMixin):
             return functools.partial(self._moved, name)
         if name.startswith("__"):
             raise AttributeError(name)
-        raise NotTraced(f"the attribute {name!r} of an array")
+        if name == "_numba_type_":
+            raise NotTraced("a call of compiled code", "let it stand uncompiled: its py_func attribute is the function")
+        raise NotTraced(f"the attribute {name!r} of an array", ADVICE.get(name, ""))
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
@@ -380,7 +400,7 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     known = ufunc in COMPARED or ufunc in OPERATIONS or ufunc in MADE or ufunc in LOGICAL or ufunc is np.power
     raise NotTraced(
         f"{name} of {', '.join(str(one.dtype) for one in arrays)} with an answer of {dtype}" if known else name,
-        "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1" if known else "",
+        "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1" if known else ADVICE.get(ufunc.__name__, ""),
     )
 
 

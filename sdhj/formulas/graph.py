@@ -41,8 +41,11 @@ class Node:
     truth: bool
     total: bool
 
-    def __add__(self, other: Any) -> "Node":  # products of matrices in NumPy add and multiply the entries
+    def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
         return make("add", self, node(other))
+
+    def __sub__(self, other: Any) -> "Node":
+        return make("sub", self, node(other))
 
     def __mul__(self, other: Any) -> "Node":
         return make("mul", self, node(other))
@@ -179,13 +182,21 @@ def _max(a: Node, b: Node) -> Node | None:
     return b if is_constant(a, -math.inf) else None
 
 
-def _same(a: Node, b: Node) -> Node | None:
-    return a if a is b else None
+def _and(a: Node, b: Node) -> Node | None:
+    if a is b or is_constant(b, 1.0):
+        return a
+    return b if is_constant(a, 1.0) else None
+
+
+def _or(a: Node, b: Node) -> Node | None:
+    if a is b or is_constant(b, 0.0):
+        return a
+    return b if is_constant(a, 0.0) else None
 
 
 SIMPLER: dict[str, Callable[..., Node | None]] = {
     **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
-    **{"min": _min, "max": _max, "and": _same, "or": _same},
+    **{"min": _min, "max": _max, "and": _and, "or": _or},
     "neg": lambda a: a.args[0] if a.op == "neg" else None,
 }
 

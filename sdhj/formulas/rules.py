@@ -43,7 +43,7 @@ RULES = {
         Rule("const", 0, "", "A number."),
         Rule("add", 2, "add, sum", "The sum."),
         Rule("sub", 2, "subtract, diff", "The difference."),
-        Rule("mul", 2, "multiply, prod, matmul, dot, einsum", "The product."),
+        Rule("mul", 2, "multiply, prod, matmul, dot, cross, einsum", "The product."),
         Rule("div", 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.", total=False),
         Rule("neg", 1, "negative", "The negative."),
         Rule("abs", 1, "absolute, fabs", "The absolute value."),

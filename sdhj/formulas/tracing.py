@@ -110,9 +110,14 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 class _Chance:
-    """In place of numpy.random."""
+    """In place of numpy.random, which other threads may use meanwhile."""
+
+    def __init__(self, trace: int | None) -> None:
+        self.trace = trace
 
     def __getattr__(self, name: str) -> Any:
+        if state.trace != self.trace:
+            return getattr(np.random, name)
         raise NotTraced(f"numpy.random.{name}", "draw random numbers outside of the function")
 
 
@@ -132,7 +137,8 @@ def _numpy(rows: int) -> _NumPy:
     new |= {name: _room(name, rows, state.trace) for name in ("full", *FILLED)}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
     new |= {one.__name__: _Ufunc(one) for one in REDUCED}
-    return _NumPy(np, new | {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance()})
+    new |= {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
+    return _NumPy(np, new)
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:

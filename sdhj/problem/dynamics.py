@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare, read
-from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, rebuilt
+from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, ordered, rebuilt
+from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
@@ -273,6 +274,11 @@ class Dynamics:
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
             outputs += found
+        if (lines := len(ordered(outputs))) >= MOST_LINES:
+            raise ValueError(
+                f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
+                f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
+            )
         self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
         return self._parts[name]
 
@@ -538,6 +544,11 @@ class VectorField:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
         if self.gain is None:
             low, high = self.range(j, points, points, (t, t))
+            if not (good := np.isfinite(low).all(axis=1)).all():
+                raise ValueError(
+                    f"velocity under input {j} may be undefined or infinite for some disturbance within its bounds, at "
+                    f"{points[int(np.argmin(good))].tolist()}, t = {t:g}; every velocity must be finite"
+                )
             return np.stack([low, high], axis=1)
         if self.formulas:
             return self.extremes_of[j](points, t)

@@ -56,6 +56,14 @@ def refused(function, words, axes=2):
     return str(caught.value)
 
 
+def collected(p, t):
+    hit, clear = np.zeros(len(p), dtype=bool), np.ones(len(p), dtype=bool)
+    for radius in (0.5, 1.0):
+        hit |= np.hypot(p[:, 0] - radius, p[:, 1]) < radius
+        clear &= abs(p[:, 1]) > radius
+    return np.where(hit, 1.0, np.where(clear, 2.0, t))
+
+
 def written(p, t):
     out = np.zeros_like(p)
     out[:, 0] = p[:, 1]
@@ -209,6 +217,7 @@ TRACE = {
         np.stack([p[:, 0] > 0, p[:, 1]], axis=1)[:, 0] + np.array([p[:, 0] > 0, p[:, 1]])[0]
     ),
     "numbers for truths": lambda p, t: np.logical_and(p[:, 0], p[:, 1] > 0) * 1.0 + np.logical_xor(p[:, 0], p[:, 1]),
+    "truths collected": lambda p, t: collected(p, t) * 2.0,
     "any and all": lambda p, t: np.any(p > 1, axis=1) + 2.0 * (p > 0).all(axis=1) + np.any(p[:, :1], axis=1),
     "reduced truths": lambda p, t: (
         1.0 * np.logical_or.reduce(p[:, :1], axis=1) + np.logical_and.reduce([p[:, 0] > 0, p[:, 1] > 0])
@@ -229,6 +238,7 @@ TRACE = {
     "matrices": lambda p, t: (p @ TURN)[:, 0] + p @ CENTRE + np.dot(p, CENTRE) + (TURN @ p.T)[1] + p.dot(TURN)[:, 1],
     "einsum": lambda p, t: np.einsum("ij,ij->i", p, p) + np.einsum("ij,mj,mi->m", TURN, p, p),
     "tensors": lambda p, t: np.tensordot(p, TURN, axes=([1], [0]))[:, 1] + np.tensordot(p, TURN, 1)[:, 0],
+    "crossed": lambda p, t: np.linalg.norm(np.cross(np.column_stack([p, np.full(len(p), t)]), [0.5, 0.0, 1.0]), axis=1),
     "outer": lambda p, t: np.subtract.outer(p[:, 0], [0.0, 0.5]).min(axis=1) + np.inner(p, CENTRE),
     "differences": lambda p, t: np.diff(p, axis=1)[:, 0] + np.diff(np.hstack([p, p]), 2)[:, 1],
     "centres": lambda p, t: np.linalg.norm(p[:, None] - np.array([[0.0, 1.0], [0.5, t]])[None], axis=2).min(axis=1),
@@ -398,21 +408,22 @@ def compiled(p, t):
     return p[:, 0] - t
 
 
-DECISION, KIND, LONG = "a decision", "numbers of type|with an answer of", "differently"
+DECISION, NUMBER = "a decision", "a conversion to a plain number"
+KIND, LONG = "numbers of type|with an answer of", "differently"
 REFUSE = {
     "if": (lambda p, t: p[:, 0] if t > 1 else p[:, 1], DECISION),
     "chained comparison": (lambda p, t: np.where(0 < p[:, 0] < 1, 1.0, 2.0), DECISION),
     "and": (lambda p, t: p[:, 0] > 0 and p[:, 1] > 0, DECISION),
     "builtin min": (lambda p, t: min(p[0, 0], 1.0) + p[:, 0], DECISION),
-    "math": (lambda p, t: math.sin(t) + p[:, 0], DECISION),
-    "math trunc": (lambda p, t: math.trunc(t) + p[:, 0], DECISION),
-    "float": (lambda p, t: float(t) + p[:, 0], DECISION),
-    "round": (lambda p, t: round(t) + p[:, 0], DECISION),
+    "math": (lambda p, t: math.sin(t) + p[:, 0], NUMBER),
+    "math trunc": (lambda p, t: math.trunc(t) + p[:, 0], NUMBER),
+    "float": (lambda p, t: float(t) + p[:, 0], NUMBER),
+    "round": (lambda p, t: round(t) + p[:, 0], NUMBER),
     "np.float64": (lambda p, t: np.float64(t) + p[:, 0], "conversion"),
     "text": (lambda p, t: p[:, 0] + float(f"{t:.1f}"), DECISION),
     "in": (lambda p, t: p[:, 0] + (0.0 in p), DECISION),
     "hash": (lambda p, t: p[:, 0] + {0.7: 1.0}.get(t, 2.0), DECISION),
-    "range": (lambda p, t: p[:, 0] + sum(range(t)), DECISION),
+    "range": (lambda p, t: p[:, 0] + sum(range(t)), NUMBER),
     "mask": (lambda p, t: p[p[:, 0] > 0][:, 0], "a mask"),
     "index": (lambda p, t: np.array([1.0, 2.0])[np.floor(p[:, 0])], "decision|conversion|index"),
     "written by a mask": (lambda p, t: operator.setitem(p.copy(), p[:, 0] > 0, 1.0), "writing where"),
@@ -448,8 +459,11 @@ REFUSE = {
     "einsum out": (lambda p, t: np.einsum("ij->i", p, dtype=int), "numpy.einsum"),
     "at": (lambda p, t: np.add.at(np.zeros(2), [0], p[0]), "numpy.add.at"),
     "accumulate": (lambda p, t: np.add.accumulate(p, axis=1)[:, 1], "add.accumulate"),
-    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort"),
-    "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), "numpy.isnan"),
+    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis; np.min and np.max"),
+    "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), r"numpy.isnan; np.where\(divisor != 0"),
+    "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), r"divide with where; np.where\(divisor"),
+    "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "piecewise; np.select"),
+    "nearest": (lambda p, t: p[:, 0] * p.argmin(axis=1), "attribute 'argmin' of an array; np.min and"),
     "vectorize": (lambda p, t: np.vectorize(lambda x: x + 1)(p[:, 0]), "conversion"),
     "along an axis": (lambda p, t: np.apply_along_axis(np.sum, 1, p), "apply_along_axis"),
     "list of different shapes": (lambda p, t: np.array([p[:, 0], 0.0]), "different shapes"),
@@ -486,12 +500,12 @@ REFUSE = {
     "tries shapes": (tries_shapes, "matmul|mismatch|ValueError"),
     "tries keywords": (tries_keywords, "numpy.sum"),
     "probes": (probes, "attribute 'flags'"),
-    "plain room": (plain_room, "decision|conversion"),
+    "plain room": (plain_room, "conversion to a plain number.* in place of writing"),
     "argument written": (argument_written, "writing into an argument"),
     "argument increased": (argument_increased, "writing into an argument"),
     "view written": (view_written, "writing into an argument"),
     "none": (lambda p, t: None, "NoneType"),
-    "compiled": (compiled, "attribute|conversion"),
+    "compiled": (compiled, "a call of compiled code; .* py_func"),
 }
 
 
@@ -560,6 +574,19 @@ def test_threads_trace_at_the_same_time_and_others_do_not_notice():
     done.set()
     other.join()
     assert not wrong
+
+
+def test_other_threads_may_draw_random_numbers_meanwhile():
+    drawn = []
+
+    def meanwhile(p, t):
+        thread = threading.Thread(target=lambda: drawn.append(np.random.default_rng(0).random()))
+        thread.start()
+        thread.join()
+        return p[:, 0]
+
+    nodes_of(meanwhile)
+    assert drawn == [np.random.default_rng(0).random()] * 2
 
 
 def test_constants_that_change_later_change_nothing():

@@ -26,7 +26,6 @@ MOST_BOXES = 1 << 16  # at once
 WHOLE = re.compile("[0-9]{1,6}")
 EXPONENT = re.compile("-?[0-9]{1,2}")
 REAL = re.compile(r"nan|-?(inf|0x[01](\.[0-9a-f]{1,13})?p[+-][0-9]{1,4})")
-WORDS = {"true": 1.0, "false": 0.0}
 
 Tables = Callable[[int, int], Array]  # number and axes of a table to its values
 
@@ -79,7 +78,7 @@ class Reader:
                 self.expect(name == "return", "the last line must be `return` and the numbers of the results")
                 return Formula(tuple(self.nodes), self.operands(words))
             node = self.node(name, words)
-            if self.is_truth(node, words):
+            if self.is_truth(node):
                 self.truths.add(len(self.nodes))
             self.nodes.append(node)
         raise AssertionError
@@ -88,7 +87,7 @@ class Reader:
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
             if name == "const":
-                return Node(name, (), (WORDS[words[0]] if words[0] in WORDS else self.real(words[0]),))
+                return Node(name, (), (self.real(words[0]),))
             kind = "a coordinate" if name == "x" else "a parameter"
             return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))
         if name == "gridded":
@@ -106,9 +105,10 @@ class Reader:
         same = name == "mul" and operands[0] == operands[1]
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
-    def is_truth(self, node: Node, words: list[str]) -> bool:
+    def is_truth(self, node: Node) -> bool:
         chosen = node.name == "where" and self.truths.issuperset(node.operands[1:])
-        return node.name in TRUTHS or chosen or (node.name == "const" and words[0] in WORDS)
+        known = node.name == "const" and (node.given[0] in (0.0, 1.0) or math.isnan(node.given[0]))
+        return node.name in TRUTHS or chosen or known
 
     def gridded(self, words: list[str]) -> Node:
         """`gridded`, a table, operands, `lower` and `spacing`: as many numbers each as there are operands."""

@@ -38,11 +38,20 @@ def test_every_operation_can_be_read():
         truths = {"and": 2, "or": 2, "not": 1, "where": 1}.get(name, 0)
         words = [name, *["3"] * truths, *["0", "1", "2"][: count - truths]]
         lines.append(" ".join([*words, "-3"] if name == "power" else words))
-    lines += [LOOKUP, "const inf", "const -inf", "const nan", "const true", f"where 3 3 {len(lines) + 4}"]
+    lines += [LOOKUP, "const inf", "const -inf", "const nan", "const 0x1.0p+0", f"where 3 3 {len(lines) + 4}"]
     lines += [f"not {len(lines) - 1}", f"return {' '.join(map(str, range(len(lines) + 1)))}"]
     low, high = formula(lines).bounds(np.full((5, 2), 0.25), np.full((5, 2), 0.5), (0.1, 0.2))
     assert low.shape == high.shape == (5, len(lines) - 1) and not (low > high).any()
     assert (np.isnan(low[:, -6:-3])).all() and np.isfinite(low[:, :4]).all()
+
+
+def test_the_numbers_0_and_1_are_truth_values():
+    lines = ["x 0", "const 0x0.0p+0", "const 0x1.0p+0", "less 0 2", "or 1 3", "and 2 3", "where 3 1 2", "not 6"]
+    own = formula([*lines, "not 1", "return 4 5 7 8"], 1)
+    low, high = own.bounds(np.array([[0.5], [1.5]]), np.array([[0.75], [2.0]]), (0, 0))
+    assert low.tolist() == high.tolist() == [[1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 1.0]]
+    with pytest.raises(ValueError, match="truth values"):
+        formula(["x 0", "const 0x1.0p+1", "less 0 1", "or 1 2", "return 3"], 1)
 
 
 def test_a_square_of_one_value_is_one():
