@@ -403,6 +403,11 @@ def reduced_into(p, t):
     return out
 
 
+@numba.vectorize
+def doubled(x):
+    return 2.0 * x
+
+
 @numba.njit
 def compiled(p, t):
     return p[:, 0] - t
@@ -484,8 +489,10 @@ REFUSE = {
     "copied into": (lambda p, t: np.copyto(np.zeros(len(p)), p[:, 0]), "numpy.copyto"),
     "not the module's": (lambda p, t: minimum_of([p[:, 0], p[:, 1]], axis=0), "conversion"),
     "not the module's room": (lambda p, t: operator.setitem(zeros(len(p)), 0, p[0, 0]), "decision|conversion"),
-    "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), "expit"),
+    "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), ": expit"),
     "scipy distances": (lambda p, t: scipy.spatial.distance.cdist(p, [[0.0, 0.0]])[:, 0], "conversion"),
+    "solved": (lambda p, t: np.linalg.solve(TURN, p.T)[0], "numpy.linalg.solve; solve it by hand"),
+    "vectorised by Numba": (lambda p, t: doubled(p[:, 0]), "compiled code; let it stand"),
     "memory": (lambda p, t: p[:, 0] * np.shares_memory(p, p.T), "shares_memory"),
     "strides": (lambda p, t: p[:, 0] * p.strides[0], "attribute 'strides'"),
     "a generator": (lambda p, t: (x for x in p[:, 0]), "generator"),
