@@ -85,7 +85,7 @@ DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
     **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
-    **dict.fromkeys(("sort", "argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
+    **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),

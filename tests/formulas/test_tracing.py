@@ -464,7 +464,7 @@ REFUSE = {
     "einsum out": (lambda p, t: np.einsum("ij->i", p, dtype=int), "numpy.einsum"),
     "at": (lambda p, t: np.add.at(np.zeros(2), [0], p[0]), "numpy.add.at"),
     "accumulate": (lambda p, t: np.add.accumulate(p, axis=1)[:, 1], "add.accumulate"),
-    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis; np.min and np.max"),
+    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis"),
     "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), r"numpy.isnan; np.where\(divisor != 0"),
     "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), r"divide with where; np.where\(divisor"),
     "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "piecewise; np.select"),
