@@ -78,6 +78,12 @@ class Formula:
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
+        shape = np.shape(points)
+        if len(shape) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
+            raise ValueError(
+                f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
+                f"first; got points of shape {shape} and {len(parameters)} more"
+            )
         if isinstance(points, Traced) or any(isinstance(one, Traced) for one in parameters):
             return self._inlined(points, parameters)
         points = np.ascontiguousarray(points, dtype=np.float64)

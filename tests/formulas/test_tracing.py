@@ -17,6 +17,7 @@ from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
 
+from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
 from sdhj.formulas.tracing import NotTraced, parameter, points_of, rows_for, traced
@@ -594,6 +595,15 @@ def test_other_threads_may_draw_random_numbers_meanwhile():
 
     nodes_of(meanwhile)
     assert drawn == [np.random.default_rng(0).random()] * 2
+
+
+def test_formulas_are_called_with_all_that_they_read():
+    disk = Formula.read("disk", lambda p, t: np.hypot(p[:, 0] - t, p[:, 1]), 2, "t")
+    for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (POINTS, T, T), (np.hstack([POINTS, POINTS]), T)]:
+        with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, the time first; got"):
+            disk(*given)
+    with pytest.raises(ValueError, match="disk is a function"):
+        nodes_of(lambda p, t: disk(p[:, :1], t))
 
 
 def test_constants_that_change_later_change_nothing():
