@@ -80,11 +80,12 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
+UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
     **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
-    **dict.fromkeys(("sort", "argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
+    **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
@@ -166,6 +167,8 @@ class Traced(NDArrayOperatorsMixin):
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         options = _given(options)
+        if not isinstance(ufunc, np.ufunc):
+            raise NotTraced("a call of compiled code", UNCOMPILED)
         if method == "reduce" and ufunc in REDUCED and out is None:
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if method not in ("__call__", "outer") or options:
@@ -188,7 +191,8 @@ class Traced(NDArrayOperatorsMixin):
             except TypeError as error:
                 raise NotTraced(f"numpy.{function.__name__} {_listed(options)}") from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
-            raise NotTraced(f"numpy.{function.__name__} {_listed(options)}", ADVICE.get(function.__name__, ""))
+            what = f"{function.__module__}.{function.__name__} {_listed(options)}"
+            raise NotTraced(what, ADVICE.get(function.__name__, ""))
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
         return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
@@ -219,7 +223,7 @@ class Traced(NDArrayOperatorsMixin):
         if name.startswith("__"):
             raise AttributeError(name)
         if name == "_numba_type_":
-            raise NotTraced("a call of compiled code", "let it stand uncompiled: its py_func attribute is the function")
+            raise NotTraced("a call of compiled code", f"{UNCOMPILED}: its py_func attribute is the function")
         raise NotTraced(f"the attribute {name!r} of an array", ADVICE.get(name, ""))
 
     @noted
@@ -379,7 +383,7 @@ def _true(array: Any) -> Any:
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
-    entries, name = [one.entries for one in arrays], f"numpy.{ufunc.__name__}"
+    entries, name = [one.entries for one in arrays], f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc is np.matmul:
         return _multiplied(np.matmul, *arrays)
     if ufunc is np.logical_xor:

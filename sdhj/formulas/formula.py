@@ -79,14 +79,24 @@ class Formula:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
         for one in (points, *parameters):
             if type(one) is Traced:
+                self._fits(np.shape(points), parameters)
                 return self._inlined(points, parameters)
         points = np.ascontiguousarray(points, np.float64)
+        self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
         if not play(self.tape, points, np.array(parameters, np.float64), out):
             self._refuse(out, points, parameters)
         if len(points) == 1 or not self.shape:
             return out.reshape(len(points), *self.shape)
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
+
+    def _fits(self, shape: tuple[int, ...], parameters: Sequence[Any]) -> None:
+        """Raise ValueError for points of another shape, or another number of parameters."""
+        if len(shape) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
+            raise ValueError(
+                f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
+                f"first; got points of shape {shape} and {len(parameters)} more"
+            )
 
     def _refuse(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
         """Raise ValueError for values that are undefined or infinite."""

@@ -919,8 +919,8 @@ class Interval:
         key = j, tuple(axes), t, drift
         if key not in self._known:
             found = self._velocities(j, list(axes), t, drift)
-            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > SMALL:  # the games keep what is the same at all times
-                return found
+            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > SMALL:
+                return found  # the games keep what is the same at all times
             if len(self._known) >= KNOWN_AT_MOST:
                 self._known.clear()
             self._known[key] = found.kept()

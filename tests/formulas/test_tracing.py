@@ -17,6 +17,7 @@ from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
 
+from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
 from sdhj.formulas.tracing import NotTraced, parameter, points_of, rows_for, traced
@@ -403,6 +404,11 @@ def reduced_into(p, t):
     return out
 
 
+@numba.vectorize
+def doubled(x):
+    return 2.0 * x
+
+
 @numba.njit
 def compiled(p, t):
     return p[:, 0] - t
@@ -459,7 +465,7 @@ REFUSE = {
     "einsum out": (lambda p, t: np.einsum("ij->i", p, dtype=int), "numpy.einsum"),
     "at": (lambda p, t: np.add.at(np.zeros(2), [0], p[0]), "numpy.add.at"),
     "accumulate": (lambda p, t: np.add.accumulate(p, axis=1)[:, 1], "add.accumulate"),
-    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis; np.min and np.max"),
+    "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis"),
     "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), r"numpy.isnan; np.where\(divisor != 0"),
     "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), r"divide with where; np.where\(divisor"),
     "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "piecewise; np.select"),
@@ -484,8 +490,10 @@ REFUSE = {
     "copied into": (lambda p, t: np.copyto(np.zeros(len(p)), p[:, 0]), "numpy.copyto"),
     "not the module's": (lambda p, t: minimum_of([p[:, 0], p[:, 1]], axis=0), "conversion"),
     "not the module's room": (lambda p, t: operator.setitem(zeros(len(p)), 0, p[0, 0]), "decision|conversion"),
-    "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), "expit"),
+    "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), ": expit"),
     "scipy distances": (lambda p, t: scipy.spatial.distance.cdist(p, [[0.0, 0.0]])[:, 0], "conversion"),
+    "solved": (lambda p, t: np.linalg.solve(TURN, p.T)[0], "numpy.linalg.solve; solve it by hand"),
+    "vectorised by Numba": (lambda p, t: doubled(p[:, 0]), "compiled code; let it stand"),
     "memory": (lambda p, t: p[:, 0] * np.shares_memory(p, p.T), "shares_memory"),
     "strides": (lambda p, t: p[:, 0] * p.strides[0], "attribute 'strides'"),
     "a generator": (lambda p, t: (x for x in p[:, 0]), "generator"),
@@ -587,6 +595,15 @@ def test_other_threads_may_draw_random_numbers_meanwhile():
 
     nodes_of(meanwhile)
     assert drawn == [np.random.default_rng(0).random()] * 2
+
+
+def test_formulas_are_called_with_all_that_they_read():
+    disk = Formula.read("disk", lambda p, t: np.hypot(p[:, 0] - t, p[:, 1]), 2, "t")
+    for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (POINTS, T, T), (np.hstack([POINTS, POINTS]), T)]:
+        with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, the time first; got"):
+            disk(*given)
+    with pytest.raises(ValueError, match="disk is a function"):
+        nodes_of(lambda p, t: disk(p[:, :1], t))
 
 
 def test_constants_that_change_later_change_nothing():
