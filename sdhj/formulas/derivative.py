@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
 
-ZERO, ONE, TWO = constant(0.0), constant(1.0), constant(2.0)
+ZERO, ONE = constant(0.0), constant(1.0)
 EITHER = make("cos", make("arctan2", ZERO, constant(-1.0)))  # on arctan2's cut: its interval is [-1, 1]
 TURN = constant(2 * math.pi)
 NEAR = constant(1e-100)  # lengths that are no longer divided by
-COMPARED = ("less", "lesseq", "equal")
-STEPS = ("floor", "sign", "and", "or", "not", *COMPARED)
+DECISIONS = ("less", "lesseq", "equal")
+STEPS = ("floor", "sign", "and", "or", "not", *DECISIONS)
 Found = dict[Node, Node | None]
 
 
@@ -117,7 +117,7 @@ def _compared(condition: Node) -> list[Node]:
 
 def _meet(compared: Node, branches: Sequence[Node]) -> bool:
     """Whether two branches are the same formula where both sides of a comparison are equal."""
-    if compared.op not in COMPARED:
+    if compared.op not in DECISIONS:
         return False
     for old, new in (compared.args, compared.args[::-1]):
         one, other = rebuilt(branches, lambda part, old=old, new=new: new if part is old else None)  # type: ignore[misc]
@@ -152,8 +152,8 @@ CHAIN: dict[str, Callable[[Node, Sequence[Node], Sequence[Node]], Node]] = {
     "neg": lambda _, a, d: make("neg", *d),
     "mul": lambda _, a, d: d[0] * a[1] + a[0] * d[1],
     "div": lambda f, a, d: make("div", make("sub", d[0], f * d[1]), a[1]),
-    "sqr": lambda _, a, d: TWO * a[0] * d[0],
-    "sqrt": lambda f, a, d: make("div", d[0], TWO * f),
+    "sqr": lambda _, a, d: constant(2.0) * a[0] * d[0],
+    "sqrt": lambda f, a, d: make("div", d[0], constant(2.0) * f),
     "power": lambda f, a, d: constant(f.value) * make("power", a[0], value=f.value - 1) * d[0],
     "pow": _any_power,
     "exp": lambda f, a, d: f * d[0],

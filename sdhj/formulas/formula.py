@@ -14,6 +14,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numba import config
 
 from sdhj.formulas.graph import Node, constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.gridded import Lookup
@@ -21,10 +22,14 @@ from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
-from sdhj.kernels.tape import Tape, play, play_bounds
+from sdhj.kernels import tape as tapes
+from sdhj.kernels.tape import Tape
 
 MOST_WRAPS = 4  # jumps of one function that are taken apart
 Ends = tuple[FloatArray, FloatArray]
+play, play_bounds = tapes.play, tapes.play_bounds
+if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divide by zero, and compiled ones do not
+    play, play_bounds = np.errstate(all="ignore")(play), np.errstate(all="ignore")(play_bounds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,10 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 MOST_INPUTS = 256
-KNOWN_AT_MOST, SMALL = 512, 2**25  # velocities at different times that an interval keeps, and bytes of all of them
+KNOWN_AT_MOST, KNOWN_BYTES = (
+    512,
+    2**25,
+)  # velocities at different times that an interval keeps, and bytes of all of them
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -919,7 +922,7 @@ class Interval:
         key = j, tuple(axes), t, drift
         if key not in self._known:
             found = self._velocities(j, list(axes), t, drift)
-            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > SMALL:
+            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > KNOWN_BYTES:
                 return found  # the games keep what is the same at all times
             if len(self._known) >= KNOWN_AT_MOST:
                 self._known.clear()

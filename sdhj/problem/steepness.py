@@ -12,10 +12,10 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 
-PIECES = 4096  # boxes that a search for the greatest value begins with
+BEGINNING_BOXES = 4096  # boxes that a search for the greatest value begins with
 HALVED = 1024  # of them at a time, those with the greatest bounds
-ROUNDS = 30
-CLOSE = 1 + 1e-3  # the bound is at most this times a value that is taken: the search ends
+ROUNDS_OF_HALVING = 30
+SETTLED_WITHIN = 1 + 1e-3  # the bound is at most this times a value that is taken: the search ends
 SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis that is no jump
 
 
@@ -73,7 +73,7 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
 def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
     """Boxes (M, n) that cover a box, cut along the coordinates that are read, (n,) bool."""
-    count = int(PIECES ** (1 / max(reads.sum(), 1)) + 1e-9)
+    count = int(BEGINNING_BOXES ** (1 / max(reads.sum(), 1)) + 1e-9)
     edges = np.linspace(low, high, count + 1)
     first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
     return edges[first, columns], edges[np.where(reads, first + 1, count), columns]
@@ -98,8 +98,8 @@ def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
     begin, end = _boxes(formula.reads[0], low, high)
     size = np.where(formula.reads[0], (end - begin).max(axis=0), np.inf)
     bounds, taken = _magnitudes(formula, begin, end)
-    for _ in range(ROUNDS):
-        if bounds.max() <= taken * CLOSE:
+    for _ in range(ROUNDS_OF_HALVING):
+        if bounds.max() <= taken * SETTLED_WITHIN:
             break
         order = np.argsort(bounds)
         rest, worst = order[:-HALVED], order[-HALVED:]
