@@ -27,9 +27,9 @@ from sdhj.kernels.tape import Tape
 
 MOST_WRAPS = 4  # jumps of one function that are taken apart
 Ends = tuple[FloatArray, FloatArray]
-play, play_bounds = tapes.play, tapes.play_bounds
+_play, _play_bounds = tapes.play, tapes.play_bounds
 if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divide by zero, and compiled ones do not
-    play, play_bounds = np.errstate(all="ignore")(play), np.errstate(all="ignore")(play_bounds)
+    _play, _play_bounds = np.errstate(all="ignore")(_play), np.errstate(all="ignore")(_play_bounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Formula:
         points = np.ascontiguousarray(points, np.float64)
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
-        if not play(self.tape, points, np.array(parameters, np.float64), out):
+        if not _play(self.tape, points, np.array(parameters, np.float64), out):
             self._refuse(out, points, parameters)
         if len(points) == 1 or not self.shape:
             return out.reshape(len(points), *self.shape)
@@ -120,7 +120,7 @@ class Formula:
         out = np.empty((2, len(self.outputs), len(low)))
         ends = np.array(parameters, dtype=np.float64).reshape(-1, 2).T
         low, high = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high))
-        play_bounds(self.tape, low, high, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
+        _play_bounds(self.tape, low, high, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
         undefined = np.isnan(out[0])
         if undefined.any():
             out[0][undefined], out[1][undefined] = -np.inf, np.inf
