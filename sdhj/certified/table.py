@@ -13,6 +13,7 @@ import numpy as np
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
 from sdhj.certified.general_proof import GeneralProof
+from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import Reach
@@ -21,7 +22,7 @@ from sdhj.problem.checks import real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
-from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -254,6 +255,10 @@ class CertifiedTable(Table):
         cells = told["cells"]
         widths = zip(range(problem.grid.ndim), cells["widths"], cells["shape"], strict=True)
         axes = tuple(told_axis(problem.grid, axis, width, count) for axis, width, count in widths)
+        if cells["kind"] == ArmProof.kind and not as_built(problem):  # the checker goes by the recipe
+            raise TableFileError(
+                "its recipe is that of another problem than its formulas: it was solved for another problem"
+            )
         proof = PROOFS[cells["kind"]].load(told["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
         one_for_all = {1, problem.steps + 1} if problem.timeless else set()
