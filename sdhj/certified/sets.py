@@ -145,8 +145,6 @@ class Certified:
         """The proof of a problem, not yet prepared."""
         axes = self.axes(problem)
         if is_built(problem):
-            if problem.steps is None:
-                raise ValueError(f"method {self.name!r} needs a number of steps of an arm: give the problem one")
             return ArmProof.of(problem, axes, self.parts)
         return GeneralProof.of(problem, axes, self.parts)
 
