@@ -311,6 +311,7 @@ class Kept:
 
     @classmethod
     def of(cls, values: Any) -> "Kept":
+        values = values if len(values) == STATES else np.repeat(values, STATES // len(values), axis=0)  # for all states
         rows = np.ascontiguousarray(values.reshape(STATES, -1).T)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], STATES)
         return cls(rows.astype(np.float32), (signs * rows).reshape(len(rows), -1, GROUP).sum(axis=2))

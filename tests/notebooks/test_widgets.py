@@ -700,7 +700,7 @@ def test_pictures_of_axes_and_of_the_paper(monkeypatch: pytest.MonkeyPatch, poin
     (image,) = shown_by(lambda: widgets.picture(draw_plane_game, point, size=(3.0, 3.0)), monkeypatch)
     assert image.data.startswith(PNG) and image.alt.startswith("Tubes of a robot")
     (image,) = shown_by(lambda: paper_figure("fig05_game"), monkeypatch)
-    assert image.alt == "Fig. 5: who acts on the joint configuration"
+    assert image.alt == "Fig. 5: The policy moves the robot; the adversary disturbs it and moves the pursuer"
     with pytest.raises(ValueError, match="figure must be one of"):
         paper_figure("fig99")
 
