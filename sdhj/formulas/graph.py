@@ -78,15 +78,6 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
     return found
 
 
-def _at_least_zero(one: Node) -> bool:
-    """Whether a node is clearly never negative."""
-    if one.op in ("add", "mul", "min"):
-        return all(map(_at_least_zero, one.args))
-    if one.op == "max":
-        return any(map(_at_least_zero, one.args))
-    return one.op in ("abs", "sqr", "sqrt", "hypot", "exp") or (one.op == "const" and one.value >= 0)
-
-
 def leaf(kind: str, index: int, row: int = 0) -> Node:
     """Coordinate ("x") or parameter ("p") number `index`; of which row of points, while a function is traced."""
     return interned(kind, (), (index, row))
