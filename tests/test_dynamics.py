@@ -931,3 +931,16 @@ def test_what_changes_after_a_problem_was_made_changes_nothing():
     assert problem.dynamics.bounds_at().tolist() == [0.1]
     assert problem.unsafe_value(points, 0.0).tolist() == [3.2]
     assert problem.digest == before != problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.5])).digest
+
+
+def test_a_callable_that_has_a_function_is_called_itself():
+    """Not the function that it happens to keep under that name."""
+
+    class Wind:
+        function = staticmethod(lambda one, two, three, four: None)
+
+        def __call__(self, q, u):
+            return u + 0.0 * q
+
+    dynamics = sdhj.Dynamics([[0.5]], Wind(), [[1.0]], [0.1])
+    assert dynamics.read(1).drift_at(np.array([[2.0]]), 0).tolist() == [[0.5]]

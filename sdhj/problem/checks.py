@@ -8,16 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdhj.formulas.formula import BlackBox
+
 DOUBLE = np.dtype(np.float64)
 KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
-STATES = (
-    "points",
-    "q",
-    "x",
-    "state",
-    "states",
-    "p",
-)  # what the only parameter of `bounds` is called where it is the state
+STATES = ("points", "q", "x", "p", "state", "states")  # what `bounds` calls the state where it takes nothing else
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -163,7 +158,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"
-    function = getattr(function, "function", function)
+    function = function.function if isinstance(function, BlackBox) else function
     if not callable(function):
         raise ValueError(f"{expected}, got {function!r}")
     try:
