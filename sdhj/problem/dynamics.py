@@ -101,10 +101,8 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 MOST_INPUTS = 256
-KNOWN_AT_MOST, KNOWN_BYTES = (
-    512,
-    2**25,
-)  # velocities at different times that an interval keeps, and bytes of all of them
+KNOWN_AT_MOST = 512  # velocities at different times that an interval keeps
+KNOWN_BYTES = 2**25  # of all of them together
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -349,8 +347,8 @@ class VectorField:
     bounds: Formula
 
     @cached_property
-    def read_methods(self) -> dict[Any, Formula]:
-        """Formulas that follow from those of the dynamics, by what they are."""
+    def derived(self) -> dict[Any, Formula]:
+        """Formulas that were made from those of the dynamics, by what they are."""
         return {}
 
     @property
@@ -473,10 +471,10 @@ class VectorField:
         return out
 
     def component(self, name: str, j: int, place: int) -> Formula:
-        """One number of the drift or the gain under an input."""
-        known, key = self.read_methods, (name, j, place)
+        """One number of the drift, the gain or the "extremes" under an input."""
+        known, key = self.derived, (name, j, place)
         if key not in known:
-            known[key] = self.each[name][j].of([place])
+            known[key] = (self.extremes_of if name == "extremes" else self.each[name])[j].of([place])
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
@@ -756,7 +754,7 @@ class Interval:
 
     def _steps_formula(self, j: int, walls: bool) -> Formula:
         """`_runge_kutta`, read: one tape for a step."""
-        known, grid = self.dynamics.read_methods, self.grid
+        known, grid = self.dynamics.derived, self.grid
         key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
         if key not in known:
             count = grid.ndim + self.dynamics.adversaries
@@ -785,7 +783,7 @@ class Interval:
 
     def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
         """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
-        known = self.dynamics.read_methods
+        known = self.dynamics.derived
         key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
         if key not in known:
             found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
@@ -884,7 +882,7 @@ class Interval:
         """The least and the greatest velocity along each axis under u_j, each on the axes that it reads: (*shape)."""
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
-            found = [self._sampled(dynamics.extremes_of[j].of([row]), everything, t) for row in range(2 * ndim)]
+            found = [self._sampled(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)]
             return found[:ndim], found[ndim:]
         pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
@@ -934,76 +932,81 @@ class Interval:
         """Velocities at some times, which each number of steps to go asks for again."""
         return {}
 
-    def _velocities(self, j: int, keep: list[int], t: float, drift: bool) -> Velocities:
-        dynamics, axes = self.dynamics, keep
+    def _velocities(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities:
+        dynamics = self.dynamics
         if dynamics.stateless and dynamics.gain is not None:
             nothing = np.zeros((1, self.grid.ndim))
-            f = dynamics.drift_at(nothing, j, t)[:, keep] * drift
-            b = dynamics.gain_at(nothing, j, t)[:, keep] * dynamics.bounds_at(j, t)
+            f = dynamics.drift_at(nothing, j, t)[:, axes] * drift
+            b = dynamics.gain_at(nothing, j, t)[:, axes] * dynamics.bounds_at(j, t)
+        elif (box := self._hull(j, axes, t)) is not None:
+            return box
+        elif dynamics.gain is None:
+            return self._ranges(j, axes, t)
         else:
-            if (box := self._hull(j, keep, t, drift)) is not None:
-                return box
-            f, b, lower, upper = self._modes(j, keep, t)
-            if dynamics.gain is None:
-                return Velocities(lower.min(axis=0), upper.max(axis=0))
-            f = f * drift
+            f, b = self._modes(j, axes, t)
         spread = np.abs(b).sum(axis=2)
         lower, upper = f - spread, f + spread
         hull = lower.min(axis=0), upper.max(axis=0)
         swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
-        coupled = (np.count_nonzero(dynamics.pushes[j][keep], axis=0) > 1).any()
+        coupled = (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
-    def _hull(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities | None:
+    def _seen(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
+        """Some axes and those that their velocities read, ascending; the places among them of the latter alone."""
+        seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
+        return seen, tuple(place for place, axis in enumerate(seen) if axis not in axes)
+
+    def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
         """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""
-        dynamics = self.dynamics
+        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
         if not dynamics.formulas or dynamics.gain is None:
             return None
         if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
             return None
-        seen = sorted({*axes, *np.flatnonzero(dynamics.reads[axes].any(axis=0)).tolist()})
-        outside, swayed = tuple(seen.index(axis) for axis in seen if axis not in axes), 0
+        dynamics.bounds_at(j, t)  # refuses what is below 0
         ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
-        bounds, count = dynamics.bounds_at(j, t), dynamics.adversaries
+        swayed = 0
         for axis in axes:
-            middle = drift * self._sampled(dynamics.component("drift", j, axis), seen, t)
-            spread = np.zeros((1,) * len(seen))
-            for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
-                gain = self._sampled(dynamics.component("gain", j, axis * count + d), seen, t)
-                spread = spread + np.abs(bounds[d] * gain)
-            low, high = middle - spread, middle + spread
+            low, high = (
+                self._sampled(dynamics.component("extremes", j, axis + side), seen, t) for side in (0, self.grid.ndim)
+            )
             hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
             swayed += bool((low != hull[0]).any() or (high != hull[1]).any())
             for end, one in zip(ends, hull, strict=True):
                 end.append(one.reshape([n for place, n in enumerate(one.shape) if place not in outside]))
         return Velocities(*ends, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
-    def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, ...]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t.
+    def _points(self, seen: list[int]) -> FloatArray:
+        """States (M, ndim) at the nodes of some axes, at the lower ends of the others."""
+        grid = self.grid.subgrid(seen)
+        points = np.tile(np.array(self.grid.lower), (grid.size, 1))
+        points[:, seen] = grid.points()
+        return points
 
-        And the ends of the velocity, as the drift, which mean something where the disturbance does not enter linearly.
-        """
-        outside = [axis for axis in range(self.grid.ndim) if axis not in axes]
-        entering = [axis for axis in outside if self.dynamics.reads[axes, axis].any()]
-        seen = sorted({*axes, *entering})
-        grid, count = self.grid.subgrid(seen), self.dynamics.adversaries
+    def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
+        """The box of velocities where the disturbance does not enter linearly."""
+        seen, outside = self._seen(axes)
+        points, shape = self._points(seen), self.grid.subgrid(seen).shape
+        low, high = (end[:, axes].T.reshape(-1, *shape) for end in self.dynamics.range(j, points, points, (t, t)))
+        places = tuple(1 + place for place in outside)
+        return Velocities(low.min(axis=places), high.max(axis=places))
+
+    def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""
+        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
-        if self.dynamics.formulas and self.dynamics.gain is not None:
+        if dynamics.formulas:
             self._fill(sampled, j, axes, seen, t)
         else:
-            points = np.tile(np.array(self.grid.lower), (grid.size, 1))
-            points[:, seen] = grid.points()
-            if self.dynamics.gain is None:
-                ends = self.dynamics.range(j, points, points, (t, t))
-                sampled = np.stack([end[:, axes].T.reshape(len(axes), *grid.shape) for end in ends], axis=1)
-            else:
-                gain = self.dynamics.gain_at(points, j, t)[:, axes] * self.dynamics.bounds_at(j, t)
-                parts = np.concatenate([self.dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
-                sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
-        sampled = np.moveaxis(sampled, [2 + seen.index(axis) for axis in entering], range(len(entering)))
-        sampled = sampled.reshape(-1, *sampled.shape[len(entering) :])
-        return sampled[:, :, 0], sampled[:, :, 1:], sampled[:, :, 0], sampled[:, :, -1]
+            points = self._points(seen)
+            gain = dynamics.gain_at(points, j, t)[:, axes] * dynamics.bounds_at(j, t)
+            parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
+            sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
+        sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
+        sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
+        return sampled[:, :, 0], sampled[:, :, 1:]
 
     def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
         """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
