@@ -30,8 +30,8 @@ from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
 from sdhj.kernels import FloatArray
-from sdhj.problem.dynamics import Velocities
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import Velocities
 from sdhj.simulation.runs import admissible_states
 from sdhj.solver.recursion import memory_needed
 from sdhj.solver.schemes import Scheme, evolve

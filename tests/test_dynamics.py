@@ -15,7 +15,7 @@ import toys
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.checks import arguments
-from sdhj.problem.dynamics import Interval
+from sdhj.problem.interval import Interval
 
 ROUNDING = 1e-12  # some dozen operations on numbers of order one
 

@@ -9,7 +9,7 @@ from plain import run_plainly
 
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
-from sdhj.problem.dynamics import Velocities
+from sdhj.problem.interval import Velocities
 from sdhj.solver.schemes import evolve, evolve_each, together
 
 FLUXES = ("godunov", "lax-friedrichs")

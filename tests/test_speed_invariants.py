@@ -13,7 +13,7 @@ import sdhj
 from sdhj import Grid, Scheme
 from sdhj.kernels import compiling
 from sdhj.problem import memory
-from sdhj.problem.dynamics import Velocities
+from sdhj.problem.interval import Velocities
 from sdhj.solver import recursion, schemes
 from sdhj.solver.schemes import evolve
 from sdhj.table.table import entries

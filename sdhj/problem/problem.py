@@ -21,8 +21,9 @@ from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import finite_array, number, option, points_array, whole
-from sdhj.problem.dynamics import INSTANTS, Dynamics, Interval, VectorField
+from sdhj.problem.dynamics import Dynamics, VectorField
 from sdhj.problem.grid import Grid, Window
+from sdhj.problem.interval import INSTANTS, Interval
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, LARGEST, STEEP, VIEW_TIMES, TargetSet, UnsafeSet
 from sdhj.problem.steepness import rates

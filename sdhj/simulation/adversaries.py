@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.dynamics import Interval
+from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.batches import Table

@@ -23,8 +23,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, maxima
-from sdhj.problem.dynamics import INSTANTS, Velocities
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import INSTANTS, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths

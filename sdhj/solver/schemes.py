@@ -33,8 +33,8 @@ from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 from sdhj.problem.boxes import most_on_rim, out_of_danger
 from sdhj.problem.checks import option
-from sdhj.problem.dynamics import MOST_STEPS, Velocities, too_fast
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
 
 DTYPES = ("float32", "float64")
 RUN = 2048  # nodes in one loop: long enough to vectorise, short enough for the first-level cache

@@ -8,8 +8,8 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import Reach
-from sdhj.problem.dynamics import Interval
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 
 LookAhead = Callable[[FloatArray, FloatArray], Reach]  # of states (M, ndim), the boxes of some rows (R,)

@@ -4,7 +4,7 @@ import numpy as np
 
 from course.exercises import exercise, expect, expect_close
 from sdhj import Grid, Scheme
-from sdhj.problem.dynamics import Velocities
+from sdhj.problem.interval import Velocities
 from sdhj.solver.schemes import evolve
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from course.exercises import exercise, expect, expect_close
-from sdhj.problem.dynamics import Velocities
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import Velocities
 from sdhj.solver.schemes import Scheme, evolve
 
 

@@ -13,8 +13,8 @@ from course.draw.sets import disk
 from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_set, frame_slice, plane
 from sdhj.plotting.looks import FULL_LOOKS, OUTCOME_INK
-from sdhj.problem.dynamics import Velocities
 from sdhj.problem.grid import Grid
+from sdhj.problem.interval import Velocities
 from sdhj.solver.schemes import Scheme, evolve
 
 DIFFERENCES = ("left", "central", "right")

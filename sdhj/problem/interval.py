@@ -1,0 +1,481 @@
+"""What input and adversary can do in one sampling interval.
+
+`Interval` alone defines what may happen from step k on: the velocity sets of the games, the boxes with which the
+controller looks ahead, and the plant that the simulation integrates.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.formula import Formula
+from sdhj.formulas.tracing import parameter, points_of
+from sdhj.kernels import FloatArray
+from sdhj.problem.dynamics import VectorField
+from sdhj.problem.grid import Grid
+from sdhj.problem.memory import require
+
+KNOWN_AT_MOST = 512  # velocities at different times that an interval keeps
+KNOWN_BYTES = 2**25  # of all of them together
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
+# fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
+INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
+MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
+
+
+@dataclass(frozen=True)
+class Velocities:
+    """The velocity set at every node, in the form that the kernels take.
+
+    An interval [low, high] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape), or a
+    list of arrays that broadcast to the shape, each on the axes that it varies along. If the adversary couples axes or
+    a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes, ndim, D, *shape), times the
+    bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
+    """
+
+    low: Any
+    high: Any
+    drift: FloatArray | None = None
+    gain: FloatArray | None = None
+    shape: tuple[int, ...] = ()
+
+    def kept(self) -> "Velocities":
+        """These velocities, which keep what is made of them for the kernels in `terms`, by the layout."""
+        self.__dict__.setdefault("terms", {})
+        return self
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """`low` as one array."""
+        return self._whole(self.low)
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """`high` as one array."""
+        return self._whole(self.high)
+
+    def _whole(self, ends: Any) -> FloatArray:
+        return ends if isinstance(ends, np.ndarray) else np.stack([np.broadcast_to(one, self.shape) for one in ends])
+
+    @property
+    def coupled(self) -> bool:
+        return self.drift is not None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is kept."""
+        ends = [
+            part.nbytes for end in (self.low, self.high) for part in ([end] if isinstance(end, np.ndarray) else end)
+        ]
+        return sum(ends) + sum(part.nbytes for part in (self.drift, self.gain) if part is not None)
+
+    def steps(self, grid: Grid, duration: float, cfl: float) -> int:
+        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
+
+        Raises
+        ------
+        ValueError
+            If it is more than `MOST_STEPS`.
+        """
+        speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
+        # no BLAS, whose threads would compete with the kernels'
+        rate = np.max(sum(along / spacing for along, spacing in zip(speed, grid.spacing, strict=True)))
+        count = duration * float(rate) / cfl * (1 - 1e-9)
+        if count > MOST_STEPS:
+            what = f"time steps for each PDE, at cfl {cfl:g}"
+            raise too_fast(grid, np.array([along.max() for along in speed]), duration, count, what)
+        return int(np.ceil(count))
+
+
+def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
+    """The error for an interval that needs too many (`count`) of `what` at speeds (ndim,); it names the worst axis."""
+    axis = int(np.argmax(speed / np.array(grid.spacing)))
+    return ValueError(
+        f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
+        f"supported: along axis {axis} ({grid.names[axis]}) the velocity is up to {speed[axis]:g} and nodes are "
+        f"{grid.spacing[axis]:g} apart; use a shorter delta, lower velocities or fewer nodes, or check their units"
+    )
+
+
+def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
+    """Each input that occurs among some (M,), and the rows where it does."""
+    if len(inputs) == 1:
+        yield int(inputs[0]), slice(None)
+        return
+    for j in np.flatnonzero(np.bincount(inputs)).tolist():
+        yield j, np.flatnonzero(inputs == j)
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """What an input and the adversary can do from one sampling time to the next.
+
+    Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
+
+    Attributes
+    ----------
+    grid : Grid
+    dynamics : VectorField
+    begin, delta : float
+        When it begins and how long it lasts, s.
+    early, wider : float, (ndim,)
+        How much sooner the adversary may end it, s; by how much boxes of what is reachable are widened.
+    """
+
+    grid: Grid
+    dynamics: VectorField
+    begin: float
+    delta: float
+    early: float = 0.0
+    wider: FloatArray | float = 0.0
+
+    @property
+    def end(self) -> float:
+        return self.begin + self.delta
+
+    # ---- of single states: the controller, the adversaries, the plant
+
+    def drift(self, states: Any, j: int, t: Any) -> Any:
+        """Velocity of states (M, ndim) under input j without the adversary: (M, ndim)."""
+        return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
+
+    def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
+        """What the adversary's box adds to the velocity of each state (M, ndim) under its own input, (M, ndim, D)."""
+        points = self.grid.wrapped(states)
+        if self.dynamics.alike:
+            return self.dynamics.gain_at(points, 0, t)
+        gain = np.empty((*states.shape, self.dynamics.adversaries))
+        for j, rows in by_input(inputs):
+            gain[rows] = self.dynamics.gain_at(points[rows], j, t)
+        return gain
+
+    def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
+        """Half-widths of the adversary's box for each of the inputs (M,) held: (M, D)."""
+        if self.dynamics.alike:
+            return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.adversaries))
+        table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
+        return table[inputs]
+
+    def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
+        """Velocity of each state (M, ndim) under its own input, given by its index (M,), no adversary: (M, ndim)."""
+        if self.dynamics.constant:
+            return self.dynamics.arrays[0][inputs]
+        velocity = np.empty_like(states)
+        for j, rows in by_input(inputs):
+            velocity[rows] = self.drift(states[rows], j, t)
+        return velocity
+
+    def advance(
+        self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
+    ) -> FloatArray:
+        """States `duration` s after t under held inputs (M,) and v (M, D), clipped at the walls of the grid.
+
+        Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
+        """
+
+        if self.dynamics.constant:
+            moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
+            return self.grid.clipped(moved) if walls else moved
+        out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
+        for j, rows in by_input(inputs):
+            if self.dynamics.formulas:
+                out[rows] = self._steps_formula(j, walls)(whole[rows], t, duration)
+            else:
+                out[rows] = self._runge_kutta(whole[rows], j, walls, t, duration)
+        return out
+
+    def _runge_kutta(self, whole: Any, j: int, walls: bool, t: Any, duration: Any) -> Any:
+        """States and disturbances side by side, (M, ndim + D), to states a step later."""
+        states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
+
+        def velocity(q: Any, now: Any) -> Any:
+            return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
+
+        def moved(span: Any, slope: Any) -> Any:
+            return self.grid.clipped(states + span * slope) if walls else states + span * slope
+
+        k1 = velocity(states, t)
+        k2 = velocity(moved(duration / 2, k1), t + duration / 2)
+        k3 = velocity(moved(duration / 2, k2), t + duration / 2)
+        k4 = velocity(moved(duration, k3), t + duration)
+        return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
+
+    def _steps_formula(self, j: int, walls: bool) -> Formula:
+        """`_runge_kutta`, read: one tape for a step."""
+        known, grid = self.dynamics.derived, self.grid
+        key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
+        if key not in known:
+            count = grid.ndim + self.dynamics.adversaries
+            found = self._runge_kutta(points_of(count, 1), j, walls, parameter(0), parameter(1))
+            known[key] = Formula(tuple(found.entries.flat), count, 2, (grid.ndim,), "where the state moves to")
+        return known[key]
+
+    def displacements(self, states: FloatArray) -> FloatArray:
+        """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
+
+        Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
+        midpoint rule.
+        """
+        if self.dynamics.constant:
+            return self.delta * self.dynamics.arrays[0][None]
+        if isinstance(self.dynamics.drift, Formula):
+            return self._as_formula("_displaced", (len(self.dynamics.inputs), self.grid.ndim))(states, self.begin)
+        return self._displaced(states, self.begin)
+
+    def _displaced(self, states: Any, begin: Any) -> Any:
+        moves = []
+        for j in range(len(self.dynamics.inputs)):
+            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
+            moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
+        return np.stack(moves, axis=1)
+
+    def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
+        """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
+        known = self.dynamics.derived
+        key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
+        if key not in known:
+            found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
+            known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
+        return known[key]
+
+    def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
+        """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
+
+        Shape (M, parts, ndim); held at walls. Exact for a constant drift, else to second order.
+        """
+        shares, slope = np.arange(1, parts + 1)[:, None] / parts, self.undisturbed(states, inputs, self.begin)
+        moved = self.delta * slope
+        bent = 0.0 * moved
+        if not self.dynamics.constant:
+            halfway = self.grid.clipped(states + moved / 2)
+            bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
+        return self.grid.clipped(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
+
+    def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
+
+        Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
+        velocities do not depend on the state; else the adversary's gain is that at the start.
+        """
+        dynamics = self.dynamics
+        if self.early:
+            sooner = [replace(self, delta=self.delta - by * self.early, early=0.0) for by in (0.0, 0.5, 1.0)]
+            lows, highs = zip(*(interval.reachable(states) for interval in sooner), strict=True)
+            return np.min(lows, axis=0), np.max(highs, axis=0)
+        if dynamics.stateless:
+            low, high = self.reached(0.0, self.delta)
+            return low[None] - self.wider, high[None] + self.wider
+        if dynamics.formulas and dynamics.gain is not None:
+            shape = 2, len(dynamics.inputs), self.grid.ndim
+            ends = self._as_formula("_reach_of", shape)(states, self.begin)
+        else:
+            ends = self._reach_of(states, self.begin)
+        return ends[:, 0] - self.wider, ends[:, 1] + self.wider
+
+    def _reach_of(self, states: Any, begin: Any) -> Any:
+        """Lower and upper corners of `reachable`, (M, 2, L, ndim)."""
+        dynamics, centre, points = self.dynamics, self._displaced(states, begin), self.grid.wrapped(states)
+        times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        lows, highs = [], []
+        for j in range(len(dynamics.inputs)):
+            drift, ends = dynamics.drift_at(points, j, begin), [dynamics.extremes(points, j, t) for t in times]
+            middle = [drift if t is begin else dynamics.drift_at(points, j, t) for t in times]
+            lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
+            highs.append(reduce(np.maximum, [end[:, 1] - one for one, end in zip(middle, ends, strict=True)]))
+        below, above = (self.delta * np.stack(one, axis=1) for one in (lows, highs))
+        return np.stack([centre - below, centre + above], axis=1)
+
+    # ---- of velocities that do not depend on the state: the Hopf-Lax formula
+
+    def extremes(self, t: float) -> FloatArray:
+        """The least and the greatest velocity along each axis under each input at time t: (2, L, ndim)."""
+        nothing = np.zeros((1, self.grid.ndim))
+        each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
+        return np.stack(each, axis=1)
+
+    @cached_property
+    def _always(self) -> FloatArray:
+        return self.extremes(self.begin)
+
+    def reached(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
+        """Corners of the boxes of displacements from `begin` to `end`, s into the interval, by input: two (L, ndim).
+
+        For velocities that do not depend on the state; exact where they do not depend on time, else by Gauss's rule.
+        """
+        if self.dynamics.timed:
+            times = self.begin + begin + (end - begin) * (NODES + 1) / 2
+            mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
+        else:
+            mean = self._always
+        low, high = (end - begin) * mean
+        return low, high
+
+    # ---- on the grid: velocity sets for the games
+
+    @property
+    def sampling_bytes(self) -> int:
+        """Bytes that the velocities under one input take while they are sampled on the whole grid."""
+        return 8 * self.grid.ndim * (self.dynamics.adversaries + 6) * self.grid.size
+
+    def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
+        """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
+        own = [axis for axis in seen if formula.reads[0, axis]]
+        if not own:
+            return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
+        grid, some = self.grid.subgrid(own), formula.restricted(own)
+        values = np.concatenate([some(piece.points(), t) for piece in grid.pieces()]).reshape(grid.shape)
+        return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in own])
+
+    def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
+        """The least and the greatest velocity along each axis under u_j, each on the axes that it reads: (*shape)."""
+        dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
+        if dynamics.formulas and dynamics.gain is not None:
+            found = [self._sampled(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)]
+            return found[:ndim], found[ndim:]
+        pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
+        least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
+        return list(least), list(greatest)
+
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
+        instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
+        ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
+        return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
+
+    def on(self, grid: Grid) -> "Interval":
+        """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
+        part = replace(self, grid=grid)
+        part.__dict__["speeds"] = self.speeds
+        return part
+
+    def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
+        """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
+        known = set(axes)
+        while grown := {int(k) for i in known for k in np.flatnonzero(self.dynamics.reads[i])} - known:
+            known |= grown
+        return tuple(sorted(known))
+
+    def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
+        """The velocity set under u_j along some axes at time t, by default at the begin, on their subgrid.
+
+        Coordinates left out that enter are taken at all their nodes (App. A.4): each is one mode, H = max over modes.
+        Where they move the velocity of one axis at most and the adversary does not couple axes, the hull of the modes'
+        boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
+        (the moving frame).
+        """
+        t = self.begin if t is None else t
+        key = j, tuple(axes), t, drift
+        if key not in self._known:
+            found = self._velocities(j, list(axes), t, drift)
+            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > KNOWN_BYTES:
+                return found  # the games keep what is the same at all times
+            if len(self._known) >= KNOWN_AT_MOST:
+                self._known.clear()
+            self._known[key] = found.kept()
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[Any, Velocities]:
+        """Velocities at some times, which each number of steps to go asks for again."""
+        return {}
+
+    def _velocities(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities:
+        dynamics = self.dynamics
+        if dynamics.stateless and dynamics.gain is not None:
+            nothing = np.zeros((1, self.grid.ndim))
+            f = dynamics.drift_at(nothing, j, t)[:, axes] * drift
+            b = dynamics.gain_at(nothing, j, t)[:, axes] * dynamics.bounds_at(j, t)
+        elif (box := self._hull(j, axes, t)) is not None:
+            return box
+        elif dynamics.gain is None:
+            return self._ranges(j, axes, t)
+        else:
+            f, b = self._modes(j, axes, t)
+        spread = np.abs(b).sum(axis=2)
+        lower, upper = f - spread, f + spread
+        hull = lower.min(axis=0), upper.max(axis=0)
+        swayed = [((lower[:, i] != hull[0][i]) | (upper[:, i] != hull[1][i])).any() for i in range(len(axes))]
+        coupled = (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any()
+        return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
+
+    def _seen(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
+        """Some axes and those that their velocities read, ascending; the places among them of the latter alone."""
+        seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
+        return seen, tuple(place for place, axis in enumerate(seen) if axis not in axes)
+
+    def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
+        """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""
+        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        if not dynamics.formulas or dynamics.gain is None:
+            return None
+        if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
+            return None
+        dynamics.bounds_at(j, t)  # refuses what is below 0
+        ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
+        swayed = 0
+        for axis in axes:
+            low, high = (
+                self._sampled(dynamics.component("extremes", j, axis + side), seen, t) for side in (0, self.grid.ndim)
+            )
+            hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
+            swayed += bool((low != hull[0]).any() or (high != hull[1]).any())
+            for end, one in zip(ends, hull, strict=True):
+                end.append(one.reshape([n for place, n in enumerate(one.shape) if place not in outside]))
+        return Velocities(*ends, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
+
+    def _points(self, seen: list[int]) -> FloatArray:
+        """States (M, ndim) at the nodes of some axes, at the lower ends of the others."""
+        grid = self.grid.subgrid(seen)
+        points = np.tile(np.array(self.grid.lower), (grid.size, 1))
+        points[:, seen] = grid.points()
+        return points
+
+    def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
+        """The box of velocities where the disturbance does not enter linearly."""
+        seen, outside = self._seen(axes)
+        points, shape = self._points(seen), self.grid.subgrid(seen).shape
+        low, high = (end[:, axes].T.reshape(-1, *shape) for end in self.dynamics.range(j, points, points, (t, t)))
+        places = tuple(1 + place for place in outside)
+        return Velocities(low.min(axis=places), high.max(axis=places))
+
+    def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""
+        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        grid, count = self.grid.subgrid(seen), dynamics.adversaries
+        require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
+        sampled = np.zeros((len(axes), 1 + count, *grid.shape))
+        if dynamics.formulas:
+            self._fill(sampled, j, axes, seen, t)
+        else:
+            points = self._points(seen)
+            gain = dynamics.gain_at(points, j, t)[:, axes] * dynamics.bounds_at(j, t)
+            parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
+            sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
+        sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
+        sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
+        return sampled[:, :, 0], sampled[:, :, 1:]
+
+    def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
+        """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
+        dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
+        for row, axis in enumerate(axes):
+            sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
+            for d in np.flatnonzero(dynamics.pushes[j, axis]):
+                place = axis * dynamics.adversaries + int(d)
+                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.component("gain", j, place), seen, t)
+
+    def velocity_field(
+        self, j: int, axes: Sequence[int], *, drift: bool = True
+    ) -> Velocities | Callable[[float], Velocities]:
+        """The velocity set as `schemes.evolve` reads it: itself or, where it depends on time, as a function of tau.
+
+        tau is counted back from the interval's end.
+        """
+        if self.dynamics.timed:
+            return lambda tau: self.velocities(j, axes, self.end - tau, drift=drift)
+        return self.velocities(j, axes, drift=drift)
