@@ -7,7 +7,6 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 import inspect
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from itertools import product
@@ -58,9 +57,7 @@ class Formula:
     source: Callable[..., Any] | None = field(default=None, repr=False)
 
     @classmethod
-    def read(
-        cls, name: str, function: Any, coordinates: int, *names: str, lengths: Sequence[int] = ()
-    ) -> "Formula | BlackBox":
+    def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
         """A level-set function, read: of points (M, coordinates) and of parameters with these names.
 
         Raises
@@ -75,7 +72,7 @@ class Formula:
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
         _check_signature(name, function, "points", *names)
-        rows = rows_for(coordinates, *lengths)
+        rows = rows_for(coordinates)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
         outputs, _ = read(name, function, rows, given, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
@@ -176,11 +173,6 @@ class Formula:
     def timed(self) -> bool:
         """Whether it reads the time, or the begin or end of an interval."""
         return 0 in leaves(self.outputs, "p")
-
-    @property
-    def total(self) -> bool:
-        """Whether it is defined at all points."""
-        return all(one.total for one in self.outputs)
 
     def of(self, places: Sequence[int], shape: Sequence[int] = ()) -> "Formula":
         """Some of the results, by their numbers."""
@@ -332,15 +324,14 @@ def _check_signature(name: str, function: Any, *takes: str) -> None:
     expected = f"{name} must be a function of ({', '.join(takes)})"
     if not callable(function):
         raise ValueError(f"{expected}, got {function!r}")
-    with suppress(TypeError):  # some compiled functions have no signature
-        try:
-            signature = inspect.signature(function)
-        except ValueError:
-            return
-        try:
-            signature.bind(*takes)
-        except TypeError:
-            raise ValueError(f"{expected}, got a function of {signature}") from None
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some compiled functions have none
+        return
+    try:
+        signature.bind(*takes)
+    except TypeError:
+        raise ValueError(f"{expected}, got a function of {signature}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,12 +452,12 @@ def union(*functions: Any) -> Any:
     >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
     array([-0.5,  0.5])
     """
-    return lambda points, t: combined(np.minimum, functions, points, t)
+    return lambda points, t: _combined(np.minimum, functions, points, t)
 
 
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
-    return lambda points, t: combined(np.maximum, functions, points, t)
+    return lambda points, t: _combined(np.maximum, functions, points, t)
 
 
 def complement(function: Any) -> Any:
@@ -474,5 +465,5 @@ def complement(function: Any) -> Any:
     return lambda points, t: -function(points, t)
 
 
-def combined(by: Any, functions: Sequence[Any], points: Any, t: Any) -> Any:
+def _combined(by: Any, functions: Sequence[Any], points: Any, t: Any) -> Any:
     return reduce(by, [function(points, t) for function in functions])

@@ -56,6 +56,7 @@ def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: Float
 SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
+LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 
 
 @dataclass(frozen=True)
@@ -736,6 +737,3 @@ def _try_goals(problem: "ReachAvoidProblem") -> None:
         "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
         "check the sign of their level-set functions (negative is inside)"
     )
-
-
-LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")
