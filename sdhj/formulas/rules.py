@@ -1,10 +1,12 @@
 """The closed set of operations of a formula, a record each.
 
-The place of a record is its code on a tape (`sdhj.kernels.tape`), whose kernels hold its value and its interval; a
-file's text and the checker know it by name. NaN means undefined: it passes through every operation.
+The kernels of a tape (`sdhj.kernels.tape`) hold value and interval of each; a file's text and the checker know it by
+name. NaN means undefined: it passes through every operation.
 """
 
 from dataclasses import dataclass
+
+from sdhj.kernels.tape import OPERATIONS
 
 
 @dataclass(frozen=True)
@@ -122,4 +124,4 @@ RULES = {
         ),
     )
 }
-OPCODES = {name: place for place, name in enumerate(RULES)}
+OPCODES = {name: place for place, name in enumerate(OPERATIONS)}
