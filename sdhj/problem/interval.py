@@ -319,7 +319,7 @@ class Interval:
     @property
     def sampling_bytes(self) -> int:
         """Bytes that the velocities under one input take while they are sampled on the whole grid."""
-        return 8 * self.grid.ndim * (self.dynamics.adversaries + 6) * self.grid.size
+        return 8 * self.grid.ndim * (2 * self.dynamics.adversaries + 6) * self.grid.size
 
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
         """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
@@ -376,7 +376,7 @@ class Interval:
                 return found  # the games keep what is the same at all times
             if len(self._known) >= KNOWN_AT_MOST:
                 self._known.clear()
-            self._known[key] = found.kept()
+            self._known[key] = found if found.coupled else found.kept()
         return self._known[key]
 
     @cached_property

@@ -295,9 +295,10 @@ class HJIGames(_OnAxes):
         field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
         if callable(field):
             return lambda tau: self._stable(field(tau), axes, step)
-        laid_out = 8 * len(axes) * self.problem.grid.subgrid(axes).size  # for the kernels
+        laid_out = 0 if field.coupled else 8 * len(axes) * self.problem.grid.subgrid(axes).size  # for the kernels
         if field.nbytes + laid_out <= self._room:
-            self._fields[key], self._room = field.kept(), self._room - field.nbytes - laid_out
+            self._fields[key] = field if field.coupled else field.kept()
+            self._room -= field.nbytes + laid_out
         return field
 
     def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
