@@ -228,7 +228,9 @@ def task_bytes(plan: Plan) -> int:
         arrays = 12 if isinstance(plan.method, HJI) else window.ndim + 4  # maxima over the first axes are kept
         most = window.sampling_bytes + arrays * item * window.size
         if not dynamics.stateless:
-            velocities = 8 * window.ndim * (2 * dynamics.adversaries + 6) * window.size
+            whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(range(window.ndim))
+            each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+            velocities = each * window.ndim * window.size
             most += velocities + min(KEPT, count * velocities)
             most += item * window.ndim * (3 + dynamics.adversaries) * window.size
         return most
