@@ -14,7 +14,7 @@ import toys
 
 import sdhj
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import LOOKED, WIDER
+from sdhj.table.ahead import LOOKED
 from sdhj.table.batches import CHUNK, Batch, Table, take_least
 from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
 from sdhj.table.table import AvoidTubes, LookupTable
@@ -106,12 +106,10 @@ def truth(problem: ReachAvoidProblem, q: np.ndarray, step: int, boxes: list[Any]
 
 
 def twin(
-    table: LookupTable, q: np.ndarray, step: int, within: int = 1, wider: float = 0.0
+    table: LookupTable, q: np.ndarray, step: int, within: int = 1
 ) -> tuple[int | None, list[int], list[float], int | None]:
-    """What the slow twin says of a state, its boxes wider by so many cells to each side."""
+    """What the slow twin says of a state."""
     (boxes, order, avoid, grid), left = around(table, q, step), table.steps - step
-    more = wider * np.array(table.grid.spacing)
-    boxes = [(low - more, high + more) for low, high in boxes]
     tubes, following = [
         [table.value_array(start, n) for n in range(table.steps - start + 1)] if start <= table.steps else []
         for start in (step, step + 1)
@@ -130,7 +128,7 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
         half = q + problem.delta / 2 * dynamics.drift_at(q[None], j)[0]
         held = np.where(grid.periodic, half, np.clip(half, *middle))
         centre = q + problem.delta * dynamics.drift_at(held[None], j)[0]
-        spread = problem.delta * np.abs(dynamics.gain_at(q[None])[0]) @ dynamics.bounds
+        spread = problem.delta * np.abs(dynamics.gain_at(q[None])[0]) @ dynamics.bounds_at(0)
         boxes.append((centre - spread, centre + spread))
     kinds = [len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high in boxes}) for axis in range(grid.ndim)]
     order = sorted(range(grid.ndim), key=lambda axis: kinds[axis] if dynamics.constant else axis)
@@ -143,30 +141,23 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
 
 @pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
 def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
-    """Where boxes come from a table, between the twin of the true ones and that of the largest they may be."""
-    table = tables[name]
+    table, seen = tables[name], set()
     controller = Controller(table)
-    seen, compared, wider = set(), {True: 0, False: 0}, 0.0 if table.problem.dynamics.constant else 2 * WIDER
     for step, all_left in product(range(table.steps + 1), (False, True)):
         states = random_states(table.problem, 60, rng)
         within = max(1, table.steps - step) if all_left else 1
         batch = table.batch(states, step, within) if all_left else controller.batch(states, step)
         for m, q in enumerate(states):
             to_go, safe, margins, best = twin(table, q, step, within)
-            _, other, most, _ = twin(table, q, step, within, wider)
             assert batch.steps_to_go[m] == (-1 if to_go is None else to_go)
-            assert safe != other or np.flatnonzero(batch.safe[m]).tolist() == safe
-            assert wider or batch.best[m] == (-1 if best is None else best)
-            if margins:
-                # products and sums of a few dozen float64 numbers of order one, in another order
-                assert (batch.margins[m] >= np.array(margins) - 1e-12).all()
-                assert (batch.margins[m] <= np.array(most) + 1e-12).all()
+            assert np.flatnonzero(batch.safe[m]).tolist() == safe
+            assert batch.best[m] == (-1 if best is None else best)
+            if margins:  # products and sums of a few dozen float64 numbers of order one, in another order
+                np.testing.assert_allclose(batch.margins[m], margins, rtol=0, atol=1e-12)
             else:
                 assert np.isposinf(batch.margins[m]).all()
-            compared[safe == other] += 1
             seen.add(to_go)
     assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
-    assert compared[False] <= 0.01 * compared[True] and (wider or not compared[False])
 
 
 @pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
@@ -199,9 +190,9 @@ def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str
 def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.Generator) -> None:
     """Tubes of noise have their largest values anywhere in a box, at inner nodes too; boxes up to a dozen nodes."""
     problem = toys.torus_problem(nodes=24, steps=2)
-    nowhere = sdhj.UnsafeSet((0,), lambda p, t: np.ones(len(p)))  # moves: each step has its own tubes
+    nowhere = sdhj.UnsafeSet((0,), lambda p, t: np.full(len(p), 1.0 + t))  # moves: each step has its own tubes
     everywhere = sdhj.TargetSet((0,), lambda p, t: np.full(len(p), -1.0))  # the true sets refute nothing
-    dynamics = replace(problem.dynamics, bounds=np.full(2, bounds))
+    dynamics = sdhj.Dynamics(problem.inputs, problem.inputs, np.eye(2), np.full(2, bounds))
     problem = replace(problem, dynamics=dynamics, target=everywhere, unsafe=(nowhere,))
     table = LookupTable.empty(problem, "noise", "float64", torus_avoid(rng))
     for step in range(3):
@@ -228,7 +219,7 @@ def test_inputs_that_lead_to_the_same_box_have_one_margin(rng: np.random.Generat
     """In whatever order the inputs come, and however many share a box."""
     problem = toys.torus_problem()
     picked = [3, 1, 3, 8, 3, 0, 8]
-    moves = replace(problem.dynamics, inputs=problem.inputs[picked], drift=problem.inputs[picked])
+    moves = sdhj.Dynamics(problem.inputs[picked], problem.inputs[picked], np.eye(2), [0.4, 0.4])
     table, states = solved(replace(problem, dynamics=moves)), random_states(problem, 200, rng)
     batch = Controller(table).batch(states, 1)
     assert batch.safe.any()
@@ -321,7 +312,7 @@ def test_closed_form_on_an_interval() -> None:
 def test_an_adversary_that_grows_with_time_spoils_the_margins_of_later_steps() -> None:
     """|v| <= 0.4 t: in step k, half a second long, it moves the state by 0.05 (2 k + 1); from q = 0 to |q| <= 1."""
     problem = toys.interval_problem(steps=4, unsafe=False)
-    timed = replace(problem.dynamics, bounds=lambda t: np.array([0.4 * t]))
+    timed = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], lambda t: np.stack([0.4 * t]))
     controller = Controller(solved(replace(problem, dynamics=timed)))
     for step in (2, 0, 3, 1):
         margins = controller.batch(np.array([[0.0]]), step).margins[0]
@@ -438,7 +429,7 @@ def test_rules_take_the_best_of_the_safe_inputs(tables: dict[str, LookupTable], 
     for m, q in enumerate(states):
         safe = Controller(table).safe_inputs(q, step)
         margins = Controller(table).batch(q[None], step).margins[0]
-        after = q + problem.delta * problem.dynamics.drift[safe]
+        after = q + problem.delta * problem.dynamics.arrays[0][safe]
         scores = {
             "deepest": margins[safe],
             "effort": np.hypot(*problem.inputs[safe].T),
@@ -458,7 +449,7 @@ def test_rules_take_the_best_of_the_safe_inputs(tables: dict[str, LookupTable], 
 def test_equals_go_to_the_deeper_one() -> None:
     """At q = 0.1 in the target both moves cost the same effort; the one towards the middle is deeper."""
     problem = toys.interval_problem(steps=2, unsafe=False)
-    moves = replace(problem.dynamics, inputs=[[-1.0], [1.0]], drift=[[-1.0], [1.0]])
+    moves = sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.2])
     controller = Controller(solved(replace(problem, dynamics=moves)), "effort")
     assert controller.select([0.1], 0) == 0 and controller.select([-0.1], 0) == 1
 
@@ -615,7 +606,7 @@ def test_rules_report_a_level_set_that_is_not_a_number() -> None:
     broken = replace(FREE.target, level_set=lambda p, t: np.where(t == 0.5, np.nan, np.abs(p[:, 0]) - 1.0))
     problem = replace(FREE, delta=0.5)
     object.__setattr__(problem, "target", broken)
-    with pytest.raises(ValueError, match=r"level set of 'target' is nan, a NaN or an infinity, at \["):
+    with pytest.raises(ValueError, match=r"level set of 'target' is undefined or infinite \(nan\) at \["):
         Controller(replace(table, problem=problem), "target").select([0.0], 0)
 
 
