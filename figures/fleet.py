@@ -65,8 +65,7 @@ class Robot:
     steep : bool
         Whether it is solved with sampling="steep" too.
     ever : bool
-        Whether it is asked at step 0 throughout, for ever. With a number of steps where its tubes never settle to the
-        last bit: so many, after which little changes.
+        Whether it is asked at step 0 throughout, for ever.
     """
 
     lower: Sequence[float]
@@ -589,7 +588,7 @@ def cart_pole() -> Robot:
         bounds=np.array([0.2]),  # rad/s^2
         hazards=[],
         delta=0.1,
-        steps=60,
+        steps=None,
         ever=True,
     )
 
@@ -615,7 +614,7 @@ def air3d() -> Robot:
         bounds=np.array([1.0]),
         hazards=[Hazard((0, 1), disk(0.0, 0.0, 5.0), "collision")],
         delta=0.175,
-        steps=60,
+        steps=None,
         ever=True,
         periodic=[False, False, True],
         ends=["safe"] * 3,

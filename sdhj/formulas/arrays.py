@@ -6,6 +6,7 @@ catches it.
 """
 
 import functools
+import os
 import sysconfig
 import threading
 import traceback
@@ -22,7 +23,7 @@ from sdhj.formulas.graph import Node, constant, make, power
 
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = str(Path(__file__).parent)
-INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
+PACKAGES = tuple(f"{os.sep}{name}{os.sep}" for name in ("site-packages", "dist-packages"))
 FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
 
 
@@ -56,10 +57,15 @@ class NotTraced(ValueError):
             state.refused.append((str(self), _place()))
 
 
+def installed(file: str) -> bool:
+    """Whether a file belongs to Python or an installed package, of this environment or of another on the path."""
+    return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
+
+
 def _place() -> str:
     """File and line of the user's frame that is at work: the innermost one that is not installed."""
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
-    ours = [one for one in frames if not one.filename.startswith(INSTALLED)]
+    ours = [one for one in frames if not installed(one.filename)]
     return "file {0.filename}, line {0.lineno}".format((ours or frames)[-1])
 
 

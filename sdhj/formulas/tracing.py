@@ -15,13 +15,13 @@ from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas.arrays import (
     FLOAT,
-    INSTALLED,
     REDUCED,
     TRUTH,
     NotTraced,
     Traced,
     entries_of,
     holds_traced,
+    installed,
     mapped,
     noted,
     stacked,
@@ -158,7 +158,7 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
 def _is_users(name: str, module: Any) -> bool:
     file = getattr(module, "__file__", None) or ""
     ours = name.startswith("sdhj.")
-    return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not file.startswith(INSTALLED))
+    return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not installed(file))
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, ManyGames, Pieces, in_eights
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
-from sdhj.table.table import QUIET, AvoidTubes, LookupTable
+from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
 
@@ -255,7 +255,7 @@ class GridSets:
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
-            return self.table.unchanged(step, within)
+            return self.table.motion(step, within) <= SETTLED
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -267,6 +267,7 @@ class GridSets:
         table, endless = self.table, self.problem.steps is None
         if endless:
             share, settled = table.fraction(within=self.filled), self.shared > 0
+            motion = table.motion(0, self.filled)
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)
@@ -279,5 +280,6 @@ class GridSets:
             "tubes_shared": self.shared,
         }
         if endless:
-            found |= {"endless": True, "settled": settled, "given_up": share - table.fraction(start=0)}
+            given_up = share - table.fraction(start=0)
+            found |= {"endless": True, "settled": settled, "motion": min(motion, 1.0), "given_up": given_up}
         return table.finish(self.options | found | dict(details))

@@ -33,8 +33,10 @@ from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
 from sdhj.table.batches import Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
-QUIET = 5  # steps without a change after which a table for any number of steps has settled
-MOVED = 0.01  # cells: a boundary that moves by less in these steps has not changed
+QUIET = 5  # steps over which the motion of a boundary is measured
+SETTLED = (
+    0.002  # cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
+)
 
 
 def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:
@@ -166,24 +168,24 @@ class LookupTable(Table):
         if place != self.place(start, within - 1):
             self.index[self.index >= place] -= 1
 
-    def unchanged(self, start: int, within: int) -> bool:
-        """Whether the last `QUIET` steps up to (start, within) changed no node of the tube, and moved no boundary.
+    def motion(self, start: int, within: int) -> float:
+        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
 
-        A boundary may move by `MOVED` cells. Deep inside and far outside, values may change for long by the scheme's
-        error without a change of sign, and single marks with them.
+        The average is over the edges of the grid on which the boundary lies, or lay: where it has left one, it counts
+        as moved by a cell. Values elsewhere, which may change for long by the scheme's error, do not count.
         """
         if within < QUIET:
-            return False
+            return np.inf
         tube, before = self.value_array(start, within), self.value_array(start, within - QUIET)
-        if not np.array_equal(tube <= 0, before <= 0):
-            return False
+        moved, count = 0.0, 0
         for axis in range(self.grid.ndim):
             (one, other), (first, second) = (self.grid.edges(values, axis) for values in (tube, before))
-            across = (one <= 0) != (other <= 0)
-            moved = one[across] / (one[across] - other[across]) - first[across] / (first[across] - second[across])
-            if np.abs(moved).max(initial=0.0) > MOVED:
-                return False
-        return True
+            now, then = (one <= 0) != (other <= 0), (first <= 0) != (second <= 0)
+            both = now & then
+            shifts = one[both] / (one[both] - other[both]) - first[both] / (first[both] - second[both])
+            moved += float(np.abs(shifts).sum()) + np.count_nonzero(now != then)
+            count += np.count_nonzero(now | then)
+        return moved / (QUIET * max(count, 1))
 
     def settled(self, last: int) -> "LookupTable":
         """A solve without a number of steps, ended: the table of its first `last` steps.

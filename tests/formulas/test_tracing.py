@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import inspect
 import math
 import operator
 import threading
@@ -17,6 +18,7 @@ from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
 
+from sdhj.formulas.arrays import installed
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
@@ -615,3 +617,10 @@ def test_constants_that_change_later_change_nothing():
 
 def test_rows_equal_no_other_length():
     assert rows_for(2) == 3 and rows_for(2, 4) == 5 and rows_for(3, 5, 2) == 6
+
+
+def test_where_packages_are_installed_does_not_matter():
+    """Those of another environment on the path, as of a system's Python, are no functions of the user's either."""
+    for folder in ("/usr/lib/python3/dist-packages/numpy", "/elsewhere/lib/python3.11/site-packages/scipy"):
+        assert installed(f"{folder}/some.py")
+    assert installed(np.__file__) and installed(inspect.__file__) and not installed(__file__)
