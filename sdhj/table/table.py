@@ -184,7 +184,7 @@ class LookupTable(Table):
             both = now & then
             shifts = one[both] / (one[both] - other[both]) - first[both] / (first[both] - second[both])
             moved += float(np.abs(shifts).sum()) + np.count_nonzero(now != then)
-            count += np.count_nonzero(now | then)
+            count += int(np.count_nonzero(now | then))
         return moved / (QUIET * max(count, 1))
 
     def settled(self, last: int) -> "LookupTable":
