@@ -50,23 +50,22 @@ import math
 import reprlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from fractions import Fraction
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from sdhj.certified.arm_proof import ArmProof, is_arm
-from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
+from sdhj.certified.choosing import chosen, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import whole
+from sdhj.problem.checks import number, whole
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import PROCESS
+from sdhj.solver.recursion import PROCESS, recursion
 
 ARM_CELLS = (419, 419, 72, 72)
-GENERAL_CELLS = 64  # on each axis
-MEASURED = 0.03  # of the intervals, for an estimate
+COARSER, QUICK = 1 / 16, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 def is_built(problem: ReachAvoidProblem) -> bool:
@@ -82,7 +81,11 @@ class Certified:
     ----------
     cells : sequence of int, optional
         The approximate number of cells on each axis; it is adjusted so that cells align with the displacements of one
-        interval, where possible. More cells certify a larger set. By default 64 each, for the arm (419, 419, 72, 72).
+        interval, where possible. More cells certify a larger set. By default they are chosen by a model of what cells
+        cost and of what they lose (`sdhj.certified.choosing`); for the arm's case study (419, 419, 72, 72).
+    seconds : float
+        Where cells are chosen: about what a solve may take on two cores. The model is no clock: a problem has the same
+        cells on every machine. They are in the table's details.
     parts : int
         The number of parts into which a sampling interval is cut to bound the tube, for the fastest input.
 
@@ -104,10 +107,12 @@ class Certified:
 
     cells: Sequence[int] | None = None
     parts: int = 10
+    seconds: float = 60.0
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
+        object.__setattr__(self, "seconds", number("seconds", self.seconds, least=0.0))
         if self.cells is not None:
             try:
                 object.__setattr__(self, "cells", tuple(whole("cells", n, least=2, most=MAX_NODES) for n in self.cells))
@@ -120,26 +125,39 @@ class Certified:
         return CellSets(self.proof(problem), progress)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
-        """Estimate the memory and the time of a solve, without solving.
+        """Estimate the memory and the time of a solve.
 
-        The time is extrapolated from 3 % of the interval computations, which are done now, times two for the recursion.
+        A solve with fewer cells is timed, at most a sixteenth of them where that takes more than a second or two, and
+        extrapolated by the model of `sdhj.certified.choosing`.
 
         Raises
         ------
         ValueError, MemoryError
             As `sets`.
         """
-        began = time.perf_counter()
-        proof = self.proof(problem)
-        made, seconds = time.perf_counter() - began, []
-        for share in (MEASURED, 0.0, MEASURED):  # the first time compiles
-            began = time.perf_counter()
-            proof.prepare(False, share)
-            seconds.append(time.perf_counter() - began)
-        fixed, pieces = seconds[1], len(problem.inputs) if isinstance(proof, ArmProof) else proof.pieces
-        intervals = fixed + max(seconds[2] - fixed, 0.0) * pieces / math.ceil(MEASURED * pieces)
+        proof, speeds = self.proof(problem), speeds_of(problem)
         count = math.prod(axis.count for axis in proof.axes)
-        return Estimate(count, PROCESS + proof.peak, made + 2 * intervals)
+
+        def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
+            cells = float(math.prod(axis.count for axis in axes))
+            return (cells, cells) if isinstance(proof, ArmProof) else cost(problem, axes, self.parts, speeds)
+
+        share = min(max(QUICK / count, COARSER), 1.0)
+        for some in (share / 8, share):  # the first time compiles
+            cells = [max(2, round(axis.count * some ** (1 / len(proof.axes)))) for axis in proof.axes]
+            began = time.perf_counter()
+            sets = replace(self, cells=cells).sets(problem, False)
+            halfway = time.perf_counter()
+            recursion(sets, problem.most_steps, lambda: None)
+            times = halfway - began, time.perf_counter() - halfway
+        whole, coarse = model(proof.axes), model(sets.proof.axes)
+        seconds = sum(each * much / little for each, much, little in zip(times, whole, coarse, strict=True))
+        found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
+        rows, packed = (
+            math.prod(axis.count for axis in some) for some in (proof.axes[: proof.rows], proof.axes[proof.rows :])
+        )
+        nbytes = (2 * found + 3) * rows * 8 * -(-packed // 64) + 4 * len(sets.added) * rows
+        return Estimate(count, round(PROCESS + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
@@ -149,26 +167,18 @@ class Certified:
         return GeneralProof.of(problem, axes, self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
-        grid, cells = problem.grid, self.cells
+        """The cells of each axis: about `cells`, or as many as are chosen."""
+        cells = self.cells
         if cells is None:
-            cells = ARM_CELLS if is_built(problem) else (GENERAL_CELLS,) * grid.ndim
-        if len(cells) != grid.ndim:
-            raise ValueError(f"cells must be one number for each of the {grid.ndim} axes, got {list(cells)}")
-        axes = []
-        for axis, wish in enumerate(cells):
-            extent = axis_of(grid, axis, Fraction(1)).extent[1]
-            moves: list[Fraction] = []
-            for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
-                back, ahead = moved_bounds(problem, axis, j)
-                moves += [(back + ahead) / 2, (ahead - back) / 2]
-            axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
-        return tuple(axes)
+            cells = ARM_CELLS if is_built(problem) else chosen(problem, self.parts, self.seconds)
+        if len(cells) != problem.grid.ndim:
+            raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
+        return aligned(problem, cells)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The cost of a certified solve: cells, peak memory in bytes without the resulting sets, and time in seconds."""
+    """The cost of a certified solve: cells, peak memory in bytes, and time in seconds."""
 
     cells: int
     nbytes: int
