@@ -35,7 +35,7 @@ STEPS = 10  # over which losses are added up, at most
 POWER = 2 / 3
 WORTH = 0.1  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
-MOST_BYTES = 6_000_000_000
+MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 EVER = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
@@ -70,7 +70,8 @@ def chosen(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int,
         factor = math.sqrt(least * most)
         axes = aligned(problem, counts(factor))
         wide = float((lost * [float(axis.width) for axis in axes]).sum())
-        if wide < WORTH or sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
+        large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes, Bounds(problem)))[1:])
+        if wide < WORTH or large > MOST_BYTES or sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
             most = factor
         else:
             least = factor
@@ -120,13 +121,11 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
-    """Seconds of one core that preparing and the recursion take; infinite where it is more than `MOST_BYTES`."""
+    """Seconds of one core that preparing and the recursion take."""
     own = place_axes(problem, axes, Bounds(problem))
     _, moves, clear = shapes(problem, axes, own)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
     entries = (problem.steps or EVER) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)
-    if peak(problem, axes, parts, moves, clear) + cells * entries / 16 > MOST_BYTES:
-        return math.inf, math.inf
     pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
     drift = (
         problem.dynamics.drift if isinstance(problem.dynamics.drift, BlackBox) else problem.dynamics.each["drift"][0]

@@ -124,7 +124,7 @@ def scanty(table: Any) -> str:
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
-    """The share of states that `HJI` finds on a coarse grid, and which of some states (M, ndim) it has; else nothing."""
+    """The share that `HJI` finds on a coarse grid, and which of some states (M, ndim) it has; else nothing."""
     grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
     few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
     with warnings.catch_warnings():
@@ -234,14 +234,13 @@ class _Cell:
             )
         else:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
-        rng, t, interval = np.random.default_rng(0), float(self.cuts[0]), self.problem.interval(self.step)
-        states = rng.uniform(self.box[0], self.box[1], (LOOKED_AT, ndim))
-        signs = rng.choice([-1.0, 1.0], (LOOKED_AT, self.problem.dynamics.adversaries))
-        pushes = np.einsum("mid,md->mi", interval.gain(states, np.full(LOOKED_AT, j), t), signs)
-        tried = np.ptp(interval.drift(states, j, t) + pushes, axis=0)
+        rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
+        states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (LOOKED_AT, ndim)))
+        pushes = rng.choice([-1.0, 1.0], (LOOKED_AT, dynamics.adversaries)) * dynamics.bounds_at(j, t)
+        tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
         for axis in np.flatnonzero(bounded > LOOSE * tried + CLOSE):
-            yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide and {tried[axis]:.3g} as tried"
+            yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
     def short(self, failure: Failure, thin: FloatArray) -> float:
         """By how much the cell falls short of what a failure is about where it is as thin as the state on some axes."""

@@ -62,10 +62,11 @@ from sdhj.certified.table import CellSets
 from sdhj.problem.checks import number, whole
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import PROCESS, recursion
+from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
-COARSER, QUICK = 1 / 16, 50_000  # of the cells, for an estimate; and how many are always timed
+PROCESS = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
+COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 def is_built(problem: ReachAvoidProblem) -> bool:
@@ -127,7 +128,7 @@ class Certified:
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
         """Estimate the memory and the time of a solve.
 
-        A solve with fewer cells is timed, at most a sixteenth of them where that takes more than a second or two, and
+        A solve with fewer cells is timed, an eighth of them where that takes more than a second or two, and
         extrapolated by the model of `sdhj.certified.choosing`.
 
         Raises

@@ -19,18 +19,18 @@ def ended(problem, end):
     return replace(problem, grid=replace(grid, ends=ends), target=None if "safe" in end else target)
 
 
+def drawn_robots(end, seeds):
+    return {
+        f"random {seed}, {end}": (lambda seed=seed: ended(random_robot(seed).problem(), end), None) for seed in seeds
+    }
+
+
 ROBOTS = {
     "car": (car, (24, 24, 24)),
     "car, stays": (lambda: ended(car(), ("safe", "safe")), (24, 24, 24)),
-    **{f"random {seed}": (random_robot(seed).problem, None) for seed in range(8)},
-    **{
-        f"random {seed}, walls": (lambda r=random_robot(seed): ended(r.problem(), ("wall", "wall")), None)
-        for seed in range(4)
-    },
-    **{
-        f"random {seed}, safe": (lambda r=random_robot(seed): ended(r.problem(), ("safe", "unsafe")), None)
-        for seed in range(4)
-    },
+    **drawn_robots(("unsafe", "unsafe"), range(8)),
+    **drawn_robots(("wall", "wall"), range(4)),
+    **drawn_robots(("safe", "unsafe"), range(4)),
     "crossing": (FLEET["crossing"]().problem, (44, 24, 28)),
     "air3d": (FLEET["air3d"]().problem, (52, 40, 36)),
 }
