@@ -57,6 +57,7 @@ class NotTraced(ValueError):
             state.refused.append((str(self), _place()))
 
 
+@functools.cache
 def installed(file: str) -> bool:
     """Whether a file belongs to Python or an installed package, of this environment or of another on the path."""
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))

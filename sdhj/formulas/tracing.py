@@ -150,7 +150,7 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    modules = [one for one in list(sys.modules.items()) if not NUMPY.isdisjoint(getattr(one[1], "__dict__", ()))]
+    modules = [one for one in list(sys.modules.items()) if not getattr(one[1], "__dict__", {}).keys().isdisjoint(NUMPY)]
     users = [vars(module) for name, module in modules if _is_users(name, module)]
     return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *users]
 
