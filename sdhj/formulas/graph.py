@@ -151,43 +151,27 @@ def _mul(a: Node, b: Node) -> Node | None:
     return make("sqr", a) if a is b else None
 
 
-def _div(a: Node, b: Node) -> Node | None:
-    return a if is_constant(b, 1.0) else None
-
-
 def _where(condition: Node, a: Node, b: Node) -> Node | None:
     if is_constant(condition):
         return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
 
 
-def _min(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, math.inf):
-        return a
-    return b if is_constant(a, math.inf) else None
+def _but_for(neutral: float) -> Callable[[Node, Node], Node | None]:
+    """Of an operation that gives a itself for a and a, and for a and `neutral`."""
 
+    def simpler(a: Node, b: Node) -> Node | None:
+        if a is b or is_constant(b, neutral):
+            return a
+        return b if is_constant(a, neutral) else None
 
-def _max(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, -math.inf):
-        return a
-    return b if is_constant(a, -math.inf) else None
-
-
-def _and(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, 1.0):
-        return a
-    return b if is_constant(a, 1.0) else None
-
-
-def _or(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, 0.0):
-        return a
-    return b if is_constant(a, 0.0) else None
+    return simpler
 
 
 SIMPLER: dict[str, Callable[..., Node | None]] = {
-    **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
-    **{"min": _min, "max": _max, "and": _and, "or": _or},
+    **{"add": _add, "sub": _sub, "mul": _mul, "where": _where},
+    **{"min": _but_for(math.inf), "max": _but_for(-math.inf), "and": _but_for(1.0), "or": _but_for(0.0)},
+    "div": lambda a, b: a if is_constant(b, 1.0) else None,
     "neg": lambda a: a.args[0] if a.op == "neg" else None,
 }
 
@@ -225,15 +209,11 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
     """The graph with some nodes replaced (where `replaced` says by what), simplified anew."""
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
-        put = replaced(one)
-        new[one] = put if put is not None else _remade(one, [new[arg] for arg in one.args])
+        put, args = replaced(one), tuple(new[arg] for arg in one.args)
+        if put is None:
+            put = one if args == one.args else make(one.op, *args, value=one.value)
+        new[one] = put
     return [new[one] for one in outputs]
-
-
-def _remade(one: Node, args: list[Node]) -> Node:
-    if tuple(args) == one.args:
-        return one
-    return make(one.op, *args, value=one.value)
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
