@@ -14,7 +14,7 @@ import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas.arrays import (
-    FLOAT,
+    FUNCTIONS,
     REDUCED,
     TRUTH,
     NotTraced,
@@ -28,7 +28,6 @@ from sdhj.formulas.arrays import (
     state,
     traced_array,
     weak_type,
-    written_as,
 )
 from sdhj.formulas.graph import Node, interned, leaf
 
@@ -36,7 +35,6 @@ __all__ = ["NotTraced", "Traced", "entries_of", "gridded_entries", "parameter", 
 _numbers = itertools.count(1)
 
 # ---- what is replaced in numpy
-
 
 LISTS = "min max amin amax sum prod mean any all where clip"  # which may be given a list
 
@@ -47,22 +45,6 @@ def _joined(value: Any) -> Any:
 
 def _listing(original: Any) -> Callable[..., Any]:
     return lambda *args, **options: original(*map(_joined, args), **options)
-
-
-class _Ufunc:
-    """np.minimum and others, whose `reduce` may be given a list."""
-
-    def __init__(self, ufunc: Any) -> None:
-        self.ufunc = ufunc
-
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        return self.ufunc(*args, **options)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.ufunc, name)
-
-    def reduce(self, array: Any, *args: Any, **options: Any) -> Any:
-        return self.ufunc.reduce(_joined(array), *args, **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
@@ -86,25 +68,23 @@ def _making(original: Any, ours: Any) -> Callable[..., Any]:
 
 
 NUMPY = {"np", "numpy"}  # as users' modules call it
-FILLED = {"zeros": 0.0, "ones": 1.0, "empty": np.nan}
+
+
+def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
+    return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(weak_type(fill_value)))
 
 
 def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     """zeros, ones, empty or full, with entries that can be written where a length is that of the points."""
     original = getattr(np, name)
-
-    def traced_room(shape: Any, fill_value: Any, dtype: Any = None) -> Traced:
-        fill = traced_array(fill_value)
-        kind = np.dtype(dtype or (np.result_type(weak_type(fill_value)) if name == "full" else FLOAT))
-        entries = np.broadcast_to(written_as(fill, kind).entries if name == "full" else fill.entries, shape)
-        return Traced(entries.copy(), kind)
+    filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
             return original(shape, *args, **options)
-        return noted(traced_room)(lengths, *(() if name == "full" else (FILLED[name],)), *args, **options)
+        return filled(Traced(np.empty(lengths, object)), *args, **options)
 
     return make_room
 
@@ -121,24 +101,27 @@ class _Chance:
         raise NotTraced(f"numpy.random.{name}", "draw random numbers outside of the function")
 
 
-class _NumPy:
-    """The module numpy, or one within, with other functions in some places."""
+class _Replaced:
+    """The module numpy, or something in it, with other functions in some places."""
 
-    def __init__(self, module: Any, new: dict[str, Any]) -> None:
-        vars(self).update(new, _module=module)
+    def __init__(self, original: Any, new: dict[str, Any]) -> None:
+        vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(vars(self)["_module"], name)
+        return getattr(vars(self)["_original"], name)
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return vars(self)["_original"](*args, **options)
 
 
-def _numpy(rows: int) -> _NumPy:
+def _numpy(rows: int) -> _Replaced:
     makers = {"array": _array, "asarray": _as_array, "asanyarray": _as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
-    new |= {name: _room(name, rows, state.trace) for name in ("full", *FILLED)}
+    new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
-    new |= {one.__name__: _Ufunc(one) for one in REDUCED}
-    new |= {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
-    return _NumPy(np, new)
+    new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
+    new |= {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
+    return _Replaced(np, new)
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
@@ -169,7 +152,7 @@ def _replaced(function: Any, rows: int) -> Iterator[None]:
         try:
             for names in _globals_of(function):
                 for name in NUMPY & names.keys():
-                    if names[name] is np or isinstance(names[name], _NumPy):
+                    if names[name] is np or isinstance(names[name], _Replaced):
                         before.append((names, name, names[name]))
                         names[name] = new
             yield
