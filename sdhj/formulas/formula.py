@@ -6,9 +6,9 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 
 import inspect
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from itertools import product
 from typing import Any
 
@@ -74,7 +74,7 @@ class Formula:
         _check_signature(name, function, "points", *names)
         rows = rows_for(coordinates)
         given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
-        outputs, _ = read(name, function, rows, given, (), True)
+        outputs, _ = traced(name, function, rows, given, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
     def __call__(self, points: Any, *parameters: Any) -> Any:
@@ -213,24 +213,15 @@ class Formula:
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
         for row, column in enumerate(columns):
-            put = {("x", k): entry for k, entry in enumerate(column)} | {("p", k): one for k, one in enumerate(given)}
-            out[row] = rebuilt(self.outputs, partial(_put, put=put))
+            put = {leaf("x", k): entry for k, entry in enumerate(column)}
+            put |= {leaf("p", k): one for k, one in enumerate(given)}
+            out[row] = rebuilt(self.outputs, put.get)
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
         tables: list[Lookup] = []
-        return restored, (
-            written(self.outputs, tables),
-            tables,
-            self.coordinates,
-            self.parameters,
-            self.shape,
-            self.name,
-        )
-
-
-def _put(one: Node, put: Mapping[tuple[str, int], Node]) -> Node | None:
-    return put[one.op, one.value[0]] if one.op in ("x", "p") else None
+        lines = written(self.outputs, tables)
+        return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
 def tape_of(outputs: Sequence[Node]) -> Tape:
@@ -275,25 +266,6 @@ def tape_of(outputs: Sequence[Node]) -> Tape:
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """A formula from its text."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
-
-
-def read(
-    name: str,
-    function: Any,
-    rows: int,
-    given: Sequence[Any],
-    shape: Sequence[int] | None,
-    per_point: bool,
-    again: bool = True,
-) -> tuple[list[Node], tuple[int, ...]]:
-    """As `traced`, with advice where it fails."""
-    try:
-        return traced(name, function, rows, given, shape, per_point, again)
-    except NotTraced as error:
-        raise ValueError(
-            f"{error}. What cannot be written so is wrapped, with what is known of it: "
-            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
-        ) from None
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
@@ -416,20 +388,24 @@ class BlackBox:
             enclosure=enclosed if self.enclosure else None,
         )
 
-    def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Of a level set, as `Formula.bounds`; ValueError, with the reason, where too little is declared."""
+    def bounds(self, low: FloatArray, high: FloatArray, *given: Any) -> Ends:
+        """As `Formula.bounds`; an interval of time is given, and before it the input to a drift or a gain.
+
+        ValueError, with the reason, where too little is declared.
+        """
+        *u, time = given
         if self.enclosure is not None:
-            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
+            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *u, *time))
             return least, greatest
         if self.slope is None or (time[0] != time[1] and self.rate is None):
             what = "a slope" if self.slope is None else "a rate"
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        half = (high - low) / 2 * (1 + 1e-9)
-        slope = np.asarray(self.slope, dtype=np.float64)
-        far = slope * np.sqrt((half**2).sum(axis=1)) if slope.ndim == 0 else half @ slope
-        far = far + (time[1] - time[0]) / 2 * float(self.rate or 0.0)
-        value = np.asarray(self((low + high) / 2, (time[0] + time[1]) / 2))
-        far = far + 1e-9 * (1.0 + np.abs(value))
+        value, half = np.asarray(self((low + high) / 2, *u, sum(time) / 2)), (high - low) / 2
+        slope = np.broadcast_to(self.slope, (half.shape[1],) * 2) if self.shape else np.asarray(self.slope)
+        far = half @ slope.T if slope.ndim else slope * np.sqrt((half**2).sum(axis=1))
+        far = far + (time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))
+        far = far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
+        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
         return value - far, value + far
 
     def __call__(self, points: Any, *others: Any) -> Any:
@@ -452,18 +428,14 @@ def union(*functions: Any) -> Any:
     >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
     array([-0.5,  0.5])
     """
-    return lambda points, t: _combined(np.minimum, functions, points, t)
+    return lambda points, t: reduce(np.minimum, [function(points, t) for function in functions])
 
 
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
-    return lambda points, t: _combined(np.maximum, functions, points, t)
+    return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
     """The level-set function of all that is not in a set, from the set's: its negative."""
     return lambda points, t: -function(points, t)
-
-
-def _combined(by: Any, functions: Sequence[Any], points: Any, t: Any) -> Any:
-    return reduce(by, [function(points, t) for function in functions])

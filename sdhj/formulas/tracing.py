@@ -214,11 +214,19 @@ def traced(
     Raises
     ------
     NotTraced
-        Where the function does something that formulas do not know, treats points differently, or has another shape.
+        Where the function does something that formulas do not know, or treats points differently; with advice.
+    ValueError
+        Where its answer has another shape.
     """
-    nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
-    if again and not _alike(nodes, _traced_once(name, function, rows + 1, arguments, shape, per_point)[0], 0):
-        raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
+    try:
+        nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
+        if again and not _alike(nodes, _traced_once(name, function, rows + 1, arguments, shape, per_point)[0], 0):
+            raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
+    except NotTraced as error:
+        raise NotTraced(
+            f"{error}. What cannot be written so is wrapped, with what is known of it: "
+            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
+        ) from None
     return nodes, one
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import BlackBox, Formula, compare, read
+from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, ordered, rebuilt
 from sdhj.formulas.text import MOST_LINES
-from sdhj.formulas.tracing import parameter, points_of, rows_for
+from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
@@ -181,7 +181,7 @@ class Dynamics:
         for j, u in enumerate(self.inputs):
             values = known | {"u": sealed(u)}
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = read(
+            found, one = traced(
                 label, given, rows, [values[each] for each in takes], shape, "points" in takes, again=j == 0
             )
             if name == "bounds" and len(one) != 1:
@@ -527,18 +527,7 @@ class VectorField:
         part = getattr(self, name)
         if isinstance(part, Formula):
             return self.each[name][j].bounds(low, high, time)
-        u = self.inputs[j]
-        if part.enclosure is not None:
-            return [np.asarray(end, dtype=np.float64) for end in part.enclosure(low, high, u, *time)]
-        if part.slope is None or (time[0] != time[1] and part.rate is None):
-            what = "a slope" if part.slope is None else "a rate"
-            raise ValueError(f"{name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        value = part((low + high) / 2, u, sum(time) / 2)
-        far = (high - low) / 2 @ np.broadcast_to(part.slope, (self.ndim, self.ndim)).T
-        far = far + np.broadcast_to(part.rate or 0.0, (self.ndim,)) * ((time[1] - time[0]) / 2)
-        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value if name == "drift" else value.sum(axis=2)))
-        far = far if name == "drift" else far[:, :, None]
-        return value - far, value + far
+        return part.bounds(low, high, self.inputs[j], time)
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
