@@ -113,9 +113,7 @@ class Dynamics:
             If an array does not fit, or a function cannot be read.
         """
         count = len(self.inputs)
-        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
-        if self.bounds is not None:
-            bounds = self._read("bounds", ndim, None)
+        bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
             raise ValueError(
                 "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
@@ -130,10 +128,8 @@ class Dynamics:
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
             drift = self._read("drift", ndim, (ndim,))
-            gain = Formula((constant(0.0),) * ndim * count, ndim, 1, (count, ndim, 1), "gain")
-            if self.gain is not None:
-                self._check_gain(ndim, D)
-                gain = self._read("gain", ndim, (ndim, D))
+            self._check_gain(ndim, D)
+            gain = self._read("gain", ndim, (ndim, D))
         return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
 
     def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
@@ -154,7 +150,11 @@ class Dynamics:
                 compare(part, called, states, t, *(v if name == "velocity" else ()))
 
     def _check_gain(self, ndim: int, components: int) -> None:
-        if not callable(self.gain) and self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, components):
+        if (
+            isinstance(self.gain, np.ndarray)
+            and self.gain.shape[:1] == (ndim,)
+            and self.gain.shape != (ndim, components)
+        ):
             raise ValueError(
                 f"bounds must have one half-width for each column of the gain, which has shape {self.gain.shape}; "
                 f"got {components}"
@@ -165,6 +165,8 @@ class Dynamics:
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
+        if given is None:  # there is no disturbance
+            given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
             function = partial(_called, given.function, arguments(name, given))
             return replace(given, function=function, name=name, shape=shape or ())
@@ -173,7 +175,7 @@ class Dynamics:
         if not callable(given):
             array = given if shape is None else finite_array(name, given, (count, ndim) if name == "drift" else shape)
             array = array if name == "drift" else np.broadcast_to(array, (count, *array.shape))
-            return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
+            return _constants(name, array, ndim)
         takes, parameters = arguments(name, given), 1 + components
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
         known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1)}
@@ -214,7 +216,7 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         make("mul", a, make("abs", b))
         for a, b in zip(outputs.flat, np.broadcast_to(each, gain.shape).flat, strict=True)
     ]
-    return replace(gain, outputs=tuple(scaled)), _ones(bounds)
+    return replace(gain, outputs=tuple(scaled)), _constants("bounds", np.ones(bounds.shape), bounds.coordinates)
 
 
 def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula]:
@@ -230,11 +232,11 @@ def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula
 
         size = len(velocity.outputs) // count
         out += rebuilt(velocity.outputs[j * size : (j + 1) * size], put)
-    return replace(velocity, outputs=tuple(out)), None, _ones(bounds)
+    return replace(velocity, outputs=tuple(out)), None, _constants("bounds", np.ones(bounds.shape), bounds.coordinates)
 
 
-def _ones(bounds: Formula) -> Formula:
-    return replace(bounds, outputs=(constant(1.0),) * len(bounds.outputs))
+def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
+    return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,8 +371,7 @@ class VectorField:
 
     def undisturbed(self) -> "VectorField":
         """The same without a disturbance."""
-        none = replace(self.bounds, outputs=(constant(0.0),) * len(self.bounds.outputs))
-        return replace(self, bounds=none)
+        return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
     @cached_property
     def each(self) -> dict[str, list[Formula]]:

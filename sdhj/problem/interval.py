@@ -6,7 +6,7 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -182,13 +182,13 @@ class Interval:
             return self.grid.clipped(moved) if walls else moved
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
+            step: Any = partial(self._runge_kutta, j, walls)
             if self.dynamics.formulas:
-                out[rows] = self._steps_formula(j, walls)(whole[rows], t, duration)
-            else:
-                out[rows] = self._runge_kutta(whole[rows], j, walls, t, duration)
+                step = self._as_formula(("step", j, walls), step, (self.grid.ndim,), whole.shape[1], parameters=2)
+            out[rows] = step(whole[rows], t, duration)
         return out
 
-    def _runge_kutta(self, whole: Any, j: int, walls: bool, t: Any, duration: Any) -> Any:
+    def _runge_kutta(self, j: int, walls: bool, whole: Any, t: Any, duration: Any) -> Any:
         """States and disturbances side by side, (M, ndim + D), to states a step later."""
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
@@ -204,14 +204,16 @@ class Interval:
         k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
-    def _steps_formula(self, j: int, walls: bool) -> Formula:
-        """`_runge_kutta`, read: one tape for a step."""
+    def _as_formula(
+        self, what: tuple[Any, ...], function: Any, shape: tuple[int, ...], coordinates: int, parameters: int = 1
+    ) -> Formula:
+        """What a method does with points and a time, read: one tape, which shares what is common to all inputs."""
         known, grid = self.dynamics.derived, self.grid
-        key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
+        key = *what, grid.lower, grid.upper, grid.periodic, grid.ends
         if key not in known:
-            count = grid.ndim + self.dynamics.adversaries
-            found = self._runge_kutta(points_of(count, 1), j, walls, parameter(0), parameter(1))
-            known[key] = Formula(tuple(found.entries.flat), count, 2, (grid.ndim,), "where the state moves to")
+            found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
+            nodes = tuple(found.entries.flat)
+            known[key] = Formula(nodes, coordinates, parameters, shape, "where the state moves to")
         return known[key]
 
     def displacements(self, states: FloatArray) -> FloatArray:
@@ -223,7 +225,9 @@ class Interval:
         if self.dynamics.constant:
             return self.delta * self.dynamics.arrays[0][None]
         if isinstance(self.dynamics.drift, Formula):
-            return self._as_formula("_displaced", (len(self.dynamics.inputs), self.grid.ndim))(states, self.begin)
+            shape = len(self.dynamics.inputs), self.grid.ndim
+            moved = self._as_formula(("displaced", self.delta), self._displaced, shape, self.grid.ndim)
+            return moved(states, self.begin)
         return self._displaced(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
@@ -232,15 +236,6 @@ class Interval:
             halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
             moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
         return np.stack(moves, axis=1)
-
-    def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
-        """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
-        known = self.dynamics.derived
-        key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
-        if key not in known:
-            found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
-            known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
-        return known[key]
 
     def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
         """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
@@ -271,9 +266,10 @@ class Interval:
             return low[None] - self.wider, high[None] + self.wider
         if dynamics.formulas and dynamics.gain is not None:
             shape = 2, len(dynamics.inputs), self.grid.ndim
-            ends = self._as_formula("_reach_of", shape)(states, self.begin)
+            corners: Any = self._as_formula(("reached", self.delta), self._reach_of, shape, self.grid.ndim)
         else:
-            ends = self._reach_of(states, self.begin)
+            corners = self._reach_of
+        ends = corners(states, self.begin)
         return ends[:, 0] - self.wider, ends[:, 1] + self.wider
 
     def _reach_of(self, states: Any, begin: Any) -> Any:
