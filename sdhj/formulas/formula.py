@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numba import config
 
-from sdhj.formulas.graph import Node, constant, leaf, leaves, make, ordered, rebuilt
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import Lookup, Node, constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
@@ -83,14 +82,25 @@ class Formula:
             if type(one) is Traced:
                 self._fits(np.shape(points), parameters)
                 return self._inlined(points, parameters)
+        values, finite = self.values(points, *parameters)
+        if not finite:
+            row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
+            value, when = values[row][~np.isfinite(values[row])].flat[0], ", ".join(format(t, "g") for t in parameters)
+            raise ValueError(
+                f"{self.name} is undefined or infinite ({value}) at {np.asarray(points)[row].tolist()}, t = {when}; "
+                "every value must be finite"
+            )
+        return values
+
+    def values(self, points: Any, *parameters: float) -> tuple[FloatArray, bool]:
+        """As when called, NaN where it is undefined; and whether all values are finite."""
         points = np.ascontiguousarray(points, np.float64)
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
-        if not _play(self.tape, points, np.array(parameters, np.float64), out):
-            self._refuse(out, points, parameters)
-        if len(points) == 1 or not self.shape:
-            return out.reshape(len(points), *self.shape)
-        return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
+        finite = _play(self.tape, points, np.array(parameters, np.float64), out)
+        if len(points) > 1 and self.shape:
+            out = np.ascontiguousarray(out.T)
+        return out.reshape(len(points), *self.shape), finite
 
     def _fits(self, shape: tuple[int, ...], parameters: Sequence[Any]) -> None:
         """Raise ValueError for points of another shape, or another number of parameters."""
@@ -99,15 +109,6 @@ class Formula:
                 f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
                 f"first; got points of shape {shape} and {len(parameters)} more"
             )
-
-    def _refuse(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
-        """Raise ValueError for values that are undefined or infinite."""
-        row = int(np.argmin(np.isfinite(out).all(axis=0)))
-        value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
-        raise ValueError(
-            f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value must "
-            "be finite"
-        )
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).

@@ -8,15 +8,51 @@ import math
 import operator
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import Any
 from weakref import WeakValueDictionary
 
+import numpy as np
+
 from sdhj.formulas.rules import RULES
+from sdhj.kernels import FloatArray
 
 MOST_EXPONENT = 64  # of `power`, a whole number
+MOST_AXES = 6  # of a table
 MOST_TOTAL = 8  # ... up to which powers are taken not to overflow
 _lock = threading.Lock()
 _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Values at the nodes lower + i * spacing of a grid; two with the same numbers are equal."""
+
+    values: FloatArray = field(compare=False, repr=False)
+    lower: tuple[float, ...]
+    spacing: tuple[float, ...]
+    digest: str
+
+    @classmethod
+    def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
+        """ValueError where they do not fit each other."""
+        array = np.array(values, dtype=np.float64, order="C")
+        low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
+        if not 1 <= array.ndim <= MOST_AXES or min(array.shape) < 2 or not np.isfinite(array).all():
+            raise ValueError(
+                f"values must be finite, on 1 to {MOST_AXES} axes with two nodes at least, got {array.shape}"
+            )
+        if (
+            not len(low) == len(step) == array.ndim
+            or not np.isfinite(low).all()
+            or not (np.isfinite(step).all() and min(step) > 0)
+        ):
+            raise ValueError(
+                f"lower and spacing must be {array.ndim} numbers, the spacing above 0, got {low} and {step}"
+            )
+        array.setflags(write=False)
+        return cls(array, low, step, blake2b(repr(array.shape).encode() + array.tobytes(), digest_size=16).hexdigest())
 
 
 class Node:

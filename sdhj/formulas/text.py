@@ -8,8 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sdhj.formulas.graph import MOST_EXPONENT, Node, constant, interned, leaf, ordered
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import MOST_EXPONENT, Lookup, Node, constant, interned, leaf, ordered
 from sdhj.formulas.rules import RULES
 
 FORMAT = 1

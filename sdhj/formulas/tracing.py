@@ -22,16 +22,15 @@ from sdhj.formulas.arrays import (
     entries_of,
     holds_traced,
     installed,
-    mapped,
     noted,
     stacked,
     state,
     traced_array,
     weak_type,
 )
-from sdhj.formulas.graph import Node, interned, leaf
+from sdhj.formulas.graph import Node, leaf
 
-__all__ = ["NotTraced", "Traced", "entries_of", "gridded_entries", "parameter", "points_of", "rows_for", "traced"]
+__all__ = ["NotTraced", "Traced", "entries_of", "parameter", "points_of", "rows_for", "traced"]
 _numbers = itertools.count(1)
 
 # ---- what is replaced in numpy
@@ -296,8 +295,3 @@ def _alike(first: Any, other: Any, row: int) -> bool:
             return False
         stack.extend(zip(a.args, b.args, strict=True))
     return True
-
-
-def gridded_entries(columns: Sequence[Any], table: Any) -> Any:
-    """A look-up at traced coordinates."""
-    return Traced(mapped(lambda *entries: interned("gridded", entries, table), *map(entries_of, columns)))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import Lookup
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes

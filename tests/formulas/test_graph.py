@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import twin_formulas as twin
 
-from sdhj.formulas.graph import Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import Lookup, Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
 from sdhj.formulas.rules import OPCODES, RULES
 from sdhj.formulas.text import MOST_LINES, alike, parsed, shown, written
 from sdhj.kernels.tape import OPERATIONS
