@@ -388,15 +388,10 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
             table = solve(arm_case_study(nodes=9, steps=2), chosen, progress=False)
         monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
-            _compile_checker(table)
+            with TemporaryDirectory() as folder:
+                table.save(path := Path(folder) / "certified.h5")
+                check(path, samples=10, progress=False)
         say(f"  {time.perf_counter() - began:.1f} s")
-
-
-def _compile_checker(table: Any) -> None:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "certified.h5"
-        table.save(path)
-        check(path, samples=10, progress=False)
 
 
 def command() -> None:

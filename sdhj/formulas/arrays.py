@@ -202,9 +202,7 @@ class Traced(NDArrayOperatorsMixin):
         """As NumPy's; a whole number of a number is refused."""
         if not copy and np.dtype(dtype) == self.dtype:
             return self
-        if np.dtype(dtype) == TRUTH:
-            return Traced(_true(self), TRUTH)
-        return Traced(written_as(self, np.dtype(dtype)).entries.copy("K"), np.dtype(dtype))
+        return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
         return Traced(entries_of(self).copy(order), self.dtype)

@@ -8,6 +8,7 @@ import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,12 +52,8 @@ def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
-def _as_array(value: Any, dtype: Any = None) -> Traced:
-    return _array(value, dtype, copy=False)
-
-
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    array: Any = np.atleast_1d(_as_array(value, dtype))
+    array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
@@ -114,7 +111,8 @@ class _Replaced:
 
 
 def _numpy(rows: int) -> _Replaced:
-    makers = {"array": _array, "asarray": _as_array, "asanyarray": _as_array, "ascontiguousarray": _contiguous}
+    as_array = partial(_array, copy=False)
+    makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
     new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
