@@ -76,6 +76,22 @@ class Formula:
         outputs, _ = traced(name, function, rows, given, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
+    @classmethod
+    def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
+        """What a function that is known to treat points alike does with them: formulas are made of formulas so."""
+        found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
+        return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
+
+    @cached_property
+    def entries(self) -> Any:
+        """The results as an array of nodes, (*shape)."""
+        return np.array(self.outputs, dtype=object).reshape(self.shape)
+
+    @cached_property
+    def rows(self) -> "list[Formula]":
+        """A formula for each entry of the first axis of the results."""
+        return [replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries]
+
     def __call__(self, points: Any, *parameters: Any) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
         for one in (points, *parameters):
@@ -175,10 +191,9 @@ class Formula:
         """Whether it reads the time, or the begin or end of an interval."""
         return 0 in leaves(self.outputs, "p")
 
-    def of(self, places: Sequence[int], shape: Sequence[int] = ()) -> "Formula":
-        """Some of the results, by their numbers."""
-        outputs = tuple(self.outputs[place] for place in places)
-        return replace(self, outputs=outputs, shape=tuple(shape))
+    def of(self, place: int) -> "Formula":
+        """One of the results, by its number."""
+        return replace(self, outputs=(self.outputs[place],), shape=())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
         """The same function with coordinates clipped at some ends first, infinite where there is none."""

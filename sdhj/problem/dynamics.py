@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, ordered, rebuilt
+from sdhj.formulas.graph import Node, constant, leaf, linear, ordered, rebuilt
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
@@ -137,7 +137,6 @@ class Dynamics:
         for name, formula in self._parts.items():
             function = getattr(self, name)
             takes = arguments(name, function)
-            size = len(formula.outputs) // len(self.inputs)
             for j, u in enumerate(self.inputs):
                 t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
 
@@ -146,8 +145,7 @@ class Dynamics:
                     values = np.asarray(function(*(known[one] for one in takes)))  # noqa: B023
                     return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
 
-                part = formula.of(range(j * size, (j + 1) * size), formula.shape[1:])
-                compare(part, called, states, t, *(v if name == "velocity" else ()))
+                compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _check_gain(self, ndim: int, components: int) -> None:
         if (
@@ -209,30 +207,25 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
-    count, _, D = gain.shape
-    outputs = np.array(gain.outputs, dtype=object).reshape(gain.shape)
-    each = np.array(bounds.outputs, dtype=object).reshape(count, 1, D)
-    scaled = [
-        make("mul", a, make("abs", b))
-        for a, b in zip(outputs.flat, np.broadcast_to(each, gain.shape).flat, strict=True)
-    ]
-    return replace(gain, outputs=tuple(scaled)), _constants("bounds", np.ones(bounds.shape), bounds.coordinates)
+    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
+
+    def scaled(points: Any, t: Any) -> Any:
+        return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
+
+    return Formula.traced("gain", scaled, ndim), _constants("bounds", ones, ndim)
 
 
 def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula]:
     """As `_scaled`, where v does not enter linearly: each component of v is multiplied by its bound."""
     if not bounds.reads.any():
         return velocity, None, bounds
-    (count, D), out = bounds.shape, []
-    for j in range(count):
-        most = bounds.outputs[j * D : (j + 1) * D]
+    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
 
-        def put(one: Node, most: Sequence[Node] = most) -> Node | None:
-            return make("mul", one, make("abs", most[one.value[0] - 1])) if one.op == "p" and one.value[0] else None
+    def scaled(points: Any, t: Any, *v: Any) -> Any:
+        pairs = zip(velocity.rows, bounds.rows, strict=True)
+        return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
-        size = len(velocity.outputs) // count
-        out += rebuilt(velocity.outputs[j * size : (j + 1) * size], put)
-    return replace(velocity, outputs=tuple(out)), None, _constants("bounds", np.ones(bounds.shape), bounds.coordinates)
+    return Formula.traced("velocity", scaled, ndim, velocity.parameters), None, _constants("bounds", ones, ndim)
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
@@ -264,6 +257,14 @@ class VectorField:
     def derived(self) -> dict[Any, Formula]:
         """Formulas that were made from those of the dynamics, by what they are."""
         return {}
+
+    def made(
+        self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
+    ) -> Formula:
+        """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
+        if key not in self.derived:
+            self.derived[key] = Formula.traced(key[0], function, coordinates, parameters)
+        return self.derived[key]
 
     @property
     def parts(self) -> list[Any]:
@@ -306,19 +307,15 @@ class VectorField:
         """Whether gain and bounds are the same for every input."""
         if not isinstance(self.gain, Formula):
             return False
-        rows = [np.array(part.outputs, object).reshape(len(self.inputs), -1) for part in (self.gain, self.bounds)]
-        return all(one is first for part in rows for row in part for one, first in zip(row, part[0], strict=True))
+        return all(bool((part.entries == part.entries[0]).all()) for part in (self.gain, self.bounds))
 
     @cached_property
     def pushes(self) -> FloatArray:
         """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
         out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         if isinstance(self.gain, Formula):
-            none = [
-                np.array([is_constant(o, 0.0) for o in p.outputs], np.bool_).reshape(p.shape)
-                for p in (self.gain, self.bounds)
-            ]
-            out = ~(none[0] | none[1][:, None])
+            zero = constant(0.0)
+            out = ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
         return out
 
     @cached_property
@@ -362,7 +359,7 @@ class VectorField:
         def some(part: Any) -> Any:
             if not isinstance(part, Formula):
                 return part and _black_box_on(part, axes, lower)
-            entries = np.array(part.outputs, dtype=object).reshape(part.shape)[:, list(axes)]
+            entries = part.entries[:, list(axes)]
             outputs = tuple(rebuilt(list(entries.flat), put))
             return replace(part, outputs=outputs, shape=entries.shape, coordinates=len(axes))
 
@@ -376,18 +373,14 @@ class VectorField:
     @cached_property
     def each(self) -> dict[str, list[Formula]]:
         """The formulas under each input, by name."""
-        out = {}
-        for name in ("drift", "gain", "bounds"):
-            if isinstance(part := getattr(self, name), Formula):
-                size = len(part.outputs) // len(self.inputs)
-                out[name] = [part.of(range(j * size, (j + 1) * size), part.shape[1:]) for j in range(len(self.inputs))]
-        return out
+        parts = {name: getattr(self, name) for name in ("drift", "gain", "bounds")}
+        return {name: part.rows for name, part in parts.items() if isinstance(part, Formula)}
 
     def component(self, name: str, j: int, place: int) -> Formula:
         """One number of the drift, the gain or the "extremes" under an input."""
         known, key = self.derived, (name, j, place)
         if key not in known:
-            known[key] = (self.extremes_of if name == "extremes" else self.each[name])[j].of([place])
+            known[key] = (self.extremes_of if name == "extremes" else self.each[name])[j].of(place)
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
@@ -423,13 +416,12 @@ class VectorField:
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
         """Where v does not enter linearly: velocities with v as further coordinates."""
-        ndim, out = self.ndim, []
-        for one in self.each["drift"]:
-            moved = rebuilt(
-                one.outputs, lambda n: leaf("x", ndim + n.value[0] - 1) if n.op == "p" and n.value[0] else None
-            )
-            out.append(replace(one, outputs=tuple(moved), coordinates=ndim + self.adversaries, parameters=1))
-        return out
+        ndim, count = self.ndim, self.ndim + self.adversaries
+
+        def velocity(one: Formula, points: Any, t: Any) -> Any:
+            return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
+
+        return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
         """Half-widths of the box of disturbances under input j at time t, (D,); ValueError where one is below 0."""
@@ -441,18 +433,14 @@ class VectorField:
     @cached_property
     def extremes_of(self) -> list[Formula]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
-        out = []
-        for drift, gain, bounds in zip(self.each["drift"], self.each["gain"], self.each["bounds"], strict=True):
-            pushes = np.array(gain.outputs, dtype=object).reshape(gain.shape)
-            ends: list[Node] = []
-            for op in ("sub", "add"):
-                for one, row in zip(drift.outputs, pushes, strict=True):
-                    terms = [
-                        make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
-                    ]
-                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms, constant(0.0))))
-            out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
-        return out
+        count, bounds = len(self.inputs), self.each["bounds"]
+        return [Formula.traced("velocity", partial(self._spread, j, bounds[j]), self.ndim) for j in range(count)]
+
+    def _spread(self, j: int, bounds: Any, points: Any, t: Any) -> Any:
+        """As `extremes`, where the disturbance enters linearly; `bounds` are a function of points and time."""
+        drift = self.drift_at(points, j, t)
+        spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds(points, t))[:, None]).sum(axis=2)
+        return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
@@ -466,9 +454,7 @@ class VectorField:
             return np.stack([low, high], axis=1)
         if self.formulas:
             return self.extremes_of[j](points, t)
-        spread = np.abs(self.gain_at(points, j, t)) @ self.bounds_at(j, t)
-        drift = self.drift_at(points, j, t)
-        return np.stack([drift - spread, drift + spread], axis=1)
+        return self._spread(j, lambda points, t: self.bounds_at(j, t)[None], points, t)
 
     def range(
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
@@ -504,14 +490,12 @@ class VectorField:
         return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
-        drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
-        out = []
-        for one, row in zip(drift.outputs, np.array(gain.outputs, dtype=object).reshape(gain.shape), strict=True):
-            terms = [
-                make("mul", make("mul", a, b), constant(s)) for a, b, s in zip(row, bounds.outputs, signs, strict=True)
-            ]
-            out.append(reduce(lambda a, b: make("add", a, b), terms, one))
-        return replace(drift, outputs=tuple(out))
+        def velocity(points: Any, t: Any) -> Any:
+            drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
+            pushes = gain * bounds[:, None] * np.array(signs)
+            return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
+
+        return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.formulas.tracing import parameter, points_of
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
@@ -184,7 +183,7 @@ class Interval:
         for j, rows in by_input(inputs):
             step: Any = partial(self._runge_kutta, j, walls)
             if self.dynamics.formulas:
-                step = self._as_formula(("step", j, walls), step, (self.grid.ndim,), whole.shape[1], parameters=2)
+                step = self._as_formula(("step", j, walls), step, whole.shape[1], parameters=2)
             out[rows] = step(whole[rows], t, duration)
         return out
 
@@ -204,17 +203,11 @@ class Interval:
         k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
-    def _as_formula(
-        self, what: tuple[Any, ...], function: Any, shape: tuple[int, ...], coordinates: int, parameters: int = 1
-    ) -> Formula:
+    def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Formula:
         """What a method does with points and a time, read: one tape, which shares what is common to all inputs."""
-        known, grid = self.dynamics.derived, self.grid
-        key = *what, grid.lower, grid.upper, grid.periodic, grid.ends
-        if key not in known:
-            found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
-            nodes = tuple(found.entries.flat)
-            known[key] = Formula(nodes, coordinates, parameters, shape, "where the state moves to")
-        return known[key]
+        grid = self.grid
+        key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
+        return self.dynamics.made(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
@@ -225,8 +218,7 @@ class Interval:
         if self.dynamics.constant:
             return self.delta * self.dynamics.arrays[0][None]
         if isinstance(self.dynamics.drift, Formula):
-            shape = len(self.dynamics.inputs), self.grid.ndim
-            moved = self._as_formula(("displaced", self.delta), self._displaced, shape, self.grid.ndim)
+            moved = self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)
             return moved(states, self.begin)
         return self._displaced(states, self.begin)
 
@@ -265,8 +257,7 @@ class Interval:
             low, high = self.reached(0.0, self.delta)
             return low[None] - self.wider, high[None] + self.wider
         if dynamics.formulas and dynamics.gain is not None:
-            shape = 2, len(dynamics.inputs), self.grid.ndim
-            corners: Any = self._as_formula(("reached", self.delta), self._reach_of, shape, self.grid.ndim)
+            corners: Any = self._as_formula(("reached", self.delta), self._reach_of, self.grid.ndim)
         else:
             corners = self._reach_of
         ends = corners(states, self.begin)
