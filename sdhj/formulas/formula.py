@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import config
 
-from sdhj.formulas.graph import Lookup, Node, constant, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.graph import Lookup, Node, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
@@ -198,23 +198,19 @@ class Formula:
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
         """The same function with coordinates clipped at some ends first, infinite where there is none."""
 
-        def put(one: Node) -> Node | None:
-            if one.op != "x":
-                return None
-            for op, end in (("max", lower[one.value[0]]), ("min", upper[one.value[0]])):
-                one = make(op, one, constant(end)) if np.isfinite(end) else one
-            return one
+        def function(points: Any, *given: Any) -> Any:
+            return self(np.minimum(np.maximum(points, lower), upper), *given)
 
-        return replace(self, outputs=tuple(rebuilt(self.outputs, put)))
+        return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The same function of some coordinates, numbered anew; it reads no others."""
-        if (known := self._restricted.get(tuple(axes))) is not None:
-            return known
-        new = {axis: place for place, axis in enumerate(axes)}
-        moved = rebuilt(self.outputs, lambda one: leaf("x", new[one.value[0]]) if one.op == "x" else None)
-        self._restricted[tuple(axes)] = replace(self, outputs=tuple(moved), coordinates=len(axes))
-        return self._restricted[tuple(axes)]
+        known, places = self._restricted, [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
+        if tuple(axes) not in known:
+            known[tuple(axes)] = Formula.traced(
+                self.name, lambda points, *given: self(points[:, places], *given), len(axes), self.parameters
+            )
+        return known[tuple(axes)]
 
     @cached_property
     def _restricted(self) -> "dict[tuple[int, ...], Formula]":

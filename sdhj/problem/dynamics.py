@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.graph import Node, constant, leaf, linear, ordered, rebuilt
+from sdhj.formulas.graph import Node, constant, linear, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
@@ -349,22 +349,22 @@ class VectorField:
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some axes, which read no others; those are taken at `lower` (ndim,)."""
-        new = {axis: place for place, axis in enumerate(axes)}
+        keep = list(axes)
 
-        def put(one: Node) -> Node | None:
-            if one.op != "x":
-                return None
-            return leaf("x", new[one.value[0]]) if one.value[0] in new else constant(float(lower[one.value[0]]))
+        def full(points: Any) -> Any:
+            elsewhere = 0.0 * points[:, 0]
+            columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
+            return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
             if not isinstance(part, Formula):
-                return part and _black_box_on(part, axes, lower)
-            entries = part.entries[:, list(axes)]
-            outputs = tuple(rebuilt(list(entries.flat), put))
-            return replace(part, outputs=outputs, shape=entries.shape, coordinates=len(axes))
+                return part and _black_box_on(part, keep, full)
+            return Formula.traced(
+                part.name, lambda points, *given: part(full(points), *given)[:, :, keep], len(keep), part.parameters
+            )
 
-        bounds = replace(self.bounds, coordinates=len(axes))
-        return VectorField(self.inputs, len(axes), some(self.drift), some(self.gain), bounds)
+        bounds = replace(self.bounds, coordinates=len(keep))
+        return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds)
 
     def undisturbed(self) -> "VectorField":
         """The same without a disturbance."""
@@ -521,15 +521,13 @@ def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArr
     return function(*(known[one] for one in takes))
 
 
-def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
-    """A drift or a gain of the axes `axes` alone."""
-    keep, function = list(axes), part.function
+def _black_box_on(part: BlackBox, keep: list[int], full: Callable[[FloatArray], FloatArray]) -> BlackBox:
+    """A drift or a gain of some axes alone; `full` makes states of their coordinates."""
+    ndim, function = part.shape[0], part.function
 
     def some(points: FloatArray, *others: Any) -> FloatArray:
-        full = np.tile(lower, (len(points), 1))
-        full[:, keep] = points
-        return np.asarray(function(full, *others))[:, keep]
+        return np.asarray(function(full(points), *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (len(lower),) * 2)[np.ix_(keep, keep)]
+    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (ndim, ndim))[np.ix_(keep, keep)]
     return BlackBox(some, reads, slope, part.rate, name=part.name, shape=(len(keep), *part.shape[1:]))
