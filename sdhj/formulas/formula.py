@@ -92,31 +92,28 @@ class Formula:
         """A formula for each entry of the first axis of the results."""
         return [replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries]
 
-    def __call__(self, points: Any, *parameters: Any) -> Any:
-        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
+    def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
+        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values.
+
+        ValueError where a value is undefined or infinite; NaN is what is undefined where they need not be finite.
+        """
         for one in (points, *parameters):
             if type(one) is Traced:
                 self._fits(np.shape(points), parameters)
                 return self._inlined(points, parameters)
-        values, finite = self.values(points, *parameters)
-        if not finite:
-            row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
-            value, when = values[row][~np.isfinite(values[row])].flat[0], ", ".join(format(t, "g") for t in parameters)
-            raise ValueError(
-                f"{self.name} is undefined or infinite ({value}) at {np.asarray(points)[row].tolist()}, t = {when}; "
-                "every value must be finite"
-            )
-        return values
-
-    def values(self, points: Any, *parameters: float) -> tuple[FloatArray, bool]:
-        """As when called, NaN where it is undefined; and whether all values are finite."""
         points = np.ascontiguousarray(points, np.float64)
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
-        finite = _play(self.tape, points, np.array(parameters, np.float64), out)
-        if len(points) > 1 and self.shape:
-            out = np.ascontiguousarray(out.T)
-        return out.reshape(len(points), *self.shape), finite
+        if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:
+            row = int(np.argmin(np.isfinite(out).all(axis=0)))
+            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
+            raise ValueError(
+                f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
+                "must be finite"
+            )
+        if len(points) == 1 or not self.shape:
+            return out.reshape(len(points), *self.shape)
+        return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def _fits(self, shape: tuple[int, ...], parameters: Sequence[Any]) -> None:
         """Raise ValueError for points of another shape, or another number of parameters."""

@@ -1,11 +1,11 @@
 """Multilinear interpolation of a table, as a function of points that formulas know."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import Lookup, interned, leaf
-from sdhj.formulas.tracing import Traced
 
 
 def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
@@ -42,4 +42,4 @@ def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
     axes = len(table.lower)
     node = interned("gridded", tuple(leaf("x", axis) for axis in range(axes)), table)
     formula = Formula((node,), axes, 0, name="what sdhj.gridded returns")
-    return lambda points: formula(points) if isinstance(points, Traced) else formula.values(points)[0]
+    return partial(formula, finite=False)

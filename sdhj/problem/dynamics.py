@@ -270,7 +270,7 @@ class VectorField:
     def parts(self) -> list[Any]:
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
-    @property
+    @cached_property
     def formulas(self) -> bool:
         """Whether nothing is a black box."""
         return all(isinstance(part, Formula) for part in self.parts)
