@@ -181,9 +181,7 @@ class Interval:
             return self.grid.clipped(moved) if walls else moved
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
-            step: Any = partial(self._runge_kutta, j, walls)
-            if self.dynamics.formulas:
-                step = self._as_formula(("step", j, walls), step, whole.shape[1], parameters=2)
+            step = self._as_formula(("step", j, walls), partial(self._runge_kutta, j, walls), whole.shape[1], 2)
             out[rows] = step(whole[rows], t, duration)
         return out
 
@@ -203,8 +201,10 @@ class Interval:
         k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
-    def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Formula:
-        """What a method does with points and a time, read: one tape, which shares what is common to all inputs."""
+    def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
+        """A method of points and a time as a formula, one tape for all that it does; itself with black boxes."""
+        if not self.dynamics.formulas:
+            return function
         grid = self.grid
         key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
         return self.dynamics.made(key, function, coordinates, parameters)
@@ -217,10 +217,7 @@ class Interval:
         """
         if self.dynamics.constant:
             return self.delta * self.dynamics.arrays[0][None]
-        if isinstance(self.dynamics.drift, Formula):
-            moved = self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)
-            return moved(states, self.begin)
-        return self._displaced(states, self.begin)
+        return self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
         moves = []
@@ -256,10 +253,9 @@ class Interval:
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
             return low[None] - self.wider, high[None] + self.wider
-        if dynamics.formulas and dynamics.gain is not None:
-            corners: Any = self._as_formula(("reached", self.delta), self._reach_of, self.grid.ndim)
-        else:
-            corners = self._reach_of
+        corners: Any = self._reach_of
+        if dynamics.gain is not None:
+            corners = self._as_formula(("reached", self.delta), corners, self.grid.ndim)
         ends = corners(states, self.begin)
         return ends[:, 0] - self.wider, ends[:, 1] + self.wider
 
