@@ -364,43 +364,42 @@ def _true(array: Any) -> Any:
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
-    entries, name = [one.entries for one in arrays], f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc is np.matmul:
         return _multiplied(np.matmul, *arrays)
-    if dtype == TRUTH:
-        if ufunc in COMPARED:
-            return COMPARED[ufunc](*arrays)
-        if ufunc in LOGICAL:
-            return Traced(_each(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
-    elif ufunc in (np.power, np.float_power) and dtype == FLOAT:
-        return Traced(mapped(power, *entries))
-    elif ufunc in OPERATIONS and (dtype == FLOAT or (dtype == WHOLE and ufunc in EXACT)):
-        return Traced(_each(OPERATIONS[ufunc], *entries), dtype)
-    elif ufunc in MADE and dtype == FLOAT:
-        return MADE[ufunc](*(Traced(one) for one in entries))
-    known = ufunc in COMPARED or ufunc in OPERATIONS or ufunc in MADE or ufunc in LOGICAL or ufunc is np.power
-    raise NotTraced(
-        f"{name} of {', '.join(str(one.dtype) for one in arrays)} with an answer of {dtype}" if known else name,
-        "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1" if known else ADVICE.get(ufunc.__name__, ""),
-    )
+    if dtype == TRUTH and ufunc in LOGICAL:
+        return Traced(mapped(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
+    if dtype == TRUTH and ufunc in COMPARED:
+        return COMPARED[ufunc](*arrays)
+    if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
+        return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
+    if ufunc in MADE and dtype == FLOAT:
+        return MADE[ufunc](*(Traced(one.entries) for one in arrays))
+    name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
+    if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
+        raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
+    kinds = ", ".join(str(one.dtype) for one in arrays)
+    what = f"{name} of {kinds} with an answer of {dtype}"
+    raise NotTraced(what, "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1")
 
 
 ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
 TWO = "add subtract:sub multiply:mul divide:div hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
-OPERATIONS = {getattr(np, name): op or name for name, _, op in (one.partition(":") for one in f"{ONE} {TWO}".split())}
+ORDER = "less less_equal:lesseq equal"
+OPERATIONS: dict[Any, Callable[..., Node]] = {
+    getattr(np, name): functools.partial(make, op or name)
+    for name, _, op in (one.partition(":") for one in f"{ONE} {TWO} {ORDER}".split())
+} | dict.fromkeys((np.power, np.float_power), power)
 EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
+EXACT |= {np.less, np.less_equal, np.equal}  # ... of whole numbers and truth values, too
+LOGICAL: dict[Any, Callable[..., Node]] = {
+    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), functools.partial(make, "and")),
+    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), functools.partial(make, "or")),
+    **dict.fromkeys((np.logical_not, np.invert), functools.partial(make, "not")),
+}  # of truth values
 COMPARED: dict[Any, Callable[..., Any]] = {
-    np.less: lambda a, b: Traced(_each("less", a.entries, b.entries), TRUTH),
-    np.less_equal: lambda a, b: Traced(_each("lesseq", a.entries, b.entries), TRUTH),
-    np.equal: lambda a, b: Traced(_each("equal", a.entries, b.entries), TRUTH),
     **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: ~(a == b)},
     **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
 }
-LOGICAL: dict[Any, str] = {
-    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), "and"),
-    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), "or"),
-    **dict.fromkeys((np.logical_not, np.invert), "not"),
-}  # of truth values
 MADE: dict[Any, Callable[..., Any]] = {
     np.positive: lambda a: a.copy("K"),
     np.ceil: lambda a: -np.floor(-a),
@@ -430,7 +429,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     elif counts and array.dtype == TRUTH:
         array = array.astype(np.int64)  # NumPy counts
     places = range(array.ndim) if axis is None else normalize_axis_tuple(axis, array.ndim)
-    join = functools.partial(make, (LOGICAL if array.dtype == TRUTH else OPERATIONS)[ufunc])
+    join = (LOGICAL if array.dtype == TRUTH else OPERATIONS)[ufunc]
     nothing = {np.add: constant(0.0), np.multiply: constant(1.0)}.get(ufunc)
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
