@@ -31,6 +31,19 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
     return [_slope(one, found) for one in outputs]
 
 
+def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
+    """For each output [rest, c_0, c_1, ...] with output = rest + sum c_d by_d; None where it is not of that kind.
+
+    The parts do not read `by`, coordinates or parameters.
+    """
+    slopes = [derivative(outputs, one) for one in by]
+    rest = rebuilt(outputs, lambda one: ZERO if one in by else None)
+    read = set(ordered([one for each in slopes for one in each]))
+    if EITHER in read or read.intersection(by):  # a slope that is not known, as of a table, or that changes
+        return None
+    return [list(parts) for parts in zip(rest, *slopes, strict=True)]
+
+
 def _slope(one: Node, found: Found) -> Node:
     slope = found[one]
     return ZERO if slope is None else slope
@@ -126,6 +139,12 @@ def _meet(compared: Node, branches: Sequence[Node]) -> bool:
     return False
 
 
+def _product(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
+    if ZERO in d:  # 0 a would stay where a may be undefined
+        return d[1] * a[0] if d[0] is ZERO else d[0] * a[1]
+    return d[0] * a[1] + a[0] * d[1]
+
+
 def _remainder(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + _settled(laps)
@@ -150,8 +169,8 @@ CHAIN: dict[str, Callable[[Node, Sequence[Node], Sequence[Node]], Node]] = {
     "add": lambda _, a, d: make("add", *d),
     "sub": lambda _, a, d: make("sub", *d),
     "neg": lambda _, a, d: make("neg", *d),
-    "mul": lambda _, a, d: d[0] * a[1] + a[0] * d[1],
-    "div": lambda f, a, d: make("div", make("sub", d[0], f * d[1]), a[1]),
+    "mul": _product,
+    "div": lambda f, a, d: make("div", d[0] if d[1] is ZERO else make("sub", d[0], f * d[1]), a[1]),
     "sqr": lambda _, a, d: constant(2.0) * a[0] * d[0],
     "sqrt": lambda f, a, d: make("div", d[0], constant(2.0) * f),
     "power": lambda f, a, d: constant(f.value) * make("power", a[0], value=f.value - 1) * d[0],

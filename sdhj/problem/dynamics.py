@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.derivative import linear
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.graph import Node, constant, linear, ordered
+from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
@@ -121,7 +122,7 @@ class Dynamics:
         D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
-            parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
+            parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
                 return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")

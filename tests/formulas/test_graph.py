@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import twin_formulas as twin
 
-from sdhj.formulas.graph import Lookup, Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
+from sdhj.formulas.derivative import linear
+from sdhj.formulas.graph import Lookup, Node, constant, interned, leaf, leaves, make, ordered, power, rebuilt
 from sdhj.formulas.rules import OPCODES, RULES
 from sdhj.formulas.text import MOST_LINES, alike, parsed, shown, written
 from sdhj.kernels.tape import OPERATIONS
@@ -123,7 +124,7 @@ def test_linear_parts():
     drift, gain = make("sin", X), make("cos", Y)
     chosen = make("where", make("less", X, Y), w, v)
     node = make("sub", make("add", drift, make("mul", gain, v)), make("div", chosen, T))
-    parts = linear([node, X, make("neg", v)], 1, 2)
+    parts = linear([node, X, make("neg", v)], [v, w])
     assert parts is not None and not leaves([one for row in parts for one in row], "p") & {1, 2}
     rng = np.random.default_rng(0)
     for x, y, t, *push in rng.uniform(0.5, 2.0, (20, 5)):
@@ -142,15 +143,21 @@ def test_linear_parts():
         make("abs", leaf("p", 1)),
         make("where", make("less", leaf("p", 1), X), X, Y),
         make("add", leaf("p", 2), make("max", leaf("p", 1), X)),
+        make("where", make("less", X, leaf("p", 1)), leaf("p", 1), make("add", leaf("p", 1), X)),
+        make("floor", leaf("p", 1)),
+        make("mod", leaf("p", 1), constant(2.0)),
+        make("hypot", leaf("p", 1), X),
+        make("hypot", leaf("p", 1), constant(0.0)),
+        interned("gridded", (leaf("p", 1), X), TABLE),
     ],
     ids=str,
 )
 def test_what_is_not_linear_has_no_parts(node):
-    assert linear([X, node], 1, 2) is None
+    assert linear([X, node], [leaf("p", 1), leaf("p", 2)]) is None
 
 
 def test_linear_parts_keep_what_may_be_undefined():
-    (parts,) = linear([make("mul", make("log", X), leaf("p", 1))], 1, 1)
+    (parts,) = linear([make("mul", make("log", X), leaf("p", 1))], [leaf("p", 1)])
     assert all(math.isnan(one) for one in twin.values(parts, (-1.0, 0.0), [0.0]))
 
 
