@@ -161,6 +161,43 @@ def test_linear_parts_keep_what_may_be_undefined():
     assert all(math.isnan(one) for one in twin.values(parts, (-1.0, 0.0), [0.0]))
 
 
+LINES = [
+    "add",
+    "sub",
+    "mul",
+    "div",
+] * 6 + "min max hypot arctan2 mod pow neg abs sqr sqrt exp log sin floor where".split()
+
+
+def random_velocity(rng, v, w):
+    """A random expression that often is linear in v and w."""
+    nodes, chosen = [X, Y, T, v, w, v, w, ZERO, constant(2.0), constant(-0.5)], make("less", X, Y)
+    for _ in range(rng.randint(1, 9)):
+        some = [nodes[max(0, len(nodes) - 1 - int(rng.expovariate(0.25)))] for _ in range(3)]
+        op = rng.choice(LINES)
+        if op == "where":
+            nodes.append(make(op, rng.choice([chosen, make("less", *some[:2])]), *some[1:]))
+        else:
+            nodes.append(make(op, *some[: RULES[op].arity]))
+    return nodes[-1]
+
+
+def test_what_is_linear_is_the_sum_of_its_parts():
+    v, w, count = leaf("p", 1), leaf("p", 2), 0
+    for seed in range(4000):
+        rng = random.Random(seed)
+        node = random_velocity(rng, v, w)
+        found = linear([node], [v, w]) if leaves([node], "p") & {1, 2} else None
+        for _ in range(5 if found else 0):
+            point, (t, *push) = [rng.uniform(-2.0, 2.0) for _ in range(2)], [rng.uniform(-2.0, 2.0) for _ in range(3)]
+            whole, parts = twin.value(node, point, [t, *push]), np.array(twin.values(found[0], point, [t, *push]))
+            terms = parts * [1.0, *push]
+            if math.isfinite(whole) and np.isfinite(terms).all():
+                assert abs(whole - terms.sum()) <= 1e-9 * (1.0 + np.abs(terms).sum()), seed
+                count += 1
+    assert count > 1000
+
+
 def sample():
     grid = interned("gridded", (X, make("add", Y, T)), TABLE)
     again = interned("gridded", (Y, X), TABLE)
