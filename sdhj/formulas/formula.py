@@ -386,15 +386,11 @@ class BlackBox:
         def cut(points: FloatArray) -> FloatArray:
             return np.minimum(np.maximum(points, lower), upper)
 
-        def enclosed(low: FloatArray, high: FloatArray, *others: Any) -> Any:
-            assert self.enclosure is not None
-            return self.enclosure(cut(low), cut(high), *others)
-
-        function = self.function
+        function, enclosure = self.function, self.enclosure
         return replace(
             self,
             function=lambda points, *others: function(cut(points), *others),
-            enclosure=enclosed if self.enclosure else None,
+            enclosure=enclosure and (lambda low, high, *others: enclosure(cut(low), cut(high), *others)),
         )
 
     def bounds(self, low: FloatArray, high: FloatArray, *given: Any) -> Ends:

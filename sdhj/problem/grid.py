@@ -188,11 +188,8 @@ class Grid:
         return {}
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        def pick(field: tuple[Any, ...]) -> list[Any]:
-            return [field[axis] for axis in axes]
-
         fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
-        return Grid(*(pick(getattr(self, one)) for one in fields))
+        return Grid(*([getattr(self, one)[axis] for axis in axes] for one in fields))
 
     @property
     def inner(self) -> tuple[slice, ...]:

@@ -432,25 +432,21 @@ class Interval:
         grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
+        bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:
-            self._fill(sampled, j, axes, seen, t)
+            for row, axis in enumerate(axes):
+                sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
+                for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
+                    push = dynamics.component("gain", j, axis * count + d)
+                    sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
         else:
             points = self._points(seen)
-            gain = dynamics.gain_at(points, j, t)[:, axes] * dynamics.bounds_at(j, t)
+            gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]
-
-    def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
-        """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
-        dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
-        for row, axis in enumerate(axes):
-            sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
-            for d in np.flatnonzero(dynamics.pushes[j, axis]):
-                place = axis * dynamics.adversaries + int(d)
-                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.component("gain", j, place), seen, t)
 
     def velocity_field(
         self, j: int, axes: Sequence[int], *, drift: bool = True
