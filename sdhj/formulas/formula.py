@@ -71,9 +71,11 @@ class Formula:
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
         _check_signature(name, function, "points", *names)
-        rows = rows_for(coordinates)
-        given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
-        outputs, _ = traced(name, function, rows, given, (), True)
+
+        def arguments(rows: int) -> list[Traced]:
+            return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
+
+        outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
     @classmethod

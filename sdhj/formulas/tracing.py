@@ -29,7 +29,7 @@ from sdhj.formulas.arrays import (
     traced_array,
     weak_type,
 )
-from sdhj.formulas.graph import Node, leaf
+from sdhj.formulas.graph import Node, leaf, ordered, rebuilt
 
 __all__ = ["NotTraced", "Traced", "entries_of", "parameter", "points_of", "rows_for", "traced"]
 _numbers = itertools.count(1)
@@ -186,7 +186,7 @@ def traced(
     name: str,
     function: Callable[..., Any],
     rows: int,
-    arguments: Sequence[Any],
+    arguments: Callable[[int], Sequence[Any]],
     shape: Sequence[int] | None,
     per_point: bool,
     again: bool = True,
@@ -198,9 +198,9 @@ def traced(
     name : str
         Of the function, in errors.
     rows : int
-        How many points are among the arguments.
-    arguments : sequence
-        Traced arrays, and numbers or arrays that are given to the function read-only.
+        How many points to call it with.
+    arguments : callable (rows) -> sequence
+        What it is called with: traced arrays, and numbers or read-only arrays.
     shape : of the answer for one point; None where any will do.
     per_point : bool
         Whether the answer has a leading dimension for the points.
@@ -217,7 +217,7 @@ def traced(
     """
     try:
         nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
-        if again and not _alike(nodes, _traced_once(name, function, rows + 1, arguments, shape, per_point)[0], 0):
+        if again and nodes != _traced_once(name, function, rows + 1, arguments, shape, per_point)[0]:
             raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
     except NotTraced as error:
         raise NotTraced(
@@ -237,19 +237,19 @@ def _traced_once(
         expected = () if shape is None else tuple(shape)
         raise ValueError(f"{name} must return shape {('M', *expected) if per_point else expected}, got {shown}")
     answer = answer.reshape(rows if per_point else 1, -1)
-    if not all(_alike(answer[0], answer[row], row) for row in range(len(answer) if per_point else 0)):
+    first, *others = (_as_first(list(nodes), row) for row, nodes in enumerate(answer))
+    if any(other != first for other in others) or any(node.op == "x" and node.value[1] for node in ordered(first)):
         raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
-    return list(answer[0]), one
+    return first, one
 
 
-def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Sequence[Any]) -> Any:
+def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Callable[[int], Sequence[Any]]) -> Any:
     """The entries of what a function answers; NotTraced where anything has refused on the way."""
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
-    given = [_argument(one, rows) for one in arguments]
     try:
         with _replaced(function, rows):
-            answer, error = traced_array(function(*given)), None
+            answer, error = traced_array(function(*arguments(rows))), None
     except Exception as failed:
         error = failed
     finally:
@@ -267,29 +267,10 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Seque
     return answer.entries
 
 
-def _argument(given: Any, rows: int) -> Any:
-    """An argument for a trace with so many points, read-only."""
-    if isinstance(given, Traced):
-        points = given.size and given.entries.flat[0].op == "x"
-        return points_of(given.shape[1], rows) if points else Traced(given.entries)
-    if isinstance(given, np.ndarray):
-        given = given.copy()
-        given.setflags(write=False)
-    return given
+def _as_first(nodes: Sequence[Node], row: int) -> list[Node]:
+    """Nodes of a row of points with the coordinates of row 0; other points remain apart, in rows below 0."""
 
+    def put(one: Node) -> Node | None:
+        return leaf("x", one.value[0], 0 if one.value[1] == row else -1 - one.value[1]) if one.op == "x" else None
 
-def _alike(first: Any, other: Any, row: int) -> bool:
-    """Whether the nodes of another row are those of the first with its coordinates."""
-    seen, stack = set(), list(zip(first, other, strict=True))
-    while stack:
-        a, b = pair = stack.pop()
-        if pair in seen:
-            continue
-        seen.add(pair)
-        if a.op == "x":
-            if b.op != "x" or a.value[1] != 0 or b.value != (a.value[0], row):
-                return False
-        elif a.op != b.op or len(a.args) != len(b.args) or (a.value is not b.value and repr(a.value) != repr(b.value)):
-            return False
-        stack.extend(zip(a.args, b.args, strict=True))
-    return True
+    return rebuilt(nodes, put)

@@ -177,13 +177,16 @@ class Dynamics:
             return _constants(name, array, ndim)
         takes, parameters = arguments(name, given), 1 + components
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
-        known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1)}
+
+        def called_with(u: FloatArray, rows: int) -> list[Any]:
+            known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1), "u": u}
+            return [known[each] for each in takes]
+
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
-            values = known | {"u": sealed(u)}
             label = f"{name} under input {j}" if "u" in takes else name
             found, one = traced(
-                label, given, rows, [values[each] for each in takes], shape, "points" in takes, again=j == 0
+                label, given, rows, partial(called_with, sealed(u)), shape, "points" in takes, again=j == 0
             )
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
