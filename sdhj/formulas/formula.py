@@ -190,10 +190,6 @@ class Formula:
         """Whether it reads the time, or the begin or end of an interval."""
         return 0 in leaves(self.outputs, "p")
 
-    def of(self, place: int) -> "Formula":
-        """One of the results, by its number."""
-        return replace(self, outputs=(self.outputs[place],), shape=())
-
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
         """The same function with coordinates clipped at some ends first, infinite where there is none."""
 

@@ -384,7 +384,8 @@ class VectorField:
         """One number of the drift, the gain or the "extremes" under an input."""
         known, key = self.derived, (name, j, place)
         if key not in known:
-            known[key] = (self.extremes_of if name == "extremes" else self.each[name])[j].of(place)
+            found = (self.extremes_of if name == "extremes" else self.each[name])[j]
+            known[key] = replace(found, outputs=(found.outputs[place],), shape=())
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
