@@ -17,18 +17,18 @@ TURN = constant(2 * math.pi)
 NEAR = constant(1e-100)  # lengths that are no longer divided by
 DECISIONS = ("less", "lesseq", "equal")
 STEPS = ("floor", "sign", "and", "or", "not", *DECISIONS)
-Found = dict[Node, Node | None]
+Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
     """The derivatives of some nodes by a coordinate or a parameter."""
-    found: Found = {}  # None: it is not read
+    found: Found = {}
     for one in ordered(outputs):
         if one is by:
             found[one] = ONE
         else:
-            found[one] = None if all(found[arg] is None for arg in one.args) else _derived(one, found)
-    return [_slope(one, found) for one in outputs]
+            found[one] = ZERO if all(found[arg] is ZERO for arg in one.args) else _derived(one, found)
+    return [found[one] for one in outputs]
 
 
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
@@ -44,13 +44,8 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
     return [list(parts) for parts in zip(rest, *slopes, strict=True)]
 
 
-def _slope(one: Node, found: Found) -> Node:
-    slope = found[one]
-    return ZERO if slope is None else slope
-
-
 def _derived(one: Node, found: Found) -> Node:
-    slopes = [_slope(arg, found) for arg in one.args]
+    slopes = [found[arg] for arg in one.args]
     if one.op in STEPS:
         return _settled(one)
     if one.op == "where":
@@ -58,7 +53,7 @@ def _derived(one: Node, found: Found) -> Node:
     if one.op == "gridded":
         return _interpolated(one, slopes)
     if one.op == "sqrt" and (parts := _squares(one.args[0])) is not None:
-        return _sum([_share(part, one) * _slope(part, found) for part in parts])
+        return _sum([_share(part, one) * found[part] for part in parts])
     if one.op in ("sin", "cos"):
         slopes = [_turning(one.args[0], found)]
     return CHAIN[one.op](one, one.args, slopes)
@@ -66,13 +61,13 @@ def _derived(one: Node, found: Found) -> Node:
 
 def _turning(one: Node, found: Found) -> Node:
     """Of an angle of which whole turns do not matter, as those by which `mod` and `arctan2` jump."""
-    if found[one] is not None and one.op in ("add", "sub", "neg"):
+    if found[one] is ZERO:
+        return ZERO
+    if one.op in ("add", "sub", "neg"):
         return make(one.op, *(_turning(arg, found) for arg in one.args))
-    if found[one] is not None and one.op == "mod" and one.args[1] is TURN:
+    if one.op == "mod" and one.args[1] is TURN:
         return _turning(one.args[0], found)
-    if found[one] is not None and one.op == "arctan2":
-        return _turned(one.args, [_slope(arg, found) for arg in one.args])
-    return _slope(one, found)
+    return _turned(one.args, [found[arg] for arg in one.args]) if one.op == "arctan2" else found[one]
 
 
 def _sum(nodes: Sequence[Node]) -> Node:
@@ -113,12 +108,12 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
-    if found[condition] is None:
+    if found[condition] is ZERO:
         return out  # which branch it is does not change along the line
     compared = _compared(condition)
     if not all(_meet(each, branches) for each in compared):
         return out + _settled(condition)
-    return out + _sum([ZERO * _slope(arg, found) for each in compared for arg in each.args])  # they must not jump, too
+    return out + _sum([ZERO * found[arg] for each in compared for arg in each.args])  # they must not jump, too
 
 
 def _compared(condition: Node) -> list[Node]:
