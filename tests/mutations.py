@@ -1,5 +1,6 @@
 """Take one thing out of a copy of the library, and see that a test notices."""
 
+import importlib
 import os
 import re
 import shutil
@@ -8,6 +9,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+
+import numba
 
 TESTS = Path(__file__).parent
 LIBRARY = TESTS.parent / "sdhj"
@@ -64,3 +67,24 @@ def assert_needed(run):
     """The tests of a run failed, by an assertion, or because bounds are compared with what they bound."""
     assert run.returncode == 1, run.stdout[-2000:]  # 1: tests ran and some failed
     assert any(words in run.stdout for words in ("AssertionError", "assert ", "DID NOT RAISE", "of that state alone"))
+
+
+@contextmanager
+def checker(folder, file, old, new):
+    """`verify` of a copy of the checker in `folder` in which `old` became `new`; it imports nothing of the library."""
+    name = f"checker_{folder.name}".replace("-", "_")
+    source = shutil.copytree(
+        LIBRARY / "certified" / "check", folder / name, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    _replace(source / file, old, new)
+    for path in source.glob("*.py"):
+        path.write_text(path.read_text().replace("sdhj.certified.check", name))
+    compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1  # what is compiled there is of arms
+    sys.path.insert(0, str(folder))
+    try:
+        yield importlib.import_module(f"{name}.claims").verify
+    finally:
+        numba.config.DISABLE_JIT = compiles
+        sys.path.remove(str(folder))
+        for module in [module for module in sys.modules if module.split(".")[0] == name]:
+            del sys.modules[module]

@@ -126,17 +126,12 @@ class Robot:
     def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
         """Bounds of a level set, both (M,)."""
 
+        if isinstance(part.function, BlackBox):
+            self.trusted.add(part.name)
+
         def bounds(low: Array, high: Array) -> tuple[Array, Array]:
-            least, most = (end[:, 0] for end in part.function.bounds(low, high, times))
-            if isinstance(part.function, BlackBox):
-                self.trusted.add(part.name)
-            if part.swept is not None:
-                begin, end = ((time, time) for time in times)
-                swept = part.swept.bounds(low, high, begin, end)[0][:, 0]
-                if (~(least > 0) & (swept > 0)).any():
-                    self.trusted.add(f"the sweep of {part.name}")
-                least = np.fmax(least, swept)
-            return least, most
+            least, most = part.function.bounds(low, high, times)
+            return least[:, 0], most[:, 0]
 
         return self.cut(part.axes, box, bounds)
 
@@ -237,6 +232,8 @@ class Robot:
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
+        room = box + self.known * (far + OUTWARD * 1e-11)  # all that is reached from the box within the piece
+        out = np.stack(self.velocity(j, room, times))
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
             face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
