@@ -657,10 +657,8 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "a grid must have 1 to 6 axes"),
     "no number": (lambda told: told["grid"].update(lower=["0", 0.0]), "lower must be a number"),
     "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "shape must be numbers of nodes"),
-    "periods": (lambda told: told["grid"].update(periodic=["no", False]), "periodic must be true or false"),
     "infinite": (lambda told: told.update(delta=float("inf")), "delta must be a number"),
     "NaN": (lambda told: told.update(delta=float("nan")), "delta must be a number"),
-    "jitter": (lambda told: told.update(sensing={"jitter": 0.2}), "jitter must be a number from 0 to 0.125"),
     "delay": (lambda told: told.update(sensing={"delay": -1}), "delay must be a number"),
     "error": (lambda told: told.update(sensing={"error": [0.1]}), "error must be 2 numbers"),
     "an error below zero": (lambda told: told.update(sensing={"error": -0.1}), "error must be a number from 0"),
@@ -674,6 +672,14 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),
 }
 FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (change, said) in HEADS.items()}
+FORGERIES |= {  # a robot that is soon looked through
+    "head: periods": Forgery(
+        "line", "periodic must be true or false", head(lambda told: told["grid"].update(periodic=["no"]))
+    ),
+    "head: jitter": Forgery(
+        "line", "jitter must be a number from 0 to 0.25", head(lambda told: told.update(sensing={"jitter": 0.3}))
+    ),
+}
 
 TEXTS: dict[str, tuple[list[Any], str]] = {
     "a later line": (["x 0", "neg 2", "return 1"], "line 1 of unsafe 0: an operand must be a number below 1"),
