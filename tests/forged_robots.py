@@ -151,6 +151,18 @@ def sliding():
     )
 
 
+def nearer(*, moving=0.0):
+    """A robot that stays where it is, nearer to a set than what a state may be off its cell."""
+    part = sdhj.UnsafeSet((0,), lambda p, t: 3.0 + 1e-10 - p[:, 0] + moving * t, name="wall")
+    return line(push=0.0, unsafe=[part])
+
+
+def pole():
+    """What is unsafe is told by a function that is undefined at -2.03."""
+    part = sdhj.UnsafeSet((0,), lambda p, t: 5.0 + 1.0 / (p[:, 0] + 2.03), name="pole")
+    return line(unsafe=[part])
+
+
 def surge():
     """dx = 9.9 t + u: by 0.792 in 0.4 s."""
     return sdhj.ReachAvoidProblem(
@@ -217,10 +229,15 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "line": (line, (80,), 1),
     "crossed": (crossed, (80,), 2),
     "sensed": (sensed, (160,), 2),
+    "held": (lambda: sensed(push=0.1), (160,), 2),
+    "nearer": (nearer, (80,), 1),
+    "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
+    "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
     "cart": (cart, (20, 20), 1),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
+    "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
     "growing": (growing, (40,), 1),
     "tide": (tide, (120,), 2),
     "blown": (blown, (160,), 2),
@@ -237,10 +254,15 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
 }
 
 
+def solved(name: str) -> Any:
+    """The table of a robot."""
+    problem, cells, parts = ROBOTS[name]
+    return sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False)
+
+
 def save(name: str, path: Path) -> Path:
     """The file of a robot's table."""
-    problem, cells, parts = ROBOTS[name]
-    sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False).save(path)
+    solved(name).save(path)
     return path
 
 

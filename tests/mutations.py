@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import types
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -88,3 +89,36 @@ def checker(folder, file, old, new):
         sys.path.remove(str(folder))
         for module in [module for module in sys.modules if module.split(".")[0] == name]:
             del sys.modules[module]
+
+
+KERNELS = ("kernels/intervals.py", "kernels/tape.py")
+PROVER = ("kernels/stencils.py", "certified/cells.py", "certified/bounds.py", "certified/general_proof.py")
+
+
+@contextmanager
+def modules(chain, file, old, new):
+    """A file of a chain, in which `old` became `new`, and those after it, which import it: made anew, not compiled.
+
+    A dictionary from files to modules. The library itself goes on with its own.
+    """
+    names = {each: f"sdhj.{each.removesuffix('.py').replace('/', '.')}" for each in chain}
+    kept, made = {name: sys.modules[name] for name in names.values()}, {}
+    compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1
+    try:
+        for each, name in names.items():
+            if chain.index(each) < chain.index(file):
+                continue  # it is as it was
+            source = (LIBRARY / each).read_text()
+            if each == file:
+                assert old in source, f"{old!r} is not in {file} any more: say anew what to take out"
+                source = source.replace(old, new)
+            made[each] = sys.modules[name] = module = types.ModuleType(name)
+            setattr(sys.modules[name.rpartition(".")[0]], name.rpartition(".")[2], module)
+            module.__file__ = str(LIBRARY / each)
+            exec(compile(source, f"{name} of a mutation", "exec"), vars(module))
+    finally:
+        numba.config.DISABLE_JIT = compiles
+        for name, module in kept.items():
+            sys.modules[name] = module
+            setattr(sys.modules[name.rpartition(".")[0]], name.rpartition(".")[2], module)
+    yield made

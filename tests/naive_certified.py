@@ -115,6 +115,19 @@ def one_step(following, first, number, window, allowed, clear):
 # ---- packed sets
 
 
+def leads(cell, low, high, following, periodic, safe):
+    """Whether all cells from cell + low to cell + high are in a set; past a safe end, by a cell or more, none is asked.
+
+    following : bool, of the cells' shape. safe : for each axis whether its lower, and its upper, end is safe.
+    """
+    each = []
+    for c, a, b, n, wraps, (lower, upper) in zip(cell, low, high, following.shape, periodic, safe, strict=True):
+        if not wraps and ((lower and c + b < -1) or (upper and c + a > n)):
+            return True
+        each.append([(c + k) % n if wraps else min(max(c + k, 0), n - 1) for k in range(a, b + 1)])
+    return bool(following[np.ix_(*each)].all())
+
+
 def packed(cells):
     """Bool (..., nx, ny) as blocks (..., words)."""
     flat = cells.reshape(*cells.shape[:-2], -1)

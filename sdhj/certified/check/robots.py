@@ -258,7 +258,7 @@ class Robot:
         calm = self.velocity(j, boxes + travel, times, False)
         wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
         apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-        out: Array = np.all(apart * self.delay <= room * (1 + 1e-13) + 1e-15, axis=1)
+        out: Array = np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
         left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
         out[left] = bool(depth)
         for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():
