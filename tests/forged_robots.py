@@ -66,6 +66,12 @@ def ring(*, low=-3.0, high=3.0, push=0.2):
     )
 
 
+def past_the_seam():
+    """The same, and a little behind the seam a post."""
+    post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 3.05) - 0.03, name="post")
+    return replace(ring(), unsafe=[post])
+
+
 def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
     """A cart on a rail that has to stay on it: dx = v, dv = u + w; bent: the place counts, too, a little."""
 
@@ -82,14 +88,14 @@ def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
     )
 
 
-def growing():
+def growing(*, rate=24.0, delta=1.0, most=20.0, upper=40.0):
     """dx = 24 min(x, 20): from 1 it comes to 20 within 0.125 s, and to 440 within 1 s."""
     return sdhj.ReachAvoidProblem(
-        sdhj.Grid([0.0], [40.0], [41]),
-        sdhj.Dynamics([[0.0]], lambda q, u: u + 24.0 * np.minimum(q, 20.0)),
+        sdhj.Grid([0.0], [upper], [int(upper) + 1]),
+        sdhj.Dynamics([[0.0]], lambda q, u: u + rate * np.minimum(q, most)),
         sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 10.0) - 9.0),
         [],
-        1.0,
+        delta,
         1,
     )
 
@@ -189,13 +195,17 @@ def spread(*, steep=2.0, bounds=lambda u: np.stack([0.1 + 0.0 * u[0]]), **sensin
     )
 
 
-def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15)):
+def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15), pace=0.0, ways=(-1, 1)):
     """A stream to the right, some cells a step, past a rock: who leaves with it, or to the left, is out of danger."""
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=[ends, "wall"]),
-        sdhj.Dynamics([[-1.0], [1.0]], [[-speed, 0.0], [speed, 0.0]], np.eye(2), [push, push]),
+        sdhj.Dynamics([[way] for way in ways], [[way * speed, 0.0] for way in ways], np.eye(2), [push, push]),
         None,
-        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - rock[0], p[:, 1] - rock[1]) - rock[2], name="rock")],
+        [
+            sdhj.UnsafeSet(
+                (0, 1), lambda p, t: np.hypot(p[:, 0] - rock[0] - pace * t, p[:, 1] - rock[1]) - rock[2], name="rock"
+            )
+        ],
         0.1,
         3,
     )
@@ -225,6 +235,14 @@ def windy():
     return plane(drift=lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1))
 
 
+def cornered(**dynamics):
+    """Walls around, and the target in a corner."""
+    grid = sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], ends="wall")
+    return replace(
+        plane(**dynamics), grid=grid, target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*(p + 2.0).T) - 1.0)
+    )
+
+
 ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
     "line": (line, (80,), 1),
     "crossed": (crossed, (80,), 2),
@@ -239,6 +257,8 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
     "growing": (growing, (40,), 1),
+    "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
+    "growing slowly": (lambda: growing(rate=0.5), (40,), 1),
     "tide": (tide, (120,), 2),
     "blown": (blown, (160,), 2),
     "pushed": (pushed, (80,), 1),
@@ -249,6 +269,17 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "spread": (spread, (200,), 2),
     "gusty": (lambda: spread(steep=0.0, bounds=lambda u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
+    "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
+    "rock at the upper end": (lambda: stream(rock=(0.98, 0.5, 0.02)), (10, 10), 2),
+    "out to the left": (lambda: stream(rock=(-0.13, 0.5, 0.02), pace=1.0, ways=(-1,)), (10, 10), 2),
+    "out to the right": (lambda: stream(rock=(1.13, 0.5, 0.02), pace=-1.0, ways=(1,)), (10, 10), 2),
+    "thin": (lambda: line(push=0.19, posts=(-3.0,), wide=0.006), (80,), 1),
+    "beside a post": (lambda: line(posts=(-1.5, 3.0)), (80,), 1),
+    "past the seam": (past_the_seam, (125,), 2),
+    "before the seam": (lambda: ring(low=-9.0), (125,), 2),
+    "cornered": (cornered, (30, 30), 3),
+    "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
+    "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
     "hidden": (hidden, (80,), 1),
     "windy": (windy, (30, 30), 3),
 }
