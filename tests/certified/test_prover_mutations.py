@@ -5,13 +5,16 @@ checker, which shares no code with it, or plain loops over the cells.
 """
 
 import mutations
+import numpy as np
 import pytest
+import test_tape
 from forged_robots import CLEAR, COVER, GOAL, MOVES, NEAR, NEARER, save, solved
 from naive_certified import assert_all_that_follows
 
 import sdhj.certified.sets
 import sdhj.certified.table
 from sdhj.certified.check import verify
+from sdhj.kernels import tape
 
 pytestmark = pytest.mark.slow
 
@@ -341,6 +344,133 @@ ANOTHER = {
     "all inputs": (STENCILS, "for j in range(out.shape[1]):", "for j in range(1):", "line"),
 }
 
+# file, what is taken out, what is left, the test of tests/test_tape.py that fails with it, and of which operation
+WRONG = {
+    "rounding of sums": (
+        INTERVALS,
+        "return low - (abs(low) * share + less),",
+        "return low,",
+        "hold_what_is_exact",
+        "add",
+    ),
+    "rounding of sums above": (INTERVALS, "high + (abs(high) * share + more)", "high", "hold_what_is_exact", "sub"),
+    "rounding of products": (
+        INTERVALS,
+        "low - (abs(low) * STEP + TINY), high +",
+        "low, high +",
+        "hold_what_is_exact",
+        "mul",
+    ),
+    "what a product loses": (INTERVALS, "TINY = 2.0**-1020", "TINY = 0.0", "hold_what_is_exact", "mul"),
+    "all corners": (INTERVALS, "lesser(lesser(p, q), lesser(r, s))", "lesser(p, s)", "hold_what_is_exact", "mul"),
+    "signs": (
+        INTERVALS,
+        "return low if negative else larger(0.0, low)",
+        "return larger(0.0, low)",
+        "hold_what_is_exact",
+        "mul",
+    ),
+    "a divisor of zero": (INTERVALS, "low if above | below else NAN", "low", "hold_what_is_exact", "div"),
+    "hills": (
+        INTERVALS,
+        "most = 1.0 if _holds_whole(low, high) else larger(p, q)",
+        "most = larger(p, q)",
+        "hold_what_is_exact",
+        "sin",
+    ),
+    "valleys": (INTERVALS, "-1.0 if _holds_whole(low - 0.5, high - 0.5) else", "", "hold_what_is_exact", "cos"),
+    "where hills are": (TAPE, "shift = 0.25 if op == SIN else 0.0", "shift = 0.0", "hold_what_is_exact", "sin"),
+    "poles": (
+        INTERVALS,
+        "NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least",
+        "least",
+        "hold_what_is_exact",
+        "tan",
+    ),
+    "laps of a rest": (
+        INTERVALS,
+        "(larger(low, p) if rises else low) if known",
+        "p if known",
+        "hold_what_is_exact",
+        "mod",
+    ),
+    "a power of zero": (
+        INTERVALS,
+        "return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN,",
+        "return p,",
+        "hold_what_is_exact",
+        "power -1",
+    ),
+    "powers below zero": (
+        TAPE,
+        "p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0],",
+        "p, q = _FALLS[op, 0],",
+        "hold_what_is_exact",
+        "power -1",
+    ),
+    "what falls": (
+        TAPE,
+        '_which("neg not arccos less lesseq")',
+        '_which("not arccos less lesseq")',
+        "hold_what_is_exact",
+        "neg",
+    ),
+    "what is even": (
+        TAPE,
+        '_ABSOLUTE = _which("abs sqr hypot")',
+        '_ABSOLUTE = _which("abs sqr")',
+        "hold_what_is_exact",
+        "hypot",
+    ),
+    "even powers": (TAPE, "(op == POWER and n % 2 == 0):", "False:", "hold_what_is_exact", "power 2"),
+    "other corners": (TAPE, "if op == POW or op == ARCTAN2:  #", "if op == ARCTAN2:  #", "hold_what_is_exact", "pow"),
+    "an angle that jumps": (TAPE, "-PI_UP if cut else", "", "hold_what_is_exact", "arctan2"),
+    "a base of zero": (
+        TAPE,
+        "(a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN",
+        "(a[0, m] == 0.0) else NAN",
+        "hold_what_is_exact",
+        "pow",
+    ),
+    "errors of functions": (
+        TAPE,
+        "(2 * ERRORS.get(op, 0) + 1) * STEP for op",
+        "0.0 for op",
+        "hold_what_is_exact",
+        "exp",
+    ),
+    "what is equal": (
+        TAPE,
+        "(a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0",
+        "(a[0, m] == b[0, m]) else 0.0",
+        "hold_what_is_exact",
+        "equal",
+    ),
+    "an open condition": (
+        TAPE,
+        "(c[0, m] if never else lesser(b[0, m], c[0, m]))",
+        "c[0, m]",
+        "hold_what_is_exact",
+        "where",
+    ),
+    "NaN": (TAPE, "(a[m] == a[m]) & (b[m] == b[m])", "True", "is_undefined_stays_so", "equal"),
+    "endless ends": (TAPE, "(out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) &", "", "is_undefined_stays_so", "exp"),
+    "nodes in a box": (
+        TAPE,
+        "number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if",
+        "number[axis] = 2 if",
+        "gridded",
+        2,
+    ),
+    "rounding of tables": (
+        TAPE,
+        "slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY",
+        "slack = 0.0",
+        "of_tables_hold_what_is_exact",
+        2,
+    ),
+}
+
 
 @pytest.fixture
 def without(monkeypatch):
@@ -372,3 +502,17 @@ def test_plain_loops_say_something_else_without_it(name, without):
     without(*change)
     with pytest.raises(AssertionError):
         assert_all_that_follows(solved(robot))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_bounds_are_not_bounds_without_it(name, monkeypatch):
+    *change, test, operation = WRONG[name]
+    with mutations.modules(mutations.KERNELS, *change) as made:
+        monkeypatch.setattr(tape, "play_bounds", made[TAPE].play_bounds)
+    given = (operation,)
+    if isinstance(operation, str):
+        op, _, n = operation.partition(" ")
+        given = op, int(n or 0)
+    check = next(getattr(test_tape, one) for one in dir(test_tape) if one.endswith(test))
+    with pytest.raises(AssertionError), np.errstate(all="ignore"):
+        check(*given)
