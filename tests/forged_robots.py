@@ -88,6 +88,12 @@ def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
     )
 
 
+def rail():
+    """The cart of the recipes, for ever: where its speed is from 0 inwards it leaves no end of the rail."""
+    speeds = sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [81, 81])
+    return replace(cart(push=0.3, delta=0.1, steps=None), grid=speeds)
+
+
 def growing(*, rate=24.0, delta=1.0, most=20.0, upper=40.0):
     """dx = 24 min(x, 20): from 1 it comes to 20 within 0.125 s, and to 440 within 1 s."""
     return sdhj.ReachAvoidProblem(
@@ -211,9 +217,11 @@ def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15), pace=0.0,
     )
 
 
-def hidden(**declared):
+def hidden(*, pace=0.0, **declared):
     """A line with a wall that nobody can look into: its author states how steep it is."""
-    wall = sdhj.BlackBox(lambda p, t: [3.0 - float(x) for (x,) in p], **({"slope": 1.0, "rate": 0.0} | declared))
+    wall = sdhj.BlackBox(
+        lambda p, t: [3.0 - pace * t - float(x) for (x,) in p], **({"slope": 1.0, "rate": 0.0} | declared)
+    )
     return line(unsafe=[sdhj.UnsafeSet((0,), wall, name="wall")])
 
 
@@ -253,6 +261,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
     "cart": (cart, (20, 20), 1),
+    "rail": (rail, (80, 80), 10),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
@@ -281,6 +290,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
     "hidden": (hidden, (80,), 1),
+    "hidden and moving": (lambda: hidden(pace=0.5, rate=0.5), (80,), 2),
     "windy": (windy, (30, 30), 3),
 }
 
@@ -592,6 +602,7 @@ FORGERIES: dict[str, Forgery] = {
     ),
     # black boxes
     "a slope of 0": Forgery("hidden", "must hold at 0 s", beside=lambda: hidden(slope=0.0)),
+    "a rate of 0": Forgery("hidden", "must hold at", beside=lambda: hidden(pace=0.5)),
     "an enclosure that ends below": Forgery(
         "hidden",
         "must hold at 0 s",

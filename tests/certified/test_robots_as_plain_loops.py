@@ -4,7 +4,7 @@ import pytest
 from forged_robots import ROBOTS, solved
 from naive_certified import assert_all_that_follows
 
-ONLY = [name for name in ROBOTS if name != "windy"]  # which is larger
+ONLY = [name for name in ROBOTS if name not in ("windy", "rail")]  # which have more cells
 
 
 @pytest.mark.parametrize("name", ONLY)

@@ -1,13 +1,18 @@
 """Forged tables of robots: each is refused with its sentence, and every line of the checker refuses one of them."""
 
-import mutations
-import pytest
-from forged_robots import FORGERIES, ROBOTS, hidden, save
+import dataclasses
 
+import mutations
+import numpy as np
+import pytest
+from forged_robots import FORGERIES, ROBOTS, save
+from naive_certified import CIRCLE, LINE, SMALL, STILL
+
+import sdhj
 from sdhj.certified.check import verify
 
-BESIDE = {"hidden": hidden}  # what is given beside the file
-SAYS = {"hidden": "rests on what is stated of wall"}
+BESIDE = {name: ROBOTS[name][0] for name in ("hidden", "hidden and moving")}  # what is given beside the file
+SAYS = dict.fromkeys(BESIDE, "rests on what is stated of wall")
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +58,16 @@ def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
     assert any(forgery.said in said for said in refusals(verify, path, forgery))
+
+
+@pytest.mark.slow
+def test_an_arm_among_obstacles_is_proved_as_any_robot(tmp_path):
+    """What its proof looks up in small boxes the checker halves as often as it takes."""
+    arm = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]}))
+    wall = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.3, name="wall")
+    problem = dataclasses.replace(arm, unsafe=(*arm.unsafe, wall))
+    sdhj.solve(problem, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False).save(tmp_path / "arm.h5")
+    assert (verdict := verify(tmp_path / "arm.h5", samples=300, progress=False)).ok, str(verdict)
 
 
 # ---- mutations
@@ -124,6 +139,7 @@ MUTATIONS = {
         "(OUTWARD * 1e-11)  #",
         "a speed that grows",
     ),
+    "a closer tube": (ROBOTS_PY, "room = box + self.known * (far", "room = room + 0 * (far", "rail"),
     "the face in which the last can be": (
         ROBOTS_PY,
         "(box[side] + far + OUTWARD",
@@ -418,6 +434,12 @@ MUTATIONS = {
     "values above what is stated": (DESCRIBED, " | (value > most + near)", "", "an enclosure that ends below"),
     "values below what is stated": (DESCRIBED, "(value < least - near) | ", "", "an enclosure that begins above"),
     "a slope counts": (DESCRIBED, "slope * np.linalg.norm(half, axis=1, keepdims=True)", "0.0 * half[:, :1]", "hidden"),
+    "a rate counts": (
+        DESCRIBED,
+        "far + np.array(rate) * (times[1] - times[0]) / 2",
+        "far + 0.0",
+        "hidden and moving",
+    ),
     "black boxes are asked for": (CLAIMS, "and problem is None):", "and False):", "nobody's black box"),
     "what it rests on is said": (ROBOTS_PY, "self.trusted.add(part.name)", "pass", "hidden"),
     "one move for each time": (
