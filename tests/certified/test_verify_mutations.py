@@ -139,7 +139,6 @@ MUTATIONS = {
     "even powers": (INTERVALS, "if n % 2 == 0:", "if False:", EXACT),
     "errors of functions": (INTERVALS, "UNITS = 2.0**-49", "UNITS = 0.0", EXACT),
     "what falls": (INTERVALS, "np.arccos(a[1]), np.arccos(a[0])", "np.arccos(a[0]), np.arccos(a[1])", EXACT),
-    "doubt about turns": (INTERVALS, "DOUBT = 1e-14", "DOUBT = 0.0", "test_hills_far"),
     "sizes of both sides": (INTERVALS, "(a0, a1), (b0, b1) = size(a), size(b)", "(a0, a1), (b0, b1) = a, b", EXACT),
     "what is surely less": (INTERVALS, "truth(a[1] < b[0], a[0] >= b[1]", "truth(a[1] < b[1], a[0] >= b[1]", EXACT),
     "what is never less": (INTERVALS, "truth(a[1] <= b[0], a[0] > b[1]", "truth(a[1] <= b[0], a[0] > b[0]", EXACT),
