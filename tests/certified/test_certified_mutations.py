@@ -149,6 +149,8 @@ MUTATIONS = {
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
     "push of the adversary meanwhile": (GUESSES, "self._ends(self.any, box)", "self._ends(self.calm, box)", FARTHER),
+    "rounding of what is added": (GENERAL, "np.nextafter(moved + step, way)", "moved + step", "test_what_a_piece_adds"),
+    "the length of a piece": (GENERAL, "(1e-15 if up else -1e-15) * np.abs(step)", "0.0", "test_what_a_piece_adds"),
     "open sides of a jump": (TAPE, "lesser(b[0, m], c[0, m]))", "c[0, m])", SAMPLES),
 }
 COMPILED = {
