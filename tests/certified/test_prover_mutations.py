@@ -136,7 +136,7 @@ FALSE = {
     "a narrower cell": (CELLS, "if not known or not axis.periodic:", "if True:", "ring", MOVES),
     "states near a cell": (GENERAL, "edges[1] + STATE_SLACK", "edges[1]", "sliding", MOVES),
     "the adversary": ("certified/bounds.py", "(t0, t1), self.signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
-    # which inputs are clear
+    # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
         GENERAL,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",

@@ -10,7 +10,8 @@
 Of what has wholly left over a safe end nothing more is asked.
 
 A place is the part of a cell that its moves depend on; on the other axes the velocity is bounded wherever the state may
-be. A black box is bounded by what its author states of it (`described`), and the verdict says so.
+be. A black box is bounded by what its author states of it (`described`), which the verdict says; what is not so at some
+state of a box is refused. Nothing that the file itself states of bounds is believed.
 """
 
 import math

@@ -1,6 +1,8 @@
 """Forged tables of robots: each is refused with its sentence, and every line of the checker refuses one of them."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import mutations
 import numpy as np
@@ -575,3 +577,16 @@ def test_the_check_needs_it(name, files, tmp_path):
         except Exception:  # a test notices that as well
             return
         assert not any(forgery.said in one for one in said)
+
+
+def test_the_list_of_obligations_is_true():
+    """Tests and forgeries that it names are there, and every forgery of what it lists is of one of its claims."""
+    text = sdhj.certified.sets.__doc__
+    names = re.findall(r'"([^"]+)"', text[text.index("For robots of one's own") :])
+    assert len(names) > 35 and set(names) <= FORGERIES.keys()
+    tests = {
+        name
+        for path in Path(__file__).parents[1].rglob("test_*.py")
+        for name in re.findall(r"def (test_\w+)", path.read_text(encoding="utf-8"))
+    }
+    assert set(re.findall(r"\btest_\w+(?!\w|\.py)", text)) <= tests
