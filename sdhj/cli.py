@@ -123,6 +123,8 @@ class WithStart(click.Command):
         if "--start" in args:
             first = args.index("--start") + 1
             last = next((place for place in range(first, len(args)) if not is_number(args[place])), len(args))
+            if first == last < len(args):
+                raise click.UsageError(f"--start must be followed by numbers, got {reprlib.repr(args[first])}", context)
             args = [*args[:first], " ".join(args[first:last]), *args[last:]]
         return super().parse_args(context, args)
 
@@ -210,7 +212,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     """Simulate the controller of a table against an adversary."""
     state = np.array(start.split() if start is not None else [], float)
     if start is not None and not (state.size and np.isfinite(state).all()):
-        raise ValueError(f"--start must be finite numbers, one for each axis, got {start!r}")
+        raise ValueError(f"--start must be finite numbers, one for each axis, got {reprlib.repr(start)}")
     if start is not None and runs is not None:
         raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
     controller = Controller(load(table), rule=rule)
