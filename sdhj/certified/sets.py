@@ -15,9 +15,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For the arm: `CellAxis.image`, in fractions, with the adversary's worst
     velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the others: `GeneralProof.reached`, by
-    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside]
+    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside,
+    test_what_a_piece_adds_is_rounded_outward]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
-    [test_recursion_agrees_with_the_twin, test_images_are_inside_as_plain_loops_say]
+    [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
     For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
@@ -36,7 +37,38 @@ The obligations of the proof, where each is met, and the test in tests/certified
     the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
     [test_no_prediction_is_farther_off_than_proved]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
-    with half the margin. [test_every_certified_state_has_an_input]
+    with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
+    [test_sets_and_inputs_are_all_that_follows]
+
+For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
+tests/forged_robots.py, of which test_what_is_false_is_refused_with_its_sentence asks the sentence. The lines of prover
+and checker that carry an obligation are taken out, one at a time: tests/certified/test_prover_mutations.py, where the
+checker judges what is then proved, and tests/certified/check/test_forged_robots.py, where a forgery is then believed.
+
+    1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
+    1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"
+    2    the adversary: bounds, gain, any way that it enters "a stronger push", "gusts from the other side"
+    2    room for a piece, and the face of each end         "less growth", "growth from the lower end"
+    2    walls hold back, on the way, too                   "a wall that holds"
+    2    dynamics at the time of the step, and all of it    "the tide of another hour", "a little later"
+    2, 3 the last cell of a lap is narrower                 "a seam like any other edge"
+    3    every cell of an image, in the next set            "a cell more", "a step into sets of another time"
+    3    under an input that is clear                       "a cell of which no input is clear"
+    3    past a safe end by a cell; no other end counts     "past the lower end by less than a cell", "past a wall"
+    3    what is to stay is new each time, also for ever    "a cell that is not safe as long"
+    4    what is on the way, in every part and step         "a post not met at the end", "a post that comes later"
+    4    each unsafe set is closed; unsafe ends             "a set that is closed", "out by the upper end"
+    4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
+    4    only what has wholly left is out of danger         "a rock at a safe end"
+    5    all of a box, not only a part                      "the far half of a tube"
+    8    states near a cell, near a tube                    "states near a cell", "a set nearer than rounding"
+    9    all of a goal, at its time, outside G              "a goal more", "a goal of another time", "a goal in a post"
+    10   predictions: error, delay, each input and time     "predictions that begin where the state is"
+    10   moves, tubes and goals of predictions              "one measurement that errs", "a goal beside an error"
+    10   a clock that is off                                "no early end", "a post beside an uncertain clock"
+
+What the file states of bounds is believed by nobody: black boxes come from the problem beside it, and are tried at
+states of each box. ["a slope of 0", "a slope that the file states", "a sweep that the file states"]
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack

@@ -6,14 +6,13 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.formulas.tracing import parameter, points_of
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
@@ -182,13 +181,11 @@ class Interval:
             return self.grid.clipped(moved) if walls else moved
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
-            if self.dynamics.formulas:
-                out[rows] = self._steps_formula(j, walls)(whole[rows], t, duration)
-            else:
-                out[rows] = self._runge_kutta(whole[rows], j, walls, t, duration)
+            step = self._as_formula(("step", j, walls), partial(self._runge_kutta, j, walls), whole.shape[1], 2)
+            out[rows] = step(whole[rows], t, duration)
         return out
 
-    def _runge_kutta(self, whole: Any, j: int, walls: bool, t: Any, duration: Any) -> Any:
+    def _runge_kutta(self, j: int, walls: bool, whole: Any, t: Any, duration: Any) -> Any:
         """States and disturbances side by side, (M, ndim + D), to states a step later."""
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
@@ -204,15 +201,13 @@ class Interval:
         k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
-    def _steps_formula(self, j: int, walls: bool) -> Formula:
-        """`_runge_kutta`, read: one tape for a step."""
-        known, grid = self.dynamics.derived, self.grid
-        key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
-        if key not in known:
-            count = grid.ndim + self.dynamics.adversaries
-            found = self._runge_kutta(points_of(count, 1), j, walls, parameter(0), parameter(1))
-            known[key] = Formula(tuple(found.entries.flat), count, 2, (grid.ndim,), "where the state moves to")
-        return known[key]
+    def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
+        """A method of points and a time as a formula, one tape for all that it does; itself with black boxes."""
+        if not self.dynamics.formulas:
+            return function
+        grid = self.grid
+        key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
+        return self.dynamics.made(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
@@ -222,9 +217,7 @@ class Interval:
         """
         if self.dynamics.constant:
             return self.delta * self.dynamics.arrays[0][None]
-        if isinstance(self.dynamics.drift, Formula):
-            return self._as_formula("_displaced", (len(self.dynamics.inputs), self.grid.ndim))(states, self.begin)
-        return self._displaced(states, self.begin)
+        return self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
         moves = []
@@ -232,15 +225,6 @@ class Interval:
             halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
             moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
         return np.stack(moves, axis=1)
-
-    def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
-        """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
-        known = self.dynamics.derived
-        key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
-        if key not in known:
-            found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
-            known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
-        return known[key]
 
     def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
         """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
@@ -269,11 +253,10 @@ class Interval:
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
             return low[None] - self.wider, high[None] + self.wider
-        if dynamics.formulas and dynamics.gain is not None:
-            shape = 2, len(dynamics.inputs), self.grid.ndim
-            ends = self._as_formula("_reach_of", shape)(states, self.begin)
-        else:
-            ends = self._reach_of(states, self.begin)
+        corners: Any = self._reach_of
+        if dynamics.gain is not None:
+            corners = self._as_formula(("reached", self.delta), corners, self.grid.ndim)
+        ends = corners(states, self.begin)
         return ends[:, 0] - self.wider, ends[:, 1] + self.wider
 
     def _reach_of(self, states: Any, begin: Any) -> Any:
@@ -449,25 +432,21 @@ class Interval:
         grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
+        bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:
-            self._fill(sampled, j, axes, seen, t)
+            for row, axis in enumerate(axes):
+                sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
+                for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
+                    push = dynamics.component("gain", j, axis * count + d)
+                    sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
         else:
             points = self._points(seen)
-            gain = dynamics.gain_at(points, j, t)[:, axes] * dynamics.bounds_at(j, t)
+            gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]
-
-    def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
-        """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
-        dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
-        for row, axis in enumerate(axes):
-            sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
-            for d in np.flatnonzero(dynamics.pushes[j, axis]):
-                place = axis * dynamics.adversaries + int(d)
-                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.component("gain", j, place), seen, t)
 
     def velocity_field(
         self, j: int, axes: Sequence[int], *, drift: bool = True
