@@ -7,7 +7,7 @@ wider bounds on the velocity along axis i are in a box of width 1 along axis k. 
 m_i delta |J_ik| w_k, as the image of a cell is wider than the cell, and m_k w_k, as it is rounded out to whole cells,
 unless cells are aligned with what an interval does. All this is linear: c_k w_k is lost to the width of axis k. For one
 number of cells the sum over k is least where all c_k w_k are alike; but for wide cells the loss is no longer linear, so
-the numbers of cells are taken by the power `POWER` of c_k.
+the numbers of cells are taken by the power `SHARPNESS` of c_k.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
@@ -27,23 +27,23 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import GRIDDED
 from sdhj.problem.problem import ReachAvoidProblem
 
-DRAWN = 256  # states around which velocities are bounded
+SPEED_STATES = 256  # states around which velocities are bounded
 BOX = 1 / 64  # of an axis, the width of these boxes
-NODES = 1_000_000  # at which a set is looked at, at most
-HALVINGS = 20  # of the numbers of cells
-STEPS = 10  # over which losses are added up, at most
-POWER = 2 / 3
+SET_NODES = 1_000_000  # at which a set is looked at, at most
+TRIALS = 20  # of the numbers of cells
+LOSING_STEPS = 10  # over which losses are added up, at most
+SHARPNESS = 2 / 3
 WORTH = 0.1  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
-EVER = 100  # steps of a solve without a number of steps
+ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
 # an input and a corner of the boxes of a set that stands still, or of one that moves and a part of the interval; for a
 # cell and an input at unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, STILL, MOVING, ENDS, BOXED = 1.6e-7, 1.4e-8, 1.2e-8, 5.4e-9, 1.4e-7, 8.8e-9
+AXIS, OPERATION, STILL_CORNER, MOVING_CORNER, AT_ENDS, BOXED = 1.6e-7, 1.4e-8, 1.2e-8, 5.4e-9, 1.4e-7, 8.8e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
-ENTRY, IMAGE, REACHED = 6e-8, 1.3e-9, 4e-10
+ENTRY, IMAGE, NEAR_ROW = 6e-8, 1.3e-9, 4e-10
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
@@ -55,18 +55,18 @@ class Speeds(NamedTuple):
     extremes: FloatArray
 
 
-def chosen(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
+def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, that takes about so many seconds on two cores."""
     speeds = speeds_of(problem)
     lost = losses(problem, speeds)
     shares = lost * np.subtract(problem.grid.upper, problem.grid.lower)
-    shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300)) ** POWER
+    shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300)) ** SHARPNESS
 
     def counts(factor: float) -> tuple[int, ...]:
         return tuple(np.clip(np.rint(factor * shares), 2, MOST_OF_AN_AXIS).astype(int).tolist())
 
     least, most = 2 / shares.max(), MOST_OF_AN_AXIS / shares.min()
-    for _ in range(HALVINGS):
+    for _ in range(TRIALS):
         factor = math.sqrt(least * most)
         axes = aligned(problem, counts(factor))
         wide = float((lost * [float(axis.width) for axis in axes]).sum())
@@ -83,7 +83,7 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = problem.dynamics.reads.any(axis=1) | problem.dynamics.timed
     lost = m.copy()
-    for _ in range(min(problem.most_steps, STEPS)):
+    for _ in range(min(problem.most_steps, LOSING_STEPS)):
         lost += m * rounded + m @ turned
         m = m + m @ turned
     return lost
@@ -96,7 +96,7 @@ def _crossings(problem: ReachAvoidProblem) -> FloatArray:
     out = np.isfinite(ends).sum(axis=0) / extent
     for part in known_sets(problem):
         own = grid.subgrid(part.axes)
-        own = replace(own, shape=tuple(min(n, int(NODES ** (1 / own.ndim))) for n in own.shape))
+        own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
         for place, axis in enumerate(part.axes):
@@ -109,8 +109,8 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     """How velocities are bounded in boxes around states drawn at random, and in these states."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
-    states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (DRAWN, grid.ndim))
-    wider, ends = np.zeros((grid.ndim, grid.ndim)), np.empty((2, count, DRAWN, grid.ndim))
+    states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
+    wider, ends = np.zeros((grid.ndim, grid.ndim)), np.empty((2, count, SPEED_STATES, grid.ndim))
     for j in range(count):
         ends[:, j] = least, most = bounds.velocity(j, states, states, t, t)
         for k in np.flatnonzero(bounds.reads.any(axis=0)):
@@ -125,7 +125,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     own = place_axes(problem, axes, Bounds(problem))
     _, moves, clear = shapes(problem, axes, own)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
-    entries = (problem.steps or EVER) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)
+    entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)
     pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
     drift = (
         problem.dynamics.drift if isinstance(problem.dynamics.drift, BlackBox) else problem.dynamics.each["drift"][0]
@@ -133,15 +133,15 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     first = pieces * (AXIS * ndim + OPERATION * _operations(drift))
     for part in problem.unsafe:
         alike = math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in part.axes)
-        each = MOVING * parts * times if part.moving else STILL
+        each = MOVING_CORNER * parts * times if part.moving else STILL_CORNER
         first += each * cells / alike * count * 2 ** len(part.axes) + BOXED * BOXES_OF_A_SET * _operations(
             part.level_set
         )
-    first += ENDS * cells * count * starts if np.isfinite(problem.grid.faces("unsafe")).any() else 0.0
+    first += AT_ENDS * cells * count * starts if np.isfinite(problem.grid.faces("unsafe")).any() else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    return first, entries * cells * (ENTRY + IMAGE * float(image) + REACHED * float(near) / counts[-1])
+    return first, entries * cells * (ENTRY + IMAGE * float(image) + NEAR_ROW * float(near) / counts[-1])
 
 
 def _operations(function: Any) -> int:

@@ -16,11 +16,11 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
 
-LOOKED_AT = 4096  # boxes that a tube is cut into, to see how near a set it comes
+TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
 SHOWN = 6  # inputs
-SCANTY, DRAWN, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
-CLOSE = 1e-9  # rounding
+SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
+NEGLIGIBLE = 1e-9  # rounding
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def scanty(table: Any) -> str:
     if share > SCANTY:
         return ""
     grid, t = problem.grid, problem.time(0)
-    drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (DRAWN, grid.ndim))
+    drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.stays else float(((problem.target_value(drawn, t) <= 0) & free).mean())
     claimed, inside = _on_few_nodes(problem, drawn)
@@ -205,12 +205,12 @@ class _Cell:
         for k, (name, lower, upper) in enumerate(
             zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
         ):
-            yield f"the lower end of {name}", low[:, k] - lower + CLOSE
-            yield f"the upper end of {name}", upper - high[:, k] + CLOSE
+            yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE
+            yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE
         late = self.problem.sensing.jitter
         for part in self.problem.unsafe:
             own, least = list(part.axes), []
-            pieces = int(LOOKED_AT ** (1 / len(own)))
+            pieces = int(TRIED ** (1 / len(own)))
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
             for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):
                 first = a + corners * (b - a) / pieces
@@ -224,22 +224,20 @@ class _Cell:
         """Along which axis the cell is too wide for the nearest input, and which velocities are bounded loosely."""
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
         short = [self.short(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
-        if short[-1] < 0:
-            lost = losses(self.problem, speeds_of(self.problem)) * [float(axis.width) for axis in self.table.axes]
-            yield (
-                "the state alone fails too, so first what it leads to must be certified, say by more cells along "
-                f"{names[int(np.argmax(lost))]}"
-                if nearest.by == "image"
-                else "the state alone fails too: other inputs, or a smaller set or disturbance"
-            )
-        else:
+        if short[-1] >= 0:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
+        elif nearest.by == "image":
+            lost = losses(self.problem, speeds_of(self.problem)) * [float(axis.width) for axis in self.table.axes]
+            further = f"more cells along {names[int(np.argmax(lost))]}"
+            yield f"{further}, so that where the state alone leads is certified first (that fails too)"
+        else:
+            yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
         rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
-        states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (LOOKED_AT, ndim)))
-        pushes = rng.choice([-1.0, 1.0], (LOOKED_AT, dynamics.adversaries)) * dynamics.bounds_at(j, t)
+        states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (TRIED, ndim)))
+        pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.adversaries)) * dynamics.bounds_at(j, t)
         tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
-        for axis in np.flatnonzero(bounded > LOOSE * tried + CLOSE):
+        for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE):
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
     def short(self, failure: Failure, thin: FloatArray) -> float:

@@ -87,7 +87,7 @@ from typing import ClassVar
 
 from sdhj.certified.arm_proof import ArmProof, is_arm
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
-from sdhj.certified.choosing import chosen, cost, speeds_of
+from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
@@ -97,7 +97,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
-PROCESS = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
+RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
@@ -190,7 +190,7 @@ class Certified:
             math.prod(axis.count for axis in some) for some in (proof.axes[: proof.rows], proof.axes[proof.rows :])
         )
         nbytes = (2 * found + 3) * rows * 8 * -(-packed // 64) + 4 * len(sets.added) * rows
-        return Estimate(count, round(PROCESS + proof.peak + nbytes), seconds)
+        return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
@@ -203,7 +203,7 @@ class Certified:
         """The cells of each axis: about `cells`, or as many as are chosen."""
         cells = self.cells
         if cells is None:
-            cells = ARM_CELLS if is_built(problem) else chosen(problem, self.parts, self.seconds)
+            cells = ARM_CELLS if is_built(problem) else chosen_cells(problem, self.parts, self.seconds)
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)
