@@ -101,7 +101,7 @@ def test_explanations_agree_with_the_table():
                 assert all((one.by == "image") == clear[one.input] and one.short <= 0 for one in told.failures)
 
 
-def test_next_to_nothing_is_said_at_the_solve():
+def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
     """Where a coarse grid has ten times as much, or no more than the target is there; and nothing where all is well."""
     for problem, cells, words in (
         (replace(car(), steps=8), (12, 12, 12), 'by "hji" on few nodes|no more than the target'),
