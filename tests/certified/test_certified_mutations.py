@@ -11,6 +11,7 @@ pytestmark = pytest.mark.slow
 
 CELLS, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "general_proof", "bounds"))
 DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
+RATE = "(time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))"
 LATTICES = GENERAL
 PACKED, LINKS, CONTACT, STENCILS = (f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils"))
 SENSED = "test_what_an_interval_does_to_predictions"
@@ -78,7 +79,7 @@ MUTATIONS = {
         "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
         GROWTH,
     ),
-    "push of the adversary": (DYNAMICS, "ends.append(make(op, one, reduce(", "ends.append(one or (reduce(", GROWTH),
+    "push of the adversary": (DYNAMICS, "np.stack([drift - spread, drift + spread]", "np.stack([drift, drift]", GROWTH),
     "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", GROWTH),
     "tube between the parts": (
         GENERAL,
@@ -92,7 +93,7 @@ MUTATIONS = {
         "velocity[2 + side][:, axis] = least_most[0]",
         "test_damped_motion",
     ),
-    "change with time": (DYNAMICS, "* ((time[1] - time[0]) / 2)", "* 0.0", "test_timed_growth_holds"),
+    "change with time": (BLACK_BOXES, RATE, "0.0", "test_timed_growth_holds"),
     "a box that grows": (
         DYNAMICS,
         "return np.sort(signs * ends, axis=0)",
@@ -113,7 +114,7 @@ MUTATIONS = {
     ),
     "rate of a set": (
         BLACK_BOXES,
-        "(time[1] - time[0]) / 2 * float(self.rate or 0.0)",
+        RATE,
         "0.0",
         "test_general_bounds_hold",
     ),
