@@ -127,16 +127,14 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     (starts, count, places, ndim), (times, cells, _) = moves, clear
     entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)
     pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
-    drift = (
-        problem.dynamics.drift if isinstance(problem.dynamics.drift, BlackBox) else problem.dynamics.each["drift"][0]
-    )
-    first = pieces * (AXIS * ndim + OPERATION * _operations(drift))
+    drift = problem.dynamics.drift
+    velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
+    first = pieces * (AXIS * ndim + OPERATION * _operations(velocity))
     for part in problem.unsafe:
         alike = math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in part.axes)
         each = MOVING_CORNER * parts * times if part.moving else STILL_CORNER
-        first += each * cells / alike * count * 2 ** len(part.axes) + BOXED * BOXES_OF_A_SET * _operations(
-            part.level_set
-        )
+        first += each * cells / alike * count * 2 ** len(part.axes)
+        first += BOXED * BOXES_OF_A_SET * _operations(part.level_set)
     first += AT_ENDS * cells * count * starts if np.isfinite(problem.grid.faces("unsafe")).any() else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()

@@ -151,12 +151,10 @@ class _Cell:
         self.cuts = self.problem.time(step) + np.linspace(
             0.0, self.problem.sensing.hold(self.problem.delta)[0], parts + 1
         )
-        none = np.zeros(
-            (1, 1, 1, 1), np.int16
-        )  # what is asked of this proof is asked of boxes; it carries no axis along
-        self.proof = GeneralProof(
-            self.problem, table.axes, parts, np.ones(len(cell), np.int64), none, none, np.zeros((1, 1, 1), np.uint8)
-        )
+        # Of this proof only bounds are asked, of boxes as they are: all axes are those of a place, and it has no moves.
+        nothing, every = np.zeros((1, 1, 1, 1), np.int16), np.ones(len(cell), np.int64)
+        clear = np.zeros((1, 1, 1), np.uint8)
+        self.proof = GeneralProof(self.problem, table.axes, parts, every, nothing, nothing, clear)
 
     def explained(self, says: str) -> Explanation:
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
@@ -223,7 +221,7 @@ class _Cell:
     def helps(self, nearest: Failure) -> Iterator[str]:
         """Along which axis the cell is too wide for the nearest input, and which velocities are bounded loosely."""
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
-        short = [self.short(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
+        short = [self.shortfall(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
         if short[-1] >= 0:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
         elif nearest.by == "image":
@@ -240,7 +238,7 @@ class _Cell:
         for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE):
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
-    def short(self, failure: Failure, thin: FloatArray) -> float:
+    def shortfall(self, failure: Failure, thin: FloatArray) -> float:
         """By how much the cell falls short of what a failure is about where it is as thin as the state on some axes."""
         box, known = np.where(thin, self.state, self.box), self.table.cells
         if failure.by != "image":
