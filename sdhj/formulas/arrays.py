@@ -25,6 +25,7 @@ MOST_NODES = 200_000  # entries that one function may compute
 HERE = str(Path(__file__).parent)
 PACKAGES = tuple(f"{os.sep}{name}{os.sep}" for name in ("site-packages", "dist-packages"))
 FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
+SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, which constants that are NaN may have set
 
 
 class _State(threading.local):
@@ -345,6 +346,7 @@ def _put(answer: Traced, out: Any) -> Traced:
 # ---- operations
 
 
+@SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
     state.made += np.broadcast(*arrays).size
@@ -422,6 +424,7 @@ MADE: dict[Any, Callable[..., Any]] = {
 REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.logical_or, np.logical_and)
 
 
+@SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
     """A sum or the like along one axis, several, or all."""
     array, counts = traced_array(array), ufunc in (np.add, np.multiply)
@@ -499,6 +502,7 @@ def _diff(a: Any, n: int = 1, axis: int = -1) -> Any:
     return a
 
 
+@SILENT
 def _cumsum(a: Any, axis: Any = None) -> Any:
     array = traced_array(a)
     if axis is None and array.ndim != 1:
