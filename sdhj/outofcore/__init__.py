@@ -5,7 +5,7 @@ as many nodes beside it, its *halo*, is solved alone: `slabs` says how wide, and
 come from and go to; `solve` takes them through the recursion; `table` answers from a store; `cluster` shares slabs out.
 """
 
-from sdhj.outofcore.solve import StoreEstimate, estimate, solve_stored
+from sdhj.outofcore.solve import solve_stored
 from sdhj.outofcore.table import StoredTable, load_stored
 
-__all__ = ["StoreEstimate", "StoredTable", "estimate", "load_stored", "solve_stored"]
+__all__ = ["StoredTable", "load_stored", "solve_stored"]

@@ -7,15 +7,12 @@ import os
 import reprlib
 import time
 import warnings
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from statistics import fmean
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -42,7 +39,7 @@ from sdhj.problem.restoring import arrays_of
 from sdhj.solver.avoid import dangers, never_felt
 from sdhj.solver.games import KEPT
 from sdhj.solver.methods import HJI, HopfLax, method_of
-from sdhj.solver.recursion import PROCESS, recursion
+from sdhj.solver.recursion import recursion
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.files import VERSION, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
@@ -79,57 +76,6 @@ def solve_stored(
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
-
-
-class StoreEstimate(NamedTuple):
-    """The cost of a solve with a store: slabs, peak memory and largest disk space in bytes, and time in seconds."""
-
-    slabs: int
-    nbytes: int
-    disk: int
-    seconds: float
-
-    def __str__(self) -> str:
-        memory, disk = f"{self.nbytes / 1e9:.2g} GB of memory", f"up to {self.disk / 1e9:.2g} GB of disk"
-        return f"slabs: {self.slabs}, {memory}, {disk}, about {self.seconds:.0f} s"
-
-
-def estimate(problem: ReachAvoidProblem, method: Any = "hji", *, memory: int | None = None) -> StoreEstimate:
-    """Estimate the memory, disk space and time of `sdhj.solve(problem, method, store=..., memory=memory)`.
-
-    The number of slabs, memory and disk space are computed; compression saves disk space. The time is extrapolated from
-    one slab of each kind, which is solved now in a temporary folder; a solve in which tubes are equal takes less.
-
-    Raises
-    ------
-    ValueError, MemoryError, OSError
-        As `sdhj.solve`.
-    """
-    refuse(problem, method := method_of(method))
-    began, steps, spent = time.perf_counter(), problem.steps, defaultdict[str, list[float]](list)
-    goals, tubes = (1, steps) if problem.timeless else (steps + 1, steps * (steps + 1) / 2)
-    times = {"static": 1, "moving": steps, "goal": goals, "extend": tubes}
-    with announced(), TemporaryDirectory() as folder:
-        plan = planned(problem, method, room=room_of(memory, None))
-        told, seconds = _told_of(plan), time.perf_counter() - began
-
-        def some_of(tasks: list[Task]) -> Iterator[Any]:
-            middle = tasks[(len(tasks) - 1) // 2]
-            before = tasks if middle.kind == "goal" else ()  # games read the goal beside their slab, too
-            at = [time.perf_counter()]
-            for task in (*before, middle, middle):  # the first time compiles
-                found = work(short, task)
-                at.append(time.perf_counter())
-            spent[middle.kind].append(min(np.diff(at)[-2:]) * len(tasks))
-            yield found
-
-        with warnings.catch_warnings(action="ignore"):  # of sets that are not felt in one step
-            short = planned(replace(problem, steps=1), method, (plan.axis, plan.width))
-            short = replace(short, path=Path(folder) / "short.zarr")
-            create(short.path, _told_of(short))
-            recursion(StoredSets(short, TableStore(short.path), some_of, lambda slabs: None), 1, lambda: None)
-    seconds += sum(times[kind] * fmean(each) for kind, each in spent.items())
-    return StoreEstimate(plan.slabs, PROCESS + task_bytes(plan), bytes_of(told["arrays"]), seconds)
 
 
 def bytes_of(arrays: Mapping[str, Any]) -> int:
