@@ -116,33 +116,13 @@ def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> N
     from sdhj.plotting import write  # noqa: F401 - a failing import is reported before long work
 
 
-class WithStart(click.Command):
-    """A command whose option --start takes all numbers that follow it."""
-
-    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        if "--start" in args:
-            first = args.index("--start") + 1
-            last = next((place for place in range(first, len(args)) if not is_number(args[place])), len(args))
-            if first == last < len(args):
-                raise click.UsageError(f"--start must be followed by numbers, got {reprlib.repr(args[first])}", context)
-            args = [*args[:first], " ".join(args[first:last]), *args[last:]]
-        return super().parse_args(context, args)
-
-
-def is_number(text: str) -> bool:
-    """Whether a word is a number."""
-    with suppress(ValueError):
-        float(text)
-        return True
-    return False
-
-
-def whole_numbers(option: str, text: str) -> list[int]:
-    """Parse whole numbers separated by commas."""
+def numbers(option: str, text: str, kind: type = float) -> list[Any]:
+    """Parse numbers separated by commas."""
     try:
-        return [int(part) for part in text.split(",")]
+        return [kind(part) for part in text.split(",")]
     except ValueError:
-        raise ValueError(f"--{option} must be whole numbers separated by commas, got {text!r}") from None
+        kinds = "whole numbers" if kind is int else "numbers"
+        raise ValueError(f"--{option} must be {kinds} separated by commas, got {reprlib.repr(text)}") from None
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
@@ -166,43 +146,30 @@ def solve_command(
     """Solve the arm case study and write its look-up table."""
     if cells is not None and method != "certified":
         raise ValueError(f"--cells needs --method certified, got --method {method}; leave out one of them")
-    counts = None if cells is None else whole_numbers("cells", cells)
+    counts = None if cells is None else numbers("cells", cells, int)
     writable_file(output)
     problem = arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
     chosen = Certified(cells=counts) if method == "certified" else method
     table = solve(problem, chosen)
-    name = click.format_filename(_saved(table, output))
+    _save(table, output)
+    name = click.format_filename(output)
     share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
     click.echo(f"{name}: target reachable from {share:.1%} of C within {steps} steps; solved in {seconds:.1f} s")
 
 
-def at_a_terminal() -> bool:
-    """Whether a user can be prompted."""
-    return sys.stdin is not None and sys.stdin.isatty()
+def _save(table: Any, output: Path) -> None:
+    """Save a table; if that fails, as on a full disk, in the folder for temporary files, which the error names."""
+    try:
+        table.save(output)
+    except OSError as error:
+        kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
+        table.save(kept)
+        raise Refusal(f"{error}; the table was saved as {kept} instead") from error
 
 
-def _saved(table: Any, output: Path) -> Path:
-    """Save the table and return its path; if that fails, as on a full disk, prompt for another path at a terminal.
-
-    Without a terminal the table is saved in the folder for temporary files, and the error message names it.
-    """
-    while True:
-        try:
-            table.save(output)
-            return output
-        except OSError as error:
-            if at_a_terminal():
-                click.echo(f"Error: {error}", err=True)
-                output = click.prompt("Another file to write the table to", type=click.Path(path_type=Path))
-            else:
-                kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
-                table.save(kept)
-                raise Refusal(f"{error}; the table was saved as {kept} instead") from error
-
-
-@main.command("simulate", cls=WithStart)
+@main.command("simulate")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--start", help="Simulate one run from this state: a number for each axis, for the arm q1 q2 px py.")
+@click.option("--start", help="Simulate one run from this state: numbers separated by commas, for the arm q1,q2,px,py.")
 @click.option("--runs", type=RUNS, show_default="10000", help="Number of runs from uniformly drawn admissible states.")
 @click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="The adversary's strategy.")
 @click.option("--rule", default="deepest", help="The rule that selects one of the safe inputs.")
@@ -210,13 +177,11 @@ def _saved(table: Any, output: Path) -> Path:
 @plainly
 def simulate_command(table: Path, start: str | None, runs: int | None, adversary: str, rule: str, seed: int) -> None:
     """Simulate the controller of a table against an adversary."""
-    state = np.array(start.split() if start is not None else [], float)
-    if start is not None and not (state.size and np.isfinite(state).all()):
-        raise ValueError(f"--start must be finite numbers, one for each axis, got {reprlib.repr(start)}")
+    state = None if start is None else np.array(numbers("start", start))
     if start is not None and runs is not None:
         raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
     controller = Controller(load(table), rule=rule)
-    if start is None:
+    if state is None:
         click.echo(str(monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
         return
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)

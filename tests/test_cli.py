@@ -65,7 +65,7 @@ def test_simulate_plays_one_run_and_many(saved):
     many = run("simulate", saved, "--runs", 50, "--adversary", "random")
     assert many.exit_code == 0, many.output
     assert "reached" in many.output
-    lost = run("simulate", saved, "--start", 3.0, 3.0, 0.0, 0.0)
+    lost = run("simulate", saved, "--start", "3,3,0,0")
     assert lost.exit_code == 2 and "Traceback" not in lost.output
 
 
@@ -101,7 +101,7 @@ def test_options_that_do_not_go_together_are_refused(saved, tmp_path):
     problem = sdhj.arm_case_study(nodes=5, steps=1)
     sdhj.solve(problem, sdhj.Certified(cells=WARM_CELLS), progress=False).save(certified)
     cases = {
-        "--start simulates one run": ["simulate", saved, "--start", 0.0, 0.0, 0.2, 0.2, "--runs", 10],
+        "--start simulates one run": ["simulate", saved, "--start", "0,0,0.2,0.2", "--runs", 10],
         "is itself a certified table": ["verify", certified, "-o", picture],
         "leave out --certified": ["verify", certified, "--certified", certified],
         "--samples applies to certified tables only": ["verify", saved, "--certified", certified, "--samples", 5],
@@ -220,15 +220,15 @@ def test_info_shows_a_disturbance_that_enters_as_it_likes(tmp_path):
 def test_simulate_plays_your_robot(own, monkeypatch):
     many = run("simulate", own, "--runs", 20, "--adversary", "random")
     assert many.exit_code == 0 and "20 runs" in many.output
-    one = run("simulate", own, "--start", -1.0, 0.1)
+    one = run("simulate", own, "--start", "-1.0,0.1")
     assert one.exit_code == 0 and re.search(r"0\.000 s   -1\.0000   \+0\.1000\n", one.output), one.output
     for wrong, named in (
-        ([], "finite numbers, one for each axis, got ''"),
-        (["nan", 0.0], "finite numbers"),
-        ([0.1, 0.2, 0.3], "shape"),
-        ([0.1, "--seed", 1], "shape"),
+        ("", "numbers separated by commas, got ''"),
+        ("north,0.0", "numbers separated by commas, got 'north,0.0'"),
+        ("nan,0.0", "finite"),
+        ("0.1,0.2,0.3", "shape"),
     ):
-        refused = run("simulate", own, "--start", *wrong)
+        refused = run("simulate", own, "--start", wrong)
         assert refused.exit_code == 2 and named in refused.output, refused.output
 
 

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.table.files import TableFileError, locks, probed, unwritable
+from sdhj.table.files import TableFileError, probed, unwritable
 
 STORE_FORMAT = 1
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
@@ -40,6 +40,8 @@ THICK = 16  # nodes of a chunk along the axis that is cut, at most
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
+
+locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 try:
     zarr: Any = importlib.import_module("zarr")

@@ -7,7 +7,6 @@ library. `sdhj.solving.load` chooses the class by the method, and the builder of
 """
 
 import hashlib
-import importlib
 import json
 import os
 import re
@@ -45,10 +44,6 @@ MOST_TABLE = 1 << 27  # bytes of a table that formulas look up
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
-
-
-# Without these locks, files that killed processes left cannot be told from files being written, and they stay.
-locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 
 class TableFileError(ValueError):
@@ -99,32 +94,19 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """An empty file in the folder of `path`, deleted at the end, and with it those that killed processes left there.
-
-    A file that is being written is locked; the lock ends with the process.
-    """
-    lock, temporary = None, path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
+    """An empty file in the folder of `path`, deleted at the end."""
+    temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
+    TEMPORARIES.add(temporary)
     try:
-        for left in path.parent.glob(".sdhj-*") if locks else ():
-            with suppress(OSError), open(left, "r+b") as other:
-                locks.flock(other, locks.LOCK_EX | locks.LOCK_NB)
-                left.unlink()
-        TEMPORARIES.add(temporary)
-        while lock is None or not temporary.exists():  # another process may have cleaned up before it was locked
-            lock = open(temporary, "w")
-            if locks:
-                locks.flock(lock, locks.LOCK_EX)
-            else:
-                lock.close()
-    except OSError as error:
-        TEMPORARIES.discard(temporary)
-        raise unwritable(path.parent, error) from error
-    try:
+        try:
+            temporary.touch()
+        except OSError as error:
+            raise unwritable(path.parent, error) from error
         yield temporary
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
         TEMPORARIES.discard(temporary)
-        lock.close()
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
