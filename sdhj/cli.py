@@ -31,14 +31,14 @@ from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.restoring import formulas_in, sets_in
+from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
 from sdhj.table.controller import Controller
-from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, header, opened, tables_of, writable_file
+from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, header, opened, writable_file
 
 
 def stop(number: int, frame: FrameType | None) -> None:

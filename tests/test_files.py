@@ -363,7 +363,7 @@ def test_a_black_box_needs_its_problem_and_is_known_by_its_values(tmp_path):
     with h5py.File(io.BytesIO(path.read_bytes())) as file:
         assert file["opaque/unsafe 0"].shape == (1000,)
     (part,) = table.problem.unsafe
-    for moved, told in ((1e-9, "the values of opaque/unsafe 0 differ by more than rounding"), (1e-14, "")):
+    for moved, told in ((1e-9, "the values of unsafe 0 differ by more than rounding"), (1e-14, "")):
         other = sdhj.BlackBox(lambda p, t, moved=moved: part.level_set(p, t) + moved, slope=1.0, rate=0.0)
         problem = dataclasses.replace(table.problem, unsafe=(dataclasses.replace(part, level_set=other),))
         if told:

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from sdhj.arm.case_studies import rebuild
+from sdhj.formulas.formula import Formula
 from sdhj.formulas.text import alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
@@ -45,9 +47,12 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem) -> bool:
     """Whether problems differ by the rounding of two machines at most."""
-    texts, numbers = (one.texts[0], other.texts[0]), [{**each.numbers, "inputs": None} for each in (one, other)]
-    same = texts[0].keys() == texts[1].keys() and one.inputs.shape == other.inputs.shape and numbers[0] == numbers[1]
-    return same and np.allclose(one.inputs, other.inputs) and all(alike(texts[0][k], texts[1][k]) for k in texts[0])
+    ours, theirs, numbers = one.functions, other.functions, [each.numbers | {"inputs": None} for each in (one, other)]
+    same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape and numbers[0] == numbers[1]
+    if not same or other.opaque or not np.allclose(one.inputs, other.inputs):
+        return False
+    pairs = [(cast(Formula, ours[name]), cast(Formula, theirs[name])) for name in ours]
+    return all(alike(a.outputs, b.outputs) for a, b in pairs)
 
 
 def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0, within: int) -> FloatArray:

@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from sdhj.formulas.graph import MOST_EXPONENT, Lookup, Node, constant, interned, leaf, ordered
 from sdhj.formulas.rules import RULES
 
@@ -125,44 +127,28 @@ def _index(word: str, most: int) -> int:
     return int(word)
 
 
-def alike(lines: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether two texts are of one structure, and constants agree to `CLOSE`.
+def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
+    """Whether two graphs are of one structure, and constants and tables agree to `CLOSE`.
 
-    The graphs are followed together: constants that are one node in one text may be two nearly equal ones in the other.
+    What is one node in one graph may be two in the other, whose constants are nearly equal.
     """
-    one, other = [[line.split() for line in text] for text in (lines, others)]
-    if not one or not other or len(one[-1]) != len(other[-1]):
-        return False
-    stack, seen = list(zip(one[-1][1:], other[-1][1:], strict=True)), set[tuple[str, str]]()
-    while stack and len(seen) <= len(one) + len(other):  # one structure has no more pairs
-        if (pair := stack.pop()) in seen:
-            continue
-        seen.add(pair)
-        operands = _alike(one[int(pair[0])], other[int(pair[1])])
-        if operands is None:
-            return False
-        stack += operands
-    return not stack
+    pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
+    most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
+    while pairs and len(seen) <= most:
+        if (pair := pairs.pop()) not in seen:
+            seen.add(pair)
+            one, other = pair
+            if one.op != other.op or len(one.args) != len(other.args) or not _near(one.value, other.value):
+                return False
+            pairs += zip(one.args, other.args, strict=True)
+    return not pairs and len(outputs) == len(others)
 
 
-def _alike(words: list[str], others: list[str]) -> list[tuple[str, str]] | None:
-    """The pairs of operands of two lines; None where the lines differ in something else."""
-    op = words[0]
-    if op != others[0] or len(words) != len(others):
-        return None
-    first = 2 if op == "gridded" else 1
-    last = {"x": 1, "p": 1, "const": 1, "power": 2, "gridded": words.index("lower") if op == "gridded" else 0}
-    rest = slice(last.get(op, len(words)), None)
-    if words[1:first] != others[1:first]:
-        return None
-    for a, b in zip(words[rest], others[rest], strict=True):
-        if a != b and not ("0x" in a and "0x" in b and _near(float.fromhex(a), float.fromhex(b))):
-            return None
-    return list(zip(words[first : rest.start], others[first : rest.start], strict=True))
-
-
-def _near(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=CLOSE, abs_tol=CLOSE)
+def _near(one: Any, other: Any) -> bool:
+    if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
+        each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
+        return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE) for a, b in each)
+    return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE, abs_tol=CLOSE))
 
 
 SIGNS = {"add": " + ", "sub": " - ", "mul": " ", "div": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}

@@ -29,6 +29,12 @@ def arrays_of(problem: ReachAvoidProblem) -> dict[str, FloatArray]:
     return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
+def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
+    """The tables that formulas look up, in the order of their numbers."""
+    found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
+    return [found[number] for number in range(len(found))]
+
+
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
     """The problem that a head describes.
 
@@ -96,7 +102,7 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """How a problem differs from what a file describes, by more than the rounding of another machine; "" if not at all.
 
-    Structures of formulas must be equal, and constants agree to 1e-12 (`sdhj.formulas.text`).
+    Structures of formulas must be equal, and constants agree to 1e-12 (`sdhj.formulas.text.alike`).
     """
     pairs: dict[str, tuple[Any, Any]] = {}
     for name in ("delta", "steps", "view_time", "sensing"):
@@ -108,15 +114,17 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
     if head["inputs"].shape != problem.inputs.shape or not _near(head["inputs"], problem.inputs):
         found.append(f"inputs are {head['inputs'].tolist()} there and {problem.inputs.tolist()} here")
-    texts, ours = head["formulas"], described(problem)["formulas"]
-    if sorted(texts["opaque"]) != sorted(ours["opaque"]):
-        found.append(f"its black boxes are {sorted(texts['opaque'])} there and {sorted(ours['opaque'])} here")
-    for name in sorted({*texts["functions"], *ours["functions"]}):
-        one, other = (each["functions"].get(name, {"lines": []})["lines"] for each in (texts, ours))
+    if (opaque := sorted(head["formulas"]["opaque"])) != sorted(problem.opaque):
+        found.append(f"its black boxes are {opaque} there and {sorted(problem.opaque)} here")
+    formulas = {name: one for name, one in problem.functions.items() if isinstance(one, Formula)}
+    theirs = formulas_in(head, tables_of(arrays))
+    for name in sorted(theirs.keys() | formulas.keys()):
+        one, other = (each[name].outputs if name in each else () for each in (theirs, formulas))
         if not alike(one, other):
             found.append(f"the formula of {name} is another")
-    for name, values in arrays_of(problem).items():
-        if name not in arrays or arrays[name].shape != values.shape or not _near(arrays[name], values):
+    for name in problem.opaque:
+        kept, values = arrays.get(f"opaque/{name}", np.empty(0)), blackbox_values(problem, name)
+        if kept.shape != values.shape or not _near(kept, values):
             found.append(f"the values of {name} differ by more than rounding")
     return "; ".join(found)
 

@@ -28,7 +28,7 @@ from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import LAYOUT, ReachAvoidProblem
-from sdhj.problem.restoring import arrays_of, described, problem_from, what_differs
+from sdhj.problem.restoring import arrays_of, described, problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import Table
 
@@ -335,12 +335,6 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
         names = [f"{group}/{name}" for name in file[group]]
         found |= {name: stored(file, name, "float64", None, MOST_TABLE) for name in names}
     return found
-
-
-def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
-    """The tables that formulas look up, in the order of their numbers."""
-    found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
-    return [found[number] for number in range(len(found))]
 
 
 def problem_of_file(

@@ -223,16 +223,26 @@ def test_the_order_of_lines_follows_from_the_graph_alone():
     assert first == ["x 0", "sin 0", "x 1", "cos 2", "add 1 3", "return 4"]
 
 
-def test_alike_are_texts_whose_constants_differ_by_rounding():
-    def text(c, origin=-1.0, op="add"):
-        table = Lookup.of(TABLE.values, [origin, -1.0], [2.0, 1.0])
-        return written([make(op, interned("gridded", (X, Y), table), make("mul", constant(c), X))], [])
+def test_alike_are_graphs_whose_constants_differ_by_rounding():
+    def graph(c, origin=-1.0, op="add", more=0.0):
+        table = Lookup.of(TABLE.values + more, [origin, -1.0], [2.0, 1.0])
+        return [make(op, interned("gridded", (X, Y), table), make("mul", constant(c), X))]
 
-    assert alike(text(0.3), text(0.3 * (1 + 1e-13))) and alike(text(0.3), text(0.3, -1.0 - 1e-13))
-    assert not alike(text(0.3), text(0.3 + 1e-10)) and not alike(text(0.3), text(0.3, -1.0 - 1e-10))
-    assert not alike(text(0.3), text(0.3, op="sub")) and not alike(text(0.3), text(0.3)[1:])
-    assert not alike(written([make("add", X, T)], []), written([make("add", Y, T)], []))
-    assert not alike(written([power(X, constant(3))], []), written([power(X, constant(4))], []))
+    first = graph(0.3)
+    for near in (graph(0.3 * (1 + 1e-13)), graph(0.3, -1.0 - 1e-13), graph(0.3, more=1e-13)):
+        assert alike(first, near)
+    for other in (
+        graph(0.3 + 1e-10),
+        graph(0.3, -1.0 - 1e-10),
+        graph(0.3, more=1e-10),
+        graph(0.3, op="sub"),
+        [],
+    ):
+        assert not alike(first, other) and not alike(other, first)
+    twice = [make("mul", make("add", X, constant(0.3)), make("add", Y, constant(c))) for c in (0.3, 0.3 * (1 + 1e-13))]
+    assert alike(twice[:1], twice[1:])  # one constant there, two here
+    assert not alike([make("add", X, T)], [make("add", Y, T)]) and not alike([X], [T])
+    assert not alike([power(X, constant(3))], [power(X, constant(4))])
 
 
 BAD = [
