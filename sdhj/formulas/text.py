@@ -44,19 +44,9 @@ def _details(one: Node, operands: list[int], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results of a text.
+    """The results of a text of up to so many coordinates and parameters that looks up `tables`, Lookups or arrays.
 
-    Parameters
-    ----------
-    lines : sequence of str
-    tables : sequence of Lookup, or of arrays
-    coordinates, parameters : int
-        How many there may be.
-
-    Raises
-    ------
-    ValueError
-        With the number of the line, where it is not one that `written` writes.
+    ValueError, with the number of the line, where it is not one that `written` writes.
     """
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")

@@ -85,18 +85,6 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     return make_room
 
 
-class _Chance:
-    """In place of numpy.random, which other threads may use meanwhile."""
-
-    def __init__(self, trace: int | None) -> None:
-        self.trace = trace
-
-    def __getattr__(self, name: str) -> Any:
-        if state.trace != self.trace:
-            return getattr(np.random, name)
-        raise NotTraced(f"numpy.random.{name}", "draw random numbers outside of the function")
-
-
 class _Replaced:
     """The module numpy, or something in it, with other functions in some places."""
 
@@ -117,8 +105,7 @@ def _numpy(rows: int) -> _Replaced:
     new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
     new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
-    new |= {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
-    return _Replaced(np, new)
+    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)})})
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
@@ -193,27 +180,12 @@ def traced(
 ) -> tuple[list[Node], tuple[int, ...]]:
     """The nodes of what a function answers for one point, flattened, and the shape of that.
 
-    Parameters
-    ----------
-    name : str
-        Of the function, in errors.
-    rows : int
-        How many points to call it with.
-    arguments : callable (rows) -> sequence
-        What it is called with: traced arrays, and numbers or read-only arrays.
-    shape : of the answer for one point; None where any will do.
-    per_point : bool
-        Whether the answer has a leading dimension for the points.
-    again : bool
-        Whether the function is called twice, the second time with one point more: what is different then hangs on their
-        number, on chance, or on earlier calls.
+    It is called with `arguments(rows)`: traced arrays, and numbers or read-only arrays. Its answer has a leading
+    dimension where it is `per_point`, and then that `shape`, or any for None. Called `again` with one point more it
+    answers differently where it hangs on their number, on chance, or on earlier calls.
 
-    Raises
-    ------
-    NotTraced
-        Where the function does something that formulas do not know, or treats points differently; with advice.
-    ValueError
-        Where its answer has another shape.
+    NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
+    where its answer has another shape.
     """
     try:
         nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
@@ -221,7 +193,8 @@ def traced(
             raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
     except NotTraced as error:
         raise NotTraced(
-            f"{error}. What cannot be written so is wrapped, with what is known of it: "
+            f"{error}. The page on formulas says what is known, and what to write in place of others. What cannot "
+            "be written so is wrapped, with what is known of it: "
             f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
         ) from None
     return nodes, one

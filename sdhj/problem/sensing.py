@@ -11,43 +11,21 @@ without a disturbance. When the new input starts, the state is in the box of hal
 
     E = w(d),    w(0) = e,    dw/dt = A w + b,
 
-where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds. Both are
-bounds on derivatives of its formulas, for all states on the grid, inputs and times (`sdhj.problem.steepness`), or
-what a black box declares. A velocity that jumps has no such constant: there b is all by which it may vary. Where
-velocities do not depend on the state, E = e + d b. Jitter adds nothing, because d is exact.
+where A holds the Lipschitz constants of the velocity, axis by axis, and b the most that the disturbance adds
+(`sdhj.problem.steepness`). Jitter adds nothing, because d is exact.
 
-*Sets*, all of them at the time s_k:
+*Sets*, all of them at the time s_k = k delta + d:
 
 * K_k^n(u): the states from which u stays clear of G and ends in W_{k+1}^{n-1}, whenever the interval begins and ends
   within jitter. The adversary chooses the stopping time, so the value is a running maximum over the durations.
 * M_k^n: the predictions y for which one u is right for every state of y + E: the union of M_k^{n-1} and, over all u,
-  of K_k^n(u) shrunk by E. M_k^0 is L minus G, with G at every time that jitter allows, shrunk by E, so that the
-  controller can tell that it has reached the target. (With jitter neither L nor the dynamics may depend on time.)
-* W_k^n: M_k^n shrunk by E, the states all of whose predictions are in M_k^n.
+  of K_k^n(u) shrunk by E. M_k^0 is L minus G, with G at every time that jitter allows, shrunk by E.
+* W_k^n: M_k^n shrunk by E, the states all of whose predictions are in M_k^n. The guarantee for a state is W.
 
-From a state of W_k^n every prediction is in M_k^n. It has n' <= n steps to go and an input that is right for the whole
-box, which contains the true state: it stays clear of G and ends in W_{k+1}^{n'-1}. By induction the robot reaches the
-target within n steps, and the controller can tell. The controller uses M and K; the guarantee for a state is W. What
-happens before s_0 is not covered. The sets are not the largest possible: each prediction is judged without the earlier
-ones, and a state and the error of its prediction count as independent, though for d > 0 one disturbance causes both.
-
-On a grid, shrinking a set by a box is the maximum of its level-set function over the box (`sdhj.solver.hopf_lax`,
-"linear", as the controller interpolates). Near an unsafe end the box must be on the grid. Between the nodes, a state is
-in W if the interpolated M contains the whole box around it.
-
-Certified sets consist of cells: M_k^n contains a cell y if the image of y + E, widened by E, is in M_{k+1}^{n-1}, which
-for a cell of one point is the same. Their E is proved, by intervals of the velocities (`sdhj.certified.general_proof`).
-
-*In closed form.* dq = u + v, u in {-1, 0, 1}, |v| <= b < 1, target |q| <= r; T = delta + 2 j, S = delta - 2 j. Here
-E = e + d b, and the sets are intervals around 0. M^0 has the half-width r - E; W^n has E less than M^n. u = 1 leads
-[-w - (1 - b) S, w - (1 + b) T] into [-w, w]: from the low end it may stop early, from the high end late. With w the
-half-width of W^{n-1}, shrunk by E and united with M^{n-1} (without a gap while 2 w >= (1 + b) T),
-
-    half-width of W^n = r - 2 E + n ((1 - b) (delta - 2 j) - 2 E)
-
-as long as the last term is positive: each step gains the distance that the robot moves against the disturbance in the
-shortest interval, less 2 E. For e >= (1 - b) (delta - 2 j) / 2 - d b the tubes do not extend beyond the target. An
-unsafe set q >= c cuts W^n off at c - 2 E.
+Chapter 16 of the course proves by induction that the robot reaches the target from W_k^n within n steps and can tell,
+says how much is lost (each prediction is judged by itself), and gives the sets in closed form for dq = u + v. Grids
+shrink a set by the maximum of its level-set function over the box; cells are certified where the image of y + E,
+widened by E, is covered. What happens before s_0 is not covered.
 """
 
 from collections.abc import Sequence

@@ -199,18 +199,16 @@ def test_gymnasiums_recipe_arrives(recipes: dict[str, Any]) -> None:
 
 
 def test_large_problems_are_solved_as_the_page_says(
-    recipes: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    recipes: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same table from disk, and what it takes, in the words of the page."""
+    """The same table from disk."""
     pytest.importorskip("zarr", reason="zarr is not installed: pip install 'sdhj[outofcore]'")
     monkeypatch.chdir(tmp_path)
-    solving, asking, *_ = blocks(SITE / "large.md")
+    solving, *_ = blocks(SITE / "large.md")
     names = {"sdhj": sdhj, "problem": recipes["problem"]([recipes["desk"]], steps=4)}
     exec(solving, names)
     memory = sdhj.solve(names["problem"], progress=False)
     np.testing.assert_array_equal(names["table"].values(start=0, within=4), memory.values(start=0, within=4))
-    exec(asking, names)
-    assert re.fullmatch(r"slabs: \d+, .* of memory, up to .* of disk, about .* s\n", capsys.readouterr().out)
 
 
 def test_a_worked_problem_is_played(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -468,10 +468,10 @@ REFUSE = {
     "at": (lambda p, t: np.add.at(np.zeros(2), [0], p[0]), "numpy.add.at"),
     "accumulate": (lambda p, t: np.add.accumulate(p, axis=1)[:, 1], "add.accumulate"),
     "sort": (lambda p, t: np.sort(p, axis=1)[:, 0], "numpy.sort with axis"),
-    "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), r"numpy.isnan; np.where\(divisor != 0"),
-    "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), r"divide with where; np.where\(divisor"),
-    "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "piecewise; np.select"),
-    "nearest": (lambda p, t: p[:, 0] * p.argmin(axis=1), "attribute 'argmin' of an array; np.min and"),
+    "isnan": (lambda p, t: np.where(np.isnan(p[:, 0]), 1.0, 2.0), "numpy.isnan of float64"),
+    "divide where": (lambda p, t: np.divide(1.0, p[:, 0], where=p[:, 0] > 0), "numpy.divide with where"),
+    "piecewise": (lambda p, t: np.piecewise(p[:, 0], [p[:, 0] > 0], [1.0, 2.0]), "numpy.piecewise"),
+    "nearest": (lambda p, t: p[:, 0] * p.argmin(axis=1), "attribute 'argmin' of an array"),
     "vectorize": (lambda p, t: np.vectorize(lambda x: x + 1)(p[:, 0]), "conversion"),
     "along an axis": (lambda p, t: np.apply_along_axis(np.sum, 1, p), "apply_along_axis"),
     "list of different shapes": (lambda p, t: np.array([p[:, 0], 0.0]), "different shapes"),
@@ -485,7 +485,7 @@ REFUSE = {
     "backwards": (lambda p, t: p[::-1, 0], LONG),
     "numbered": (lambda p, t: p[:, 0] + np.arange(len(p)), LONG),
     "length": (lambda p, t: p[:, 0] + 1.0 / len(p), LONG),
-    "random": (lambda p, t: p[:, 0] + np.random.default_rng().random(), "numpy.random.default_rng; draw"),
+    "random": (lambda p, t: p[:, 0] + np.random.default_rng().random(), LONG),
     "a generator's": (lambda p, t: p[:, 0] + RNG.random(), LONG),
     "a generator's rows": (lambda p, t: p[:, 0] + RNG.random(len(p)), LONG),
     "shuffled": (lambda p, t: RNG.permuted(p, axis=0)[:, 0], "conversion"),
@@ -496,7 +496,7 @@ REFUSE = {
     "not the module's room": (lambda p, t: operator.setitem(zeros(len(p)), 0, p[0, 0]), "decision|conversion"),
     "scipy": (lambda p, t: scipy.special.expit(p[:, 0]), ": expit"),
     "scipy distances": (lambda p, t: scipy.spatial.distance.cdist(p, [[0.0, 0.0]])[:, 0], "conversion"),
-    "solved": (lambda p, t: np.linalg.solve(TURN, p.T)[0], "numpy.linalg.solve; solve it by hand"),
+    "solved": (lambda p, t: np.linalg.solve(TURN, p.T)[0], "numpy.linalg.solve"),
     "vectorised by Numba": (lambda p, t: doubled(p[:, 0]), "compiled code; let it stand"),
     "memory": (lambda p, t: p[:, 0] * np.shares_memory(p, p.T), "shares_memory"),
     "strides": (lambda p, t: p[:, 0] * p.strides[0], "attribute 'strides'"),
@@ -588,17 +588,8 @@ def test_threads_trace_at_the_same_time_and_others_do_not_notice():
     assert not wrong
 
 
-def test_other_threads_may_draw_random_numbers_meanwhile():
-    drawn = []
-
-    def meanwhile(p, t):
-        thread = threading.Thread(target=lambda: drawn.append(np.random.default_rng(0).random()))
-        thread.start()
-        thread.join()
-        return p[:, 0]
-
-    nodes_of(meanwhile)
-    assert drawn == [np.random.default_rng(0).random()] * 2
+def test_what_is_drawn_alike_each_time_is_a_constant():
+    check(lambda p, t: p[:, 0] + np.random.default_rng(0).random())
 
 
 def test_formulas_are_called_with_all_that_they_read():
