@@ -27,7 +27,7 @@ def interval_tables(sensing, **options):
 
 
 def closed_form(sensing, n, b=0.2, delta=0.5):
-    """Half-width of W^n, by the docstring of `sdhj.problem.sensing`."""
+    """Half-width of W^n, by chapter 16 of the course."""
     box = sensing.error + sensing.delay * b
     return 1.0 - 2 * box + n * ((1.0 - b) * (delta - 2 * sensing.jitter) - 2 * box), box
 

@@ -17,13 +17,7 @@ except ImportError as missing:
 
 
 def shared_out(client: Any, plan: Plan, tasks: list[Task]) -> Iterator[Any]:
-    """What `slabs.work` returns of each task, as they are done, in any order.
-
-    Raises
-    ------
-    RuntimeError
-        Where a slab has ended one worker after the other.
-    """
+    """What `slabs.work` returns of each task, as they are done, in any order."""
     futures = [client.submit(work, plan, task, pure=False) for task in tasks]
     try:
         for future in distributed.as_completed(futures):

@@ -37,42 +37,26 @@ KINDS = "static", "moving"  # avoid tubes
 
 
 class AvoidGame(NamedTuple):
-    """An avoid game in slabs.
-
-    danger : as `avoid.dangers` says.
-    axis : which axis of the danger's grid is cut, or None where the game knows nothing of that axis.
-    begin : where the problem's first node lies on it.
-    halo : nodes beside a slab.
-    counted : as `HJIGames.counted`.
-    """
+    """An avoid game in slabs."""
 
     danger: Danger
-    axis: int | None
-    begin: int
-    halo: int
-    counted: Mapping[Axes, Any]
+    axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
+    begin: int = 0  # where the problem's first node lies on it
+    halo: int = 0  # nodes beside a slab
+    counted: Mapping[Axes, Any] = {}  # as `HJIGames.counted`
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What whoever solves a slab needs to know; it is sent to other processes.
-
-    Attributes
-    ----------
-    axis, width, halo : int
-        Which axis is cut, nodes of a slab, nodes beside it in the games of being in a set.
-    counted : mapping
-        As `HJIGames.counted`.
-    games : tuple of AvoidGame
-    """
+    """What whoever solves a slab needs to know; it is sent to other processes."""
 
     problem: ReachAvoidProblem
     method: Any
     path: Path
-    axis: int
-    width: int
-    halo: int
-    counted: Mapping[Axes, Any]
+    axis: int  # that is cut
+    width: int  # nodes of a slab
+    halo: int  # nodes beside it in the games of being in a set
+    counted: Mapping[Axes, Any]  # as `HJIGames.counted`
     games: tuple[AvoidGame, ...]
 
     @cached_property
@@ -117,18 +101,14 @@ class Plan:
 
 
 class Task(NamedTuple):
-    """A slab to be worked on.
+    """A slab to be worked on."""
 
-    kind : "goal", "extend", "static" or "moving".
-    place, before, after : of the tubes (step, within), (step, within - 1) and (step + 1, within - 1) in the store.
-    """
-
-    kind: str
+    kind: str  # "goal", "extend", "static" or "moving"
     slab: int
     step: int = 0
-    place: int = 0
-    before: int = 0
-    after: int = 0
+    place: int = 0  # of the tube (step, within) in the store
+    before: int = 0  # ... (step, within - 1)
+    after: int = 0  # ... (step + 1, within - 1)
 
 
 # ---- how wide a halo is
@@ -186,7 +166,7 @@ def _most(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
 def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
     """An avoid game of a problem in slabs of an axis of its grid."""
     if axis not in danger.axes:
-        return AvoidGame(danger, None, 0, 0, {})
+        return AvoidGame(danger)
     whole, place = danger.problem, danger.axes.index(axis)
     own, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
     counted = time_steps(method, whole, axes)

@@ -131,7 +131,7 @@ def planned(
     check_some_resolution(problem)
     shape, found = problem.grid.shape, dangers(problem)
     axis, width = cut or (0, shape[0])
-    games = tuple(AvoidGame(danger, None, 0, 0, {}) for danger in found)
+    games = tuple(map(AvoidGame, found))
     plan = Plan(problem, method, Path(), axis, width, 0, {}, games)  # in one piece, which needs no halo
     if width < shape[axis] or (not cut and task_bytes(plan) > room):
         counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
@@ -250,12 +250,7 @@ def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, me
 class StoredSets:
     """S_k with n steps to go in a store: `recursion.Sets`, a slab at a time.
 
-    Parameters
-    ----------
-    plan : Plan
-    store : TableStore
-    run : callable (tasks) -> iterator of what `slabs.work` returns, in their order
-    tick : callable (slabs), for progress
+    `run` yields what `slabs.work` returns of tasks, in any order; `tick` is told how many slabs are done.
     """
 
     def __init__(self, plan: Plan, store: TableStore, run: Any, tick: Callable[[int], Any]) -> None:

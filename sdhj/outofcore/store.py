@@ -52,17 +52,7 @@ except ImportError as missing:
 
 
 class TableStore:
-    """An open store.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    FileNotFoundError, TableFileError
-        Where there is none, or one that is damaged or of another version.
-    """
+    """An open store; FileNotFoundError where there is none, TableFileError if it is damaged or of another version."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path, self.cache_room = Path(path), CACHE_BYTES
@@ -106,13 +96,7 @@ class TableStore:
         return all(file.is_file() for file, _, _ in self.files(name, lead, runs))
 
     def read(self, name: str, lead: int, runs: Runs) -> FloatArray:
-        """`array[lead]` from begin to end of each axis of the grid.
-
-        Raises
-        ------
-        TableFileError
-            Where a chunk is damaged or missing, with what to do about it.
-        """
+        """`array[lead]` from begin to end of each axis of the grid; TableFileError if a chunk is damaged or missing."""
         array = self.arrays[name]
         between = array.shape[1 : array.ndim - len(runs)]
         out = np.empty((*between, *(end - begin for begin, end in runs)), array.dtype)
@@ -146,13 +130,7 @@ class TableStore:
         return values
 
     def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
-        """Write `array[lead]` from begin to end of each axis of the grid, whole shards.
-
-        Raises
-        ------
-        OSError
-            Where it cannot be written, with what to do about it.
-        """
+        """Write `array[lead]` from begin to end of each axis of the grid, whole shards."""
         try:
             between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
             self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
@@ -205,15 +183,7 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
 
 
 def create(path: Path, told: Mapping[str, Any]) -> None:
-    """Make an empty store that tells this; the folder appears when it is whole.
-
-    Raises
-    ------
-    FileExistsError
-        Where there is something of that name.
-    OSError
-        Where it cannot be written.
-    """
+    """Make an empty store that tells this; the folder appears when it is whole. FileExistsError if there is one."""
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
@@ -248,13 +218,7 @@ def free_name(path: Path) -> None:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Hold a store for this process; what a killed one left half written is gone.
-
-    Raises
-    ------
-    OSError
-        Where another process holds it.
-    """
+    """Hold a store for this process; what a killed one left half written is gone. OSError if another holds it."""
     try:
         folder = os.open(path, os.O_RDONLY)
     except OSError as error:

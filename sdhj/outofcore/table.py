@@ -44,17 +44,7 @@ class StoredTable(Table):
 
     It is made by `sdhj.solve(problem, store=...)` or `sdhj.load`. Its answers equal those of a `LookupTable`.
 
-    Attributes
-    ----------
-    problem, method, details
-    path : Path
-    index : (entries,) int64
-        As of a `LookupTable`.
-
-    Raises
-    ------
-    TableFileError
-        If the store is not finished; any method raises it if a chunk that it needs is damaged or missing.
+    TableFileError if the store is not finished; any method raises it if a chunk that it needs is damaged or missing.
     """
 
     def __init__(self, problem: ReachAvoidProblem, store: TableStore) -> None:

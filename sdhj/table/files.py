@@ -47,16 +47,7 @@ FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
 
 class TableFileError(ValueError):
-    """A file is not a complete look-up table of a supported version, or belongs to another problem.
-
-    Examples
-    --------
-    >>> import sdhj
-    >>> sdhj.load(sdhj.__file__)  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-        ...
-    sdhj.table.files.TableFileError: ...
-    """
+    """A file is not a complete look-up table of a supported version, or belongs to another problem."""
 
 
 # ---- files, complete or absent
@@ -67,11 +58,7 @@ def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary path to write to, beside `path`; the file replaces `path` at the end, or is deleted after an error.
 
     No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
-
-    Raises
-    ------
-    OSError
-        If nothing can be written there; the message says what to do.
+    OSError, with what to do, if nothing can be written there.
     """
     path = _regular(path)
     with _temporary(path) as temporary:
@@ -110,13 +97,7 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: str | os.PathLike[str]) -> Path:
-    """The path of a file, after checking that it can be written; its folder must exist.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; the message says what to do.
-    """
+    """The path of a file; OSError, with what to do, if it cannot be written. Its folder must exist."""
     path = _regular(path)
     probed(path.parent, path.name)
     return path
@@ -160,12 +141,7 @@ def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> 
     """An HDF5 file to which the class of a table writes its arrays; keywords are added to the head.
 
     It is built in memory and then written to disk, in place of an older one, because the HDF5 library does not survive
-    a full disk.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist or cannot be written, or the disk is full.
+    a full disk. OSError if it cannot be written.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
@@ -206,21 +182,7 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
 
 
 def header(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the head of a table's file; the arrays are not read.
-
-    Returns
-    -------
-    dict
-        "grid" (a Grid), "sensing" (a Sensing), "inputs" (L, m), "recipe" and "details" (mappings; the recipe is empty
-        unless a case study built the problem), and as they are in the file: "problem", "digest", "method", "delta",
-        "steps", "view_time", "sdhj_version", "sets", "formulas".
-
-    Raises
-    ------
-    OSError
-    TableFileError
-        As `load`.
-    """
+    """The head of a table's file, as `checked_head` returns it; arrays are not read. Errors are those of `load`."""
     with opened(path) as (head, _):
         return head
 
@@ -235,11 +197,7 @@ def stored(
     """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
     A shape or length of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in
-    other files, with which a file can be forged, are refused.
-
-    Raises
-    ------
-    ValueError, MemoryError
+    other files, with which a file can be forged, are refused by a ValueError.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
         raise ValueError(f"it contains no array {name}")
@@ -265,7 +223,7 @@ def stored(
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """The head of a file, as `header` returns it, and its arrays; errors while it is read become TableFileError."""
+    """The head of a file, as `checked_head` returns it, and its arrays; errors on the way become TableFileError."""
     path = _regular(path)
     try:
         stream = open(path, "rb")
@@ -305,7 +263,10 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """The head of a file with its values checked and converted; raises various errors if it is invalid."""
+    """The head of a file with its values checked and converted; raises various errors if it is invalid.
+
+    The grid is a Grid, sensing a Sensing, inputs are (L, m); the recipe is empty unless a case study built the problem.
+    """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
         raise ValueError(f"{', '.join(words)} must be text, the recipe a mapping")
@@ -343,13 +304,7 @@ def problem_of_file(
     arrays: Mapping[str, FloatArray],
     problem: ReachAvoidProblem | None,
 ) -> ReachAvoidProblem:
-    """The problem that a file describes, or `problem` after checking that it is that one.
-
-    Raises
-    ------
-    TableFileError
-        If it is another one, or is needed because of black boxes and is not given.
-    """
+    """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed."""
     if problem is None:
         try:
             return problem_from(head, tables_of(arrays))
