@@ -204,9 +204,9 @@ def test_dynamics_refuse(change, said):
     ("change", "said"),
     [
         ({"drift": [[1.0, 2.0]]}, r"drift must have shape \(1, 1\), got \(1, 2\)"),
-        ({"gain": [[1.0], [2.0]]}, r"gain must have shape \(1, 1\), got \(2, 1\)"),
-        ({"gain": [[1.0, 2.0]]}, r"one half-width for each column of the gain, which has shape \(1, 2\); got 1"),
-        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "one half-width for each column.*got 1"),
+        ({"gain": [[1.0], [2.0]]}, r"gain must have shape \(1, 1\), for 1 bounds, got \(2, 1\)"),
+        ({"gain": [[1.0, 2.0]]}, r"gain must have shape \(1, 1\), for 1 bounds, got \(1, 2\)"),
+        ({"gain": [[1.0, 2.0]], "bounds": lambda t: [0.5 * t]}, "gain must have shape .*, for 1 bounds, got"),
     ],
 )
 def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):

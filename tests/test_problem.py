@@ -120,10 +120,7 @@ def near(points, t):
             "'wall' is a BlackBox that may depend on time: say how fast it changes",
         ),
         ({"dynamics": Dynamics([[1.0]], [[1.0, 2.0]], [[1.0]], [0.1])}, "drift"),
-        (
-            {"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)},
-            r"half-width for each column.*\(1, 2\); got 1",
-        ),
+        ({"dynamics": Dynamics([[1.0]], [[1.0]], [[1.0, 2.0]], 0.1)}, r"\(1, 1\), for 1 bounds, got \(1, 2\)"),
         (
             {"unsafe": (UnsafeSet((0,), near, lambda p, t0, t1: near(p, t1), name="ball"),)},
             r"swept of 'ball' over \[0, 0.5\] is 0.5 above the level-set function at t = 0,",

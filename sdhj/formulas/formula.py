@@ -8,7 +8,7 @@ import inspect
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -391,19 +391,20 @@ class BlackBox:
             enclosure=enclosure and (lambda low, high, *others: enclosure(cut(low), cut(high), *others)),
         )
 
-    def bounds(self, low: FloatArray, high: FloatArray, *given: Any) -> Ends:
-        """As `Formula.bounds`; an interval of time is given, and before it the input to a drift or a gain.
+    def under(self, u: FloatArray) -> "BlackBox":
+        """A drift or a gain under one input, as a function of points and time."""
+        enclosure = self.enclosure and partial(_with_input, self.enclosure, 2, u)
+        return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
-        ValueError, with the reason, where too little is declared.
-        """
-        *u, time = given
+    def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
+        """As `Formula.bounds`; ValueError, with the reason, where too little is declared."""
         if self.enclosure is not None:
-            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *u, *time))
+            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
             return least, greatest
         if self.slope is None or (time[0] != time[1] and self.rate is None):
             what = "a slope" if self.slope is None else "a rate"
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        value, half = np.asarray(self((low + high) / 2, *u, sum(time) / 2)), (high - low) / 2
+        value, half = np.asarray(self((low + high) / 2, sum(time) / 2)), (high - low) / 2
         slope = np.broadcast_to(self.slope, (half.shape[1],) * 2) if self.shape else np.asarray(self.slope)
         far = half @ slope.T if slope.ndim else slope * np.sqrt((half**2).sum(axis=1))
         far = far + (time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))
@@ -418,6 +419,10 @@ class BlackBox:
         if values.shape != (shape := (len(points), *self.shape)) or not np.isfinite(values).all():
             raise ValueError(f"{self.name} must return finite numbers of shape {shape}, got {reprlib.repr(values)}")
         return values
+
+
+def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
+    return function(*given[:place], u, *given[place:])
 
 
 def union(*functions: Any) -> Any:

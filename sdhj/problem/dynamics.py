@@ -128,9 +128,7 @@ class Dynamics:
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
-            drift = self._read("drift", ndim, (ndim,))
-            self._check_gain(ndim, D)
-            gain = self._read("gain", ndim, (ndim, D))
+            drift, gain = self._read("drift", ndim, (ndim,)), self._read("gain", ndim, (ndim, D))
         return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
 
     def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
@@ -142,22 +140,10 @@ class Dynamics:
                 t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
 
                 def called(points: FloatArray, t: float, *v: float, u: FloatArray = u) -> Any:
-                    known = {"points": points, "u": sealed(u), "t": t, "v": np.array(v)}
-                    values = np.asarray(function(*(known[one] for one in takes)))  # noqa: B023
+                    values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
-
-    def _check_gain(self, ndim: int, components: int) -> None:
-        if (
-            isinstance(self.gain, np.ndarray)
-            and self.gain.shape[:1] == (ndim,)
-            and self.gain.shape != (ndim, components)
-        ):
-            raise ValueError(
-                f"bounds must have one half-width for each column of the gain, which has shape {self.gain.shape}; "
-                f"got {components}"
-            )
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
         """A formula of shape (L, *shape), or a black box."""
@@ -172,22 +158,21 @@ class Dynamics:
         if isinstance(given, Formula):
             return given
         if not callable(given):
-            array = given if shape is None else finite_array(name, given, (count, ndim) if name == "drift" else shape)
-            array = array if name == "drift" else np.broadcast_to(array, (count, *array.shape))
-            return _constants(name, array, ndim)
+            if name == "drift":
+                return _constants(name, finite_array(name, given, (count, ndim)), ndim)
+            if shape is not None and given.shape != shape:
+                raise ValueError(f"gain must have shape {shape}, for {shape[1]} bounds, got {given.shape}")
+            return _constants(name, np.broadcast_to(given, (count, *given.shape)), ndim)
         takes, parameters = arguments(name, given), 1 + components
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
-        def called_with(u: FloatArray, rows: int) -> list[Any]:
-            known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1), "u": u}
-            return [known[each] for each in takes]
+        def taken(u: FloatArray, rows: int) -> list[Any]:
+            return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = traced(
-                label, given, rows, partial(called_with, sealed(u)), shape, "points" in takes, again=j == 0
-            )
+            found, one = traced(label, given, rows, partial(taken, sealed(u)), shape, "points" in takes, again=j == 0)
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
             outputs += found
@@ -375,10 +360,13 @@ class VectorField:
         return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
     @cached_property
-    def each(self) -> dict[str, list[Formula]]:
-        """The formulas under each input, by name."""
-        parts = {name: getattr(self, name) for name in ("drift", "gain", "bounds")}
-        return {name: part.rows for name, part in parts.items() if isinstance(part, Formula)}
+    def each(self) -> dict[str, list[Any]]:
+        """The formulas and black boxes under each input, by name."""
+        parts = {name: part for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None}
+        return {
+            name: part.rows if isinstance(part, Formula) else list(map(part.under, self.inputs))
+            for name, part in parts.items()
+        }
 
     def component(self, name: str, j: int, place: int) -> Formula:
         """One number of the drift, the gain or the "extremes" under an input."""
@@ -390,9 +378,7 @@ class VectorField:
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
         """Velocity under input j at points (M, ndim) and time t without a disturbance; shape (M, ndim)."""
-        if isinstance(self.drift, BlackBox):
-            return self.drift(points, self.inputs[j], t)
-        still = [0.0] * (self.drift.parameters - 1)
+        still = [0.0] * self.adversaries if self.gain is None else []
         return self.each["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
@@ -401,8 +387,6 @@ class VectorField:
         Where the disturbance does not enter linearly: how the velocity changes from one end of its box to the other,
         for each component alone.
         """
-        if isinstance(self.gain, BlackBox):
-            return self.gain(points, self.inputs[j], t)
         if self.gain is not None:
             return self.each["gain"][j](points, t)
         most, columns = self.bounds_at(j, t), []
@@ -506,24 +490,22 @@ class VectorField:
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
-        drift, gain = (self.part_in(name, j, low, high, time) for name in ("drift", "gain"))
+        drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
         return drift[0] + least - rounded, drift[1] + most + rounded
 
-    def part_in(self, name: str, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Any:
-        """Bounds on drift or gain under input j in boxes (M, ndim) and an interval of time, as of one alone."""
-        part = getattr(self, name)
-        if isinstance(part, Formula):
-            return self.each[name][j].bounds(low, high, time)
-        return part.bounds(low, high, self.inputs[j], time)
+
+def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
+    """The arguments that a function takes, in its order."""
+    known = {"points": points, "u": u, "t": t, "v": v}
+    return [known[one] for one in takes]
 
 
-def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
-    """What a black box answers, called with what it takes."""
-    known = {"points": points, "u": u, "t": t}
-    return function(*(known[one] for one in takes))
+def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
+    """What a function answers to what it takes."""
+    return function(*_taken(takes, *given))
 
 
 def _black_box_on(part: BlackBox, keep: list[int], full: Callable[[FloatArray], FloatArray]) -> BlackBox:

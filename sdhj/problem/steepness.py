@@ -65,7 +65,8 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
         bounds = rebuilt(dynamics.each["bounds"][j].outputs, known.get)
         v = [bound * leaf("x", ndim + 1 + d) for d, bound in enumerate(bounds)]
         known |= {leaf("p", 1 + d): one for d, one in enumerate(v)}
-        parts = {name: rebuilt(dynamics.each[name][j].outputs, known.get) for name in dynamics.each}
+        rows = {name: each[j] for name, each in dynamics.each.items() if isinstance(each[j], Formula)}
+        parts = {name: rebuilt(row.outputs, known.get) for name, row in rows.items()}
         drift, gain = parts.get("drift", [constant(0.0)] * ndim), parts.get("gain", [constant(0.0)] * ndim * D)
         out.append([sum((gain[i * D + d] * v[d] for d in range(D)), drift[i]) for i in range(ndim)])
     return out
@@ -154,6 +155,6 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)
-            ends = dynamics.part_in("gain", j, *_boxes(reads, low, high), time)
+            ends = dynamics.each["gain"][j].bounds(*_boxes(reads, low, high), time)
             push = np.maximum(push, (np.abs(ends).max(axis=0) @ most).max(axis=0))
     return slope, push
