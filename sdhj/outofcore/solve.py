@@ -23,14 +23,13 @@ from sdhj.outofcore.store import (
     CACHE_BYTES,
     STORE_FORMAT,
     TableStore,
-    alone,
     create,
     free_name,
     functions_of,
     room_for,
     values_as_text,
 )
-from sdhj.outofcore.table import StoredTable, cut_of
+from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
@@ -72,7 +71,7 @@ def solve_stored(
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
             room_for(path, bytes_of(_arrays(plan)))
             create(path, _told_of(plan))
-        with alone(path), tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
+        with tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
@@ -241,7 +240,8 @@ def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, me
         its = f"method {told['method']!r} with {told['options']}"
         raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
     problem_of_file(path, checked_head(told), functions_of(told), problem)
-    return cut_of(told)
+    axis, width = told["cut"]
+    return axis, width
 
 
 # ---- the recursion

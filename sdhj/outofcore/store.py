@@ -24,7 +24,7 @@ import uuid
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,6 @@ NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
 
-locks: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 try:
     zarr: Any = importlib.import_module("zarr")
@@ -76,10 +75,6 @@ class TableStore:
             self._lock = threading.Lock()
         except Exception as error:  # whatever Zarr makes of files that are not what they were
             raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
-
-    def functions(self) -> dict[str, FloatArray]:
-        """The tables that formulas look up, and the values of black boxes, by name."""
-        return functions_of(self.told)
 
     # ---- its slabs
 
@@ -214,29 +209,6 @@ def free_name(path: Path) -> None:
         raise FileExistsError(
             f"{path} is there already; go on with it by resume=True, remove it, or choose another name"
         )
-
-
-@contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """Hold a store for this process; what a killed one left half written is gone. OSError if another holds it."""
-    try:
-        folder = os.open(path, os.O_RDONLY)
-    except OSError as error:
-        raise unwritable(path, error) from error
-    try:
-        if locks:
-            try:
-                locks.flock(folder, locks.LOCK_EX | locks.LOCK_NB)
-            except OSError:
-                raise BlockingIOError(
-                    f"another process is writing {path}; wait for it, or choose another name"
-                ) from None
-        for left in path.rglob("*.partial"):
-            with suppress(OSError):
-                left.unlink()
-        yield
-    finally:
-        os.close(folder)
 
 
 def room_for(path: Path, needed: int) -> None:

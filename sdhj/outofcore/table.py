@@ -14,8 +14,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import Reach
 from sdhj.outofcore.slabs import KINDS, read_window
-from sdhj.outofcore.store import Runs, TableStore, blocks
-from sdhj.problem.checks import whole
+from sdhj.outofcore.store import Runs, TableStore, blocks, functions_of
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -29,14 +28,8 @@ LOOKED_UP = 2**23  # values that are looked up in at a time
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
     store = TableStore(path)
-    given = problem_of_file(path, checked_head(store.told), store.functions(), problem)
+    given = problem_of_file(path, checked_head(store.told), functions_of(store.told), problem)
     return StoredTable(given, store)
-
-
-def cut_of(told: Mapping[str, Any]) -> tuple[int, int]:
-    """How a store is cut."""
-    axis, width = (whole("cut", one, least=0) for one in told["cut"])
-    return axis, width
 
 
 class StoredTable(Table):

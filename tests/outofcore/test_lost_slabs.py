@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ import sdhj
 from sdhj.outofcore import slabs as slabs_module
 from sdhj.outofcore import solve as solve_module
 from sdhj.outofcore import store as store_module
-from sdhj.outofcore.store import TableStore, alone, chunked
+from sdhj.outofcore.store import TableStore, chunked
 
 SCRIPT = """
 import os, sys
@@ -119,7 +120,6 @@ def test_signals_lose_nothing(problem, memory, table, tmp_path, number):
     assert ended == -number
     assert len(files_of(tmp_path / "t.zarr", "tubes")) >= 5 and list((tmp_path / "t.zarr").rglob("*.partial"))
     assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t.zarr", resume=True), table)
-    assert not list((tmp_path / "t.zarr").rglob("*.partial"))
 
 
 def test_resume_begins_where_there_is_nothing(problem, memory, table, tmp_path):
@@ -146,7 +146,6 @@ def test_a_full_disk(problem, memory, table, tmp_path, monkeypatch):
     monkeypatch.undo()
     assert list((tmp_path / "t.zarr").rglob("*.partial"))
     assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t.zarr", resume=True), table)
-    assert not list((tmp_path / "t.zarr").rglob("*.partial"))
 
 
 @pytest.mark.slow
@@ -245,9 +244,13 @@ def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):
     sdhj.load(store, problem=problem)  # to be read it need not be the same
 
 
-def test_two_processes_on_one_store(problem, memory, store):
-    with alone(store), pytest.raises(BlockingIOError, match=r"another process is writing .*; wait for it"):
-        sdhj.solve(problem, store=store, memory=memory, resume=True)
+def test_two_processes_on_one_store(memory, table, tmp_path):
+    path = tmp_path / "t.zarr"
+    run_until(path, memory, signal.SIGKILL)
+    with ThreadPoolExecutor(2) as pool:
+        both = [pool.submit(run_until, path, memory, None, resume=True) for _ in range(2)]
+    assert [one.result()[0] for one in both] == [0, 0], both
+    assert_bit_equal(sdhj.load(path), table)
 
 
 def test_a_folder_that_cannot_be_written(problem, memory, tmp_path, monkeypatch):
