@@ -24,11 +24,12 @@ from typing import Any
 import click
 import numba
 import numpy as np
+from common import writable_picture
 
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
-from sdhj.cli import INTERPOLATED, compile_kernels, plainly, whole_numbers, writable_picture
+from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Velocities
@@ -416,7 +417,7 @@ def _versions(with_peer: bool) -> str:
 @plainly
 def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
     """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
-    counts = whole_numbers("nodes", nodes)
+    counts = numbers("nodes", nodes, int)
     writable_picture(output)
     report = measure(counts, repeats=repeats, with_peer=peer)
     click.echo(table(report) + "\n")

@@ -17,19 +17,22 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import FancyArrowPatch, Patch
 
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.cli import SEED, plainly
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import TARGET_LOOKS, Looks, writable_folder
+from sdhj.plotting.looks import INK, TARGET_LOOKS, Looks, writable_folder
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table
+from sdhj.table.files import writable_file
 
 HERE = Path(__file__).parent
+ARROW_SECONDS = 0.8
 NAMES = [path.stem for kind in ("fig[0-9]*", "extra_*") for path in sorted(HERE.glob(f"{kind}.py"))]
 FORMATS = ("pdf", "png")
 PAPER_NODES = (25, 30, 35, 40)
@@ -195,6 +198,26 @@ def command(text: str, action: Callable[[Context, Path], list[Path]]) -> click.C
             click.echo(path)
 
     return main
+
+
+def draw_velocities(ax: Axes, view: ArmScene) -> None:
+    """White arrows from the centres of the moving disks, as far as they go in `ARROW_SECONDS` from t = 0."""
+    looks: dict[str, Any] = {"arrowstyle": "simple,head_width=6,head_length=6,tail_width=2.2", "mutation_scale": 1.0}
+    looks |= {"facecolor": "white", "edgecolor": INK, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "zorder": 4.5}
+    for disk in [*view.obstacles, *([] if view.target is None else [view.target])]:
+        if disk.speed:
+            here, step = disk.centre(0.0), 1e-4
+            velocity = (disk.centre(step) - disk.centre(-step)) / (2 * step)
+            ends = tuple(here), tuple(here + ARROW_SECONDS * velocity)
+            ax.add_artist(FancyArrowPatch(*ends, gid="velocity", **looks))
+
+
+def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
+    """Raise ValueError or OSError before long work where a picture, if there is one, cannot be drawn and written."""
+    if path is not None:
+        writable_file(path)
+        if path.suffix.lower() not in suffixes:
+            raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which selects the file type of the picture")
 
 
 def command_of(file: str) -> click.Command:

@@ -213,7 +213,7 @@ def draw_slice(ax: Axes, table: Table, run: Trajectory, axes: tuple[int, int]) -
 def draw_poses(ax: Axes, table: Table, run: Trajectory) -> None:
     """The workspace at a run's end, the arm at all its sampling times, and the base."""
     view = scene(sdhj.arm_case_study(nodes=5))
-    plotting.draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]), arrows=False)
+    plotting.draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]))
     for q in run.samples[:-1]:
         plotting.draw_arm(ax, view, q[:2], alpha=0.35, zorder=4.0)
     ax.add_artist(Circle((0, 0), 0.05, zorder=3.0, gid="base", facecolor=FAINT, edgecolor=INK))

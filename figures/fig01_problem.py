@@ -1,7 +1,7 @@
 """Fig. 1: An arm is to reach a target among disks whose motion is known and an agent that nobody can predict."""
 
 import numpy as np
-from common import SHOWN_STATE, Context, command_of
+from common import SHOWN_STATE, Context, command_of, draw_velocities
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -19,6 +19,7 @@ def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.6, layout="none")
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     plotting.draw_workspace(ax, context.scene, state=SHOWN_STATE, trail=np.array([0.0, 0.2, 0.4, 0.6, 0.8]))
+    draw_velocities(ax, context.scene)
     ax.set(xlim=(-0.66, 0.66), ylim=(-0.34, 0.34))
     ax.axis("off")
     draw_names(ax, context.scene)

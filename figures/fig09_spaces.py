@@ -1,7 +1,7 @@
 """Fig. 9: The disks of the workspace become sets of joint angles in the configuration space."""
 
 import numpy as np
-from common import SHOWN_STATE, Context, command_of, set_legend
+from common import SHOWN_STATE, Context, command_of, draw_velocities, set_legend
 from matplotlib.figure import Figure
 
 from sdhj import plotting
@@ -18,6 +18,7 @@ def draw(context: Context) -> Figure:
     left, right = figure.subplots(1, 2)
     times = context.problem.delta * np.arange(0, context.problem.steps + 1, 2)
     plotting.draw_workspace(left, context.scene, state=SHOWN_STATE, trail=times)
+    draw_velocities(left, context.scene)
     plotting.draw_constraints(right, context.problem, through=SHOWN_STATE)
     left.set_title(r"(a) workspace $\mathcal{W}$ at $t = 0$")
     right.set_title(r"(b) configuration space $\mathcal{C}^r$ at $t = 0$")

@@ -56,7 +56,7 @@ def also(context: Context, folder: Path) -> list[Path]:
 def draw_workspace_run(ax: Axes, problem: ReachAvoidProblem, run: Trajectory) -> None:
     """The end-effector's way in the workspace, the arm faintly at sampling times, the sets at the end (Fig. 12a)."""
     view = scene(problem)
-    draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]), arrows=False)
+    draw_workspace(ax, view, state=run.states[-1], time=float(run.times[-1]))
     for state in run.samples[:-1]:
         draw_arm(ax, view, state, alpha=0.25, zorder=3.0)
     tips = view.arm.tip(run.states[:, :2])

@@ -18,12 +18,13 @@ from typing import Any
 import click
 import judge
 import numpy as np
+from common import writable_picture
 from fig13_comparison import comparison_legend, draw_comparison, kept_share
 from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.cli import SEED, plainly, writable_picture
+from sdhj.cli import SEED, plainly
 from sdhj.kernels import FloatArray
 from sdhj.table.batches import Table
 

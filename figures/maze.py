@@ -16,12 +16,13 @@ from pathlib import Path
 
 import click
 import numpy as np
+from common import writable_picture
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import sdhj
 from sdhj import plotting
-from sdhj.cli import plainly, writable_picture
+from sdhj.cli import plainly
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style
 from sdhj.solver.resolution import ResolutionWarning

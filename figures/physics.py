@@ -18,11 +18,12 @@ from xml.sax.saxutils import quoteattr
 
 import click
 import numpy as np
+from common import writable_picture
 from tqdm import tqdm
 
 import sdhj
 from sdhj import plotting
-from sdhj.cli import RUNS, SEED, plainly, writable_picture
+from sdhj.cli import RUNS, SEED, plainly
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.problem.checks import whole

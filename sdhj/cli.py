@@ -62,7 +62,6 @@ def stop_at_signals() -> None:
 
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])
-PICTURES = (".png", ".pdf", ".svg")
 RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
@@ -98,22 +97,6 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
 
     return wrapped
-
-
-def writable_picture(path: Path | None, suffixes: Sequence[str] = PICTURES) -> None:
-    """Check before long work that the picture `path`, if there is one, can be drawn and written.
-
-    Raises
-    ------
-    ValueError, OSError, ImportError
-        For another file type, for a place that cannot be written to, and without Matplotlib.
-    """
-    if path is None:
-        return
-    writable_file(path)
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which selects the file type of the picture")
-    from sdhj.plotting import write  # noqa: F401 - a failing import is reported before long work
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
@@ -259,7 +242,6 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Certified table with which an interpolated table is compared.",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figure of the comparison: png, pdf or svg.")
 @click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
 @click.pass_context
 @plainly
@@ -269,16 +251,14 @@ def verify_command(
     samples: int,
     seed: int,
     certified: Path | None,
-    output: Path | None,
     problem: str | None,
 ) -> None:
     """Check a certified table, or compare another table with one."""
-    writable_picture(output)
     certain = header(table)["method"] == "certified"
-    if certain and (certified or output):
+    if certain and certified:
         raise ValueError(
-            f"{table} is itself a certified table: its claims are checked, and there is nothing to compare or to draw; "
-            "leave out --certified and -o, or give an interpolated table first"
+            f"{table} is itself a certified table: its claims are checked, and there is nothing to compare; leave out "
+            "--certified, or give an interpolated table first"
         )
     if certain:
         began = time.perf_counter()
@@ -295,7 +275,8 @@ def verify_command(
     read, proof = load(table), load(certified)
     if proof.method != "certified":
         raise ValueError(f"{certified} was solved by {proof.method!r}; --certified needs a table of method 'certified'")
-    _compare(read, proof, seed, output)
+    for name, share in shares(read, proof, within=read.steps, seed=seed).items():
+        click.echo(f"{name:<14}{share:8.2%} of the state space, within {read.steps} steps from step 0")
 
 
 def user_problem(name: str | None) -> Any:
@@ -312,22 +293,6 @@ def user_problem(name: str | None) -> Any:
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"--problem {name} must return a ReachAvoidProblem, got {reprlib.repr(problem)}")
     return problem
-
-
-def _compare(table: Any, proof: Any, seed: int, output: Path | None) -> None:
-    for name, share in shares(table, proof, within=table.steps, seed=seed).items():
-        click.echo(f"{name:<14}{share:8.2%} of the state space, within {table.steps} steps from step 0")
-    if output is not None:
-        from sdhj import plotting
-
-        with plotting.style():
-            figure = plotting.new_figure(5.0, 4.6)
-            middle = np.mean([table.grid.lower, table.grid.upper], axis=0).tolist()
-            through = [0.0, 0.0, 0.24, 0.24] if table.problem.recipe else middle
-            plotting.draw_labels(figure.subplots(), table, proof, through=through)
-            figure.legend(handles=plotting.label_legend(), loc="outside upper center", ncols=3)
-            plotting.write(figure, output)
-        click.echo(output)
 
 
 @main.command()

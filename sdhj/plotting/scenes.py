@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, FancyArrowPatch, Polygon
+from matplotlib.patches import Circle, Polygon
 
 from sdhj.arm.case_studies import ArmScene
 from sdhj.arm.workspace import Disk
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, look
 
-ARROW_SECONDS = 0.8  # a velocity arrow is as long as the distance travelled in this time
 FRAME_MARGIN = 0.02
 
 # `add_artist`, not `add_patch`: `frame_workspace` sets the limits, so Matplotlib need not compute them from each patch.
@@ -37,27 +36,6 @@ def draw_arm(
     ax.plot(*tip, color=INK, markersize=2.8, gid="tip", **dots)
 
 
-def draw_arrow(ax: Axes, start: FloatArray, end: FloatArray) -> None:
-    """Draw a white arrow with a dark outline, if it has a length."""
-    if np.allclose(start, end):
-        return
-    ax.add_artist(
-        FancyArrowPatch(
-            tuple(start),
-            tuple(end),
-            arrowstyle="simple,head_width=6,head_length=6,tail_width=2.2",
-            facecolor="white",
-            edgecolor=INK,
-            linewidth=0.7,
-            shrinkA=0,
-            shrinkB=0,
-            mutation_scale=1.0,
-            zorder=4.5,
-            gid="velocity",
-        )
-    )
-
-
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
     """Draw faint outlines of a moving disk at the given times, and the path of its centre."""
     if disk.speed == 0.0:
@@ -76,7 +54,6 @@ def draw_workspace(
     state: Sequence[float] | FloatArray | None = None,
     time: float = 0.0,
     trail: FloatArray | None = None,
-    arrows: bool = True,
 ) -> None:
     """Draw obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
 
@@ -88,8 +65,6 @@ def draw_workspace(
         The time at which obstacles and target are drawn, s.
     trail : (K,) array, optional
         Further times at which the moving disks are outlined faintly, s.
-    arrows : bool
-        Whether to draw the velocities of obstacles and target, as the distance travelled in 0.8 s.
     """
     disks = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
     if scene.target is not None:
@@ -98,10 +73,6 @@ def draw_workspace(
         if trail is not None:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
         ax.add_artist(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
-        if arrows:
-            here, step = disk.centre(time), 1e-4
-            velocity = (disk.centre(time + step) - disk.centre(time - step)) / (2 * step)
-            draw_arrow(ax, here, here + ARROW_SECONDS * velocity)
     if state is not None:
         draw_arm(ax, scene, np.asarray(state)[:2])
         centre = np.asarray(state)[2:4]

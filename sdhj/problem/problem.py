@@ -32,6 +32,16 @@ SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0
 RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
+AROUND = 6  # nodes on each side that `closed` depends on
+HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
+ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
+FINE = 4  # parts of a cell's edge, in the search for the least value in the cell
+COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
+SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
+EXCUSED = 1e-9  # that is no difference, relative to the values or absolute below one
+VALUES_KEPT = 1000  # values of a black box that a file keeps
+BOX_STEPS = 4  # times among them
+TERMS = 60  # of an exponential series
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 
 
@@ -251,11 +261,8 @@ class ReachAvoidProblem:
         """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
         return map(self.on, self.grid.pieces())
 
-    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
-        return self._sample_on(self.grid.subgrid(axes), function, name)
-
     def _sample_on(self, grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """Values of a function at the nodes of a grid, float64, checked to be finite."""
         values = [self._checked(function(piece.points()), name, piece.size) for piece in grid.pieces()]
         return np.concatenate(values).reshape(grid.shape)
 
@@ -321,7 +328,8 @@ class ReachAvoidProblem:
         t, jitter, grid, target = self.time(step), self.sensing.jitter, self.grid, self.target
         values = np.full((1,) * grid.ndim, -np.inf)
         if not self.stays:
-            found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+            subgrid = grid.subgrid(target.axes)
+            found = self._sample_on(subgrid, lambda points: target.level_set(points, t), target.name)
             values = grid.lift(found, target.axes)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
@@ -421,21 +429,12 @@ class ReachAvoidProblem:
         return hashlib.sha256(whole.encode()).hexdigest()
 
 
-TERMS = 60  # of an exponential series
-
-
 def check_sensing(problem: ReachAvoidProblem) -> None:
     """Raise ValueError if a problem does not fit its sensing."""
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
     whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
-    if sensing.delay > delta:
-        raise ValueError(
-            f"delay must be at most delta, {delta:g} s, as the previous input is held during it; got {sensing.delay:g}"
-        )
-    if 2 * sensing.jitter > delta:
-        raise ValueError(f"jitter must be at most half of delta, {delta / 2:g} s, got {sensing.jitter:g}")
     if sensing.delay + 2 * sensing.jitter > delta:
         raise ValueError(
             f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
@@ -500,14 +499,6 @@ def worst_around(problem: ReachAvoidProblem, values: FloatArray, points: FloatAr
     found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
     around = np.concatenate([points[:, None], grid.clipped(found)], axis=1)
     return grid.interpolate(values, around.reshape(-1, grid.ndim)).reshape(around.shape[:2]).max(axis=1)
-
-
-AROUND = 6  # nodes on each side that `closed` depends on
-HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
-ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
-
-
-FINE = 4  # parts of a cell's edge, in the search for the least value in the cell
 
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
@@ -604,10 +595,6 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return values
 
 
-VALUES_KEPT = 1000  # values of a black box that a file keeps
-BOX_STEPS = 4  # times among them
-
-
 def _declared(part: BlackBox) -> str:
     known = [name for name in ("reads", "slope", "rate", "enclosure") if getattr(part, name) is not None]
     return f"a BlackBox with {', '.join(known)}" if known else "a BlackBox of which nothing is declared"
@@ -628,9 +615,6 @@ def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
         given = (t, t + problem.delta) if name.startswith("swept") else given
         found.append(function(states, *given).ravel())
     return np.concatenate(found)
-
-
-COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 
 
 def _states(grid: Grid) -> FloatArray:
@@ -666,9 +650,6 @@ def _check_functions(problem: "ReachAvoidProblem") -> None:
     _try_goals(problem)
 
 
-SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
-
-
 def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
     assert part.swept is not None
@@ -687,9 +668,6 @@ def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
                     f"function at t = {t:g}, at {worst}; it must be at most that at every time of the interval, or "
                     "leave it out: the library then sweeps the set itself"
                 )
-
-
-EXCUSED = 1e-9  # that is no difference, relative to the values or absolute below one
 
 
 def _try_goals(problem: "ReachAvoidProblem") -> None:

@@ -25,9 +25,6 @@ SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1
 
 LARGEST = 1e9  # level-set value: beyond it, differences in single precision are only rounding, and overflow is near
 
-StaticLevelSet = Any  # a function of (points (M, axes), t) -> (M,); once a set is made, a Formula or a BlackBox
-SweptLevelSet = Any
-
 
 @dataclass(frozen=True)
 class UnsafeSet:
@@ -75,8 +72,8 @@ class UnsafeSet:
     """
 
     axes: tuple[int, ...]
-    level_set: StaticLevelSet
-    swept: SweptLevelSet | None = None
+    level_set: Any  # once the set is made, a Formula or a BlackBox
+    swept: Any = None
     name: str = "unsafe"
     sampling: str = "nodes"
 
@@ -167,7 +164,7 @@ class TargetSet:
     """
 
     axes: tuple[int, ...]
-    level_set: StaticLevelSet
+    level_set: Any
     name: str = "target"
 
     def __post_init__(self) -> None:

@@ -205,7 +205,7 @@ def test_what_leaves_anything_is_found_by_halving(small_car):
     assert less <= more <= high
     assert promised(small_car, "hji", "error", high) == Promise()
     assert promised(small_car, "hji", "error", low).share > 0
-    with pytest.raises(ValueError, match="delay must be at most delta"):
+    with pytest.raises(ValueError, match=r"delay \+ 2 jitter must be at most delta"):
         promised(small_car, "hji", "delay", 1.0)
 
 

@@ -86,7 +86,7 @@ def frame_live(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
 
 def draw_arm_live(ax: Axes, problem: ReachAvoidProblem, state: Sequence[float], time: float) -> None:
     """The workspace without arrows and formulas, and with few ticks: drawing axes is most of the work."""
-    draw_workspace(ax, scene(problem), state=state, time=time, arrows=False)
+    draw_workspace(ax, scene(problem), state=state, time=time)
     ticks = (-0.3, 0.0, 0.3)
     ax.set(xlabel="x (m)", ylabel="y (m)", xticks=ticks, yticks=ticks)
 

@@ -48,7 +48,7 @@ def draw_view_time(
     grid = problem.grid.subgrid(part.axes)
     t0, t1 = problem.time(step) + np.asarray(pieces) * problem.delta
     view = scene(problem)
-    draw_workspace(left, view, time=t0, trail=np.linspace(t0, t1, max(samples, 2)), arrows=False)
+    draw_workspace(left, view, time=t0, trail=np.linspace(t0, t1, max(samples, 2)))
     left.set_title(f"samples of the obstacles, t in [{t0:.1f}, {t1:.1f}] s")
     where = plane(grid, (0.0, 0.0), resolution=241)
     swept = where.shaped(part.over(where.points, t0, t1, "swept"))
@@ -68,7 +68,7 @@ def draw_kinematics(figure: Figure, problems: Mapping[str, ReachAvoidProblem], *
     """The same joint angles under two readings of Eq. (8), workspace above, C-space below."""
     axes = figure.subplots(2, len(problems))
     for (top, bottom), (title, problem) in zip(axes.T, problems.items(), strict=True):
-        draw_workspace(top, scene(problem), state=state, arrows=False)
+        draw_workspace(top, scene(problem), state=state)
         top.set_title(title)
         draw_constraints(bottom, problem, through=state)
         bottom.plot(*wrapped(state), **HERE)

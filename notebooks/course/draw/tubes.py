@@ -71,7 +71,7 @@ def draw_pursuer_plane(
 ) -> Numbers:
     """The other slice: joint angles fixed, where may the pursuer be? Tubes in (px, py) with the arm drawn into them."""
     within = table.steps - start if within is None else min(within, table.steps - start)
-    draw_workspace(ax, scene(table.problem), time=start * table.problem.delta, arrows=False)
+    draw_workspace(ax, scene(table.problem), time=start * table.problem.delta)
     draw_arm(ax, scene(table.problem), state[:2])
     fewest = steps_image(table, through=state, start=start, within=within, axes=(2, 3))
     draw_steps(ax, table, fewest, within=within, axes=(2, 3))
