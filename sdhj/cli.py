@@ -52,14 +52,6 @@ def stop(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-def stop_at_signals() -> None:
-    """Make Ctrl-C and SIGTERM end this process with `stop`."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(ValueError):  # only the main thread may set handlers
-            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                signal.signal(number, stop)
-
-
 INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
 METHOD = click.Choice([*INTERPOLATED, "certified"])
 RUNS = click.IntRange(1, MOST_RUNS)
@@ -67,12 +59,6 @@ SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
 READINGS = click.Choice(["relative", "printed"])
 WARM_CELLS = (63, 63, 18, 18)  # enough cells that the tubes of the certified table grow, so that every kernel is called
-
-
-class Interrupted(click.ClickException):
-    """One sentence on standard error, exit status 130, as shells expect after Ctrl-C."""
-
-    exit_code = 130
 
 
 class Refusal(click.ClickException):
@@ -92,7 +78,8 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
         except BrokenPipeError:  # the reader has closed the pipe; click then ends silently
             raise
         except KeyboardInterrupt:
-            raise Interrupted("interrupted; no unfinished file is left, and existing files are unchanged") from None
+            click.echo("\ninterrupted; no unfinished file is left, and existing files are unchanged", err=True)
+            sys.exit(128 + signal.SIGINT)
         except (ValueError, OSError, MemoryError, ImportError) as error:
             raise Refusal(" ".join(str(error).split()) or type(error).__name__) from error
 
@@ -319,10 +306,8 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
 
 
 def command() -> None:
-    """Run the command `sdhj`; Ctrl-C and SIGTERM end it at once."""
-    stop_at_signals()
+    """Run the command `sdhj`; Ctrl-C and SIGTERM end it at once, unless they are ignored."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, stop)
     main(prog_name="sdhj")
-
-
-if __name__ == "__main__":
-    command()
