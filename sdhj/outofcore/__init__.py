@@ -2,7 +2,7 @@
 
 Within one interval nothing travels farther than the differences of all its time steps reach, so a slab of the grid with
 as many nodes beside it, its *halo*, is solved alone: `slabs` says how wide, and plays the games; `store` is where slabs
-come from and go to; `solve` takes them through the recursion; `table` answers from a store; `cluster` shares slabs out.
+come from and go to; `solve` takes them through the recursion, here or on many machines; `table` answers from a store.
 """
 
 from sdhj.outofcore.solve import solve_stored

@@ -83,12 +83,25 @@ def bytes_of(arrays: Mapping[str, Any]) -> int:
 
 
 def runner(plan: Plan, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """What does tasks: this process, or the workers of a Dask client."""
-    if client is None:
-        return lambda tasks: (work(plan, task) for task in tasks)
-    from sdhj.outofcore.cluster import shared_out
+    """What does tasks and yields what `slabs.work` returns: this process, or the workers of a Dask client.
 
-    return lambda tasks: shared_out(client, plan, tasks)
+    Tasks and yes or no go through Dask's scheduler, arrays through the store, which every worker has to see under the
+    same path. A worker that dies leaves nothing half written, and what it had in hand goes to another.
+    """
+
+    def shared_out(tasks: list[Task]) -> Iterator[Any]:
+        futures = [client.submit(work, plan, task, pure=False) for task in tasks]
+        try:
+            for future in futures:
+                yield future.result()
+        except Exception as error:
+            more = "with more memory for the workers if that is what ended them"
+            error.add_note(f"what is finished stays in {plan.path}: solve with resume=True, {more}")
+            raise
+        finally:
+            client.cancel([future for future in futures if not future.done()])
+
+    return shared_out if client is not None else lambda tasks: (work(plan, task) for task in tasks)
 
 
 def refuse(problem: ReachAvoidProblem, method: Any) -> None:

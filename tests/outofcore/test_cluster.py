@@ -9,9 +9,8 @@ import toys
 from slabbed import assert_bit_equal, files_of, room
 
 import sdhj
-from sdhj.outofcore.cluster import shared_out
 from sdhj.outofcore.slabs import Task
-from sdhj.outofcore.solve import planned
+from sdhj.outofcore.solve import planned, runner
 from sdhj.solver.methods import method_of
 
 dask = pytest.importorskip("dask")
@@ -38,14 +37,14 @@ def client(tmp_path_factory):
 def test_workers_give_every_bit_though_one_is_killed(client, tmp_path, monkeypatch):
     """While they have a tube's tasks in hand, and some tubes are there."""
     problem, store = toys.torus_problem(nodes=40), tmp_path / "t.zarr"
-    victim, killed, as_completed = next(iter(client.run(os.getpid).values())), [], distributed.as_completed
+    victim, killed, submit = next(iter(client.run(os.getpid).values())), [], client.submit
 
-    def killing(futures):
+    def killing(*task, **options):
         if not killed and len(files_of(store, "tubes")) >= 5:
             killed.append(os.kill(victim, signal.SIGKILL))
-        return as_completed(futures)
+        return submit(*task, **options)
 
-    monkeypatch.setattr(distributed, "as_completed", killing)
+    monkeypatch.setattr(client, "submit", killing)
     stored = sdhj.solve(problem, store=store, client=client, memory=room(problem, width=4))
     assert killed
     assert victim not in client.run(os.getpid).values()
@@ -60,7 +59,7 @@ def test_an_error_in_a_worker_is_told(client, tmp_path):
         file.unlink()
     plan = planned(problem, method_of("hji"), (0, 10))
     with pytest.raises(sdhj.TableFileError, match="is missing"):
-        list(shared_out(client, replace(plan, path=tmp_path / "t.zarr"), [Task("extend", 0, 2, 2, 1, 0)]))
+        list(runner(replace(plan, path=tmp_path / "t.zarr"), client)([Task("extend", 0, 2, 2, 1, 0)]))
 
 
 class Deadly:
@@ -75,8 +74,9 @@ class Deadly:
 
 @pytest.mark.slow
 def test_a_slab_that_ends_every_worker_is_told(client):
-    with pytest.raises(RuntimeError, match=r"one worker after the other.*resume=True"):
-        list(shared_out(client, Deadly(), [Task("goal", 0)]))
+    with pytest.raises(distributed.KilledWorker) as told:
+        list(runner(Deadly(), client)([Task("goal", 0)]))
+    assert "what is finished stays in a.zarr: solve with resume=True" in told.value.__notes__[0]
 
 
 def test_no_array_goes_through_the_scheduler(tmp_path):
