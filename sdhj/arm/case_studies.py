@@ -206,25 +206,13 @@ BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build the problem that has this `recipe`; its digest is that of the original.
-
-    Raises
-    ------
-    ValueError
-        If the builder is unknown, or its arguments are not those of this version of the library.
-    """
+    """Build the problem that has this `recipe`; its digest is that of the original. ValueError for others."""
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study: arm, obstacles, target and agent, to draw or to measure distances in.
-
-    Raises
-    ------
-    ValueError
-        If the problem was not built by a case study.
-    """
+    """The workspace of a case study, to draw or to measure distances in; ValueError for any other problem."""
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))

@@ -207,13 +207,7 @@ class Disk:
 
     @classmethod
     def of(cls, disk: "Disk | Mapping[str, Any]") -> "Disk":
-        """Return `disk` itself if it is a Disk, else the Disk that a dictionary from `describe` stands for.
-
-        Raises
-        ------
-        ValueError
-            If `disk` is neither.
-        """
+        """`disk` itself if it is a Disk, else the one that a dictionary from `describe` stands for; else ValueError."""
         if isinstance(disk, cls):
             return disk
         try:

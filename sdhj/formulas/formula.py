@@ -59,10 +59,7 @@ class Formula:
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
         """A level-set function, read: of points (M, coordinates) and of parameters with these names.
 
-        Raises
-        ------
-        ValueError
-            Where it is no function of these, or cannot be read; the message says where, and what to do.
+        ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
         """
         if isinstance(function, BlackBox):
             return replace(function, name=name)

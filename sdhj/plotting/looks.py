@@ -73,13 +73,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
 
 
 def writable_folder(folder: str | os.PathLike[str]) -> Path:
-    """Create the folder if it does not exist, and check before long work that files can be written there.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be created or written to; the message says what to do.
-    """
+    """Create a folder if it does not exist; OSError, with what to do, before long work if it cannot be written to."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -92,14 +86,9 @@ def writable_folder(folder: str | os.PathLike[str]) -> Path:
 def save(
     figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png")
 ) -> list[Path]:
-    """Write `figure` as folder/name.format for each format and return the paths; equal figures give equal files.
+    """Write `figure` as folder/name.format for each format, pdf, svg or png; returns the paths.
 
-    Raises
-    ------
-    ValueError
-        If a format is none of pdf, svg, png.
-    OSError
-        If the folder cannot be written to.
+    Equal figures give equal files. ValueError for another format, OSError if the folder cannot be written to.
     """
     unknown = set(formats) - set(FORMATS)
     if unknown:

@@ -64,10 +64,7 @@ class Plane:
 def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
     """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
 
-    Raises
-    ------
-    ValueError
-        If `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
+    ValueError if `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
     """
     state = np.asarray(through, dtype=np.float64)
     if state.shape != (grid.ndim,):

@@ -60,19 +60,13 @@ def intervals(
 
 
 class Maxima(NamedTuple):
-    """Maxima of functions over boxes, done but for one axis: what `maximum_of_intervals` makes of them.
+    """Maxima of functions over boxes, done but for one axis: what `maximum_of_intervals` makes of them."""
 
-    first, number : the boxes they are of.
-    values : (functions, *shape)
-    axis : which axis of the shape is left.
-    leaves : of the boxes, for `maximum_of_intervals`.
-    """
-
-    first: int
+    first: int  # of the boxes
     number: int
-    values: FloatArray
-    axis: int
-    leaves: Leaves
+    values: FloatArray  # (functions, *shape)
+    axis: int  # of the shape, which is left
+    leaves: Leaves  # of the boxes
 
     @property
     def split(self) -> FloatArray:

@@ -106,13 +106,7 @@ class Dynamics:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
     def read(self, ndim: int) -> "VectorField":
-        """The dynamics of a state of `ndim` coordinates, its functions read as formulas.
-
-        Raises
-        ------
-        ValueError
-            If an array does not fit, or a function cannot be read.
-        """
+        """The dynamics of a state of `ndim` coordinates, read; ValueError if an array or a function does not fit."""
         count = len(self.inputs)
         bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
@@ -450,13 +444,8 @@ class VectorField:
     ) -> tuple[FloatArray, FloatArray]:
         """Bounds on the velocity under input j in boxes (M, ndim) and an interval of time: both (M, ndim).
 
-        signs : (D,), optional
-            The one vertex of its box that the adversary keeps to; by default any disturbance.
-
-        Raises
-        ------
-        ValueError
-            Where a black box does not declare enough.
+        The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v.
+        ValueError where a black box does not declare enough.
         """
         if not self.formulas:
             return self._declared(j, low, high, time, signs)

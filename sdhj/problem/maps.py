@@ -17,11 +17,8 @@ difference of s between neighbours over their distance, at most 1; in any direct
 map the function is its value at the nearest point of the map, less the distance to that point: its slope is at most 1
 along the normal of the edge and along the edge, so the same bounds hold.
 
-A polygon needs no samples: its distance is the least one to an edge, and whether a point is inside follows from the
-sides of the edges' lines on which it is, by a formula with each edge once (`_inside`). Bounds of such a formula over a
-box away from the edges are definite also where lines of edges pass through the box. It has some 15 operations an edge.
-Where a corner lies on the line of another edge the rule does not hold, and turns around the point are counted instead
-(`_around`): as exact, but bounds do not tell inside from outside at the height of a corner.
+A polygon needs no samples: its distance is the least one to an edge, and which side it is on follows from the lines of
+the edges (`_inside`) or, where a corner lies on the line of another edge, from the turns around the point (`_around`).
 """
 
 import math

@@ -36,13 +36,7 @@ def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
 
 
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
-    """The problem that a head describes.
-
-    Raises
-    ------
-    ValueError
-        If it has black boxes, whose functions a file cannot contain, or is not one that `described` writes.
-    """
+    """The problem that a head describes; ValueError if it has black boxes, or is not one that `described` writes."""
     formulas = head["formulas"]
     if formulas["format"] != FORMAT:
         raise ValueError(f"its formulas have format {formulas['format']}, and this version reads {FORMAT}")

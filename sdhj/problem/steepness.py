@@ -26,11 +26,7 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
     a jump J for a slope J / h, and so velocities at both sides of it, w < h apart, to differ by J w / h only: less than
     they do. These are taken at their worst instead: anything between their least and their greatest, which `jumps` says
     and adds to b. That is never too little; where it is too much, nothing is left of the target, and that is said.
-
-    Raises
-    ------
-    ValueError
-        Where a black box does not declare enough, or a velocity may be undefined.
+    ValueError where a black box does not declare enough, or a velocity may be undefined.
     """
     ndim, D = grid.ndim, dynamics.adversaries
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])

@@ -70,20 +70,7 @@ class Played:
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
-    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help.
-
-    Parameters
-    ----------
-    table : Table
-    runs : int
-    adversary, seed, steps
-        As for `sdhj.monte_carlo`.
-
-    Raises
-    ------
-    ValueError
-        For an invalid option, or where the tube of step 0 is empty.
-    """
+    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help: `Table.played`."""
     controller, play = Controller(table), adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
