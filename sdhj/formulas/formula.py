@@ -32,28 +32,14 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """What a function computes, as an expression graph.
+    """What a function computes, as an expression graph."""
 
-    Attributes
-    ----------
-    outputs : tuple of Node
-        Its results, flattened.
-    coordinates, parameters : int
-        How many it is a function of; parameter 0 is the time.
-    shape : tuple of int
-        Of the results for one point.
-    name : str
-        For messages.
-    source : callable, optional
-        The function that it was read from, until a problem has compared the two.
-    """
-
-    outputs: tuple[Node, ...] = field(repr=False)
-    coordinates: int
-    parameters: int = 1
-    shape: tuple[int, ...] = ()
-    name: str = "formula"
-    source: Callable[..., Any] | None = field(default=None, repr=False)
+    outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
+    coordinates: int  # how many it is a function of
+    parameters: int = 1  # ... and further ones, of which the first is the time
+    shape: tuple[int, ...] = ()  # of the results for one point
+    name: str = "formula"  # for messages
+    source: Callable[..., Any] | None = field(default=None, repr=False)  # until a problem has compared the two
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":

@@ -56,26 +56,14 @@ class Lookup:
 
 
 class Node:
-    """One operation and its operands; made by `leaf` and `make` alone.
-
-    Attributes
-    ----------
-    op : str
-        The name of its rule (`sdhj.formulas.rules`).
-    args : tuple of Node
-    value : the number of a constant, the exponent of a power, the table of a look-up, or for a leaf (index, row)
-    truth : bool
-        Whether it is 0 or 1 wherever it is defined.
-    total : bool
-        Whether it is defined, and does not overflow, for all coordinates and parameters that a state may have.
-    """
+    """One operation and its operands; made by `leaf` and `make` alone."""
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
-    op: str
+    op: str  # the name of its rule (`sdhj.formulas.rules`)
     args: "tuple[Node, ...]"
-    value: Any
-    truth: bool
-    total: bool
+    value: Any  # of a constant, the exponent of a power, the table of a look-up, or of a leaf (index, row)
+    truth: bool  # whether it is 0 or 1 wherever it is defined
+    total: bool  # whether it is defined, and does not overflow, for all that a state may have
 
     def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
         return make("add", self, node(other))

@@ -11,30 +11,14 @@ from sdhj.kernels.tape import OPERATIONS
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation.
+    """One operation."""
 
-    Attributes
-    ----------
-    name : str
-        In texts, and the field `op` of a node.
-    arity : int
-        How many operands it has; -1 for one to six.
-    numpy : str
-        The NumPy functions that it stands for.
-    says : str
-        One sentence: what it computes and where it is undefined.
-    total : bool
-        Whether it is defined wherever its operands are.
-    truth : bool
-        Whether it gives a truth value.
-    """
-
-    name: str
-    arity: int
-    numpy: str
-    says: str
-    total: bool = True
-    truth: bool = False
+    name: str  # in texts, and the field `op` of a node
+    arity: int  # how many operands it has; -1 for one to six
+    numpy: str  # the NumPy functions that it stands for
+    says: str  # one sentence: what it computes and where it is undefined
+    total: bool = True  # whether it is defined wherever its operands are
+    truth: bool = False  # whether it gives a truth value
 
 
 RULES = {

@@ -99,10 +99,7 @@ class StoredTable(Table):
     # ---- states
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        found, place = np.empty(len(points), np.bool_), self.place(start, within)
-        for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
-            found[rows] = window.interpolate(read_window(self._read, "tubes", place, window), points[rows]) <= 0
-        return found
+        return self._values_at(points[:, None], start, np.full(len(points), within))[:, 0] <= 0
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         count = len(self.problem.inputs)

@@ -217,24 +217,13 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """The dynamics of a problem, read: `problem.dynamics`.
+    """The dynamics of a problem, read: `problem.dynamics`."""
 
-    Attributes
-    ----------
-    inputs : (L, m) array
-    ndim : int
-    drift : Formula (L, ndim), or BlackBox
-        Without a disturbance; where that does not enter linearly, a formula that also reads v.
-    gain : Formula (L, ndim, D), or BlackBox; None where the disturbance does not enter linearly
-    bounds : Formula (L, D)
-        Half-widths of the box of v; they do not depend on the state, which scales the gain instead.
-    """
-
-    inputs: FloatArray
+    inputs: FloatArray  # (L, m)
     ndim: int
-    drift: Any
-    gain: Any
-    bounds: Formula
+    drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
+    gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
+    bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
 
     @cached_property
     def derived(self) -> dict[Any, Formula]:
