@@ -125,12 +125,13 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
     pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
     most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
     while pairs and len(seen) <= most:
-        if (pair := pairs.pop()) not in seen:
-            seen.add(pair)
-            one, other = pair
-            if one.op != other.op or len(one.args) != len(other.args) or not _near(one.value, other.value):
-                return False
-            pairs += zip(one.args, other.args, strict=True)
+        one, other = pair = pairs.pop()
+        if one is other or pair in seen:
+            continue
+        seen.add(pair)
+        if one.op != other.op or len(one.args) != len(other.args) or not _near(one.value, other.value):
+            return False
+        pairs += zip(one.args, other.args, strict=True)
     return not pairs and len(outputs) == len(others)
 
 

@@ -241,6 +241,7 @@ def test_alike_are_graphs_whose_constants_differ_by_rounding():
         assert not alike(first, other) and not alike(other, first)
     twice = [make("mul", make("add", X, constant(0.3)), make("add", Y, constant(c))) for c in (0.3, 0.3 * (1 + 1e-13))]
     assert alike(twice[:1], twice[1:])  # one constant there, two here
+    assert alike([NAN], [NAN]) and not alike([NAN], [ONE])
     assert not alike([make("add", X, T)], [make("add", Y, T)]) and not alike([X], [T])
     assert not alike([power(X, constant(3))], [power(X, constant(4))])
 
