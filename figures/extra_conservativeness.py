@@ -19,10 +19,10 @@ from scipy.ndimage import distance_transform_edt
 
 from sdhj import plotting
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import grey
 from sdhj.problem.grid import Grid
 from sdhj.table.batches import Table
 
+LUMA = (0.2126, 0.7152, 0.0722)  # lightness of red, green and blue (Rec. 709)
 REFINE = 4  # nodes of a slice for each cell of the grid, which is how accurate distances are
 Slice = Mapping[str, float]  # from names of axes to the coordinates that they are held at
 
@@ -158,7 +158,7 @@ def draw_entries(ax: Axes, values: FloatArray, title: str, cmap: str = "cividis"
     for (k, n), value in np.ndenumerate(values):
         if not np.isnan(value):
             finite = np.isfinite(value)
-            dark = finite and grey([colours(mesh.norm(value))])[0] < 0.5
+            dark = finite and float(np.dot(colours(mesh.norm(value))[:3], LUMA)) < 0.5
             looks = {"ha": "center", "va": "center", "fontsize": 6.5, "color": "white" if dark else "black"}
             ax.text(n, k, f"{value:.2f}" if finite else r"$\infty$", **looks)
     places = range(len(values))

@@ -7,14 +7,13 @@ well as in a widget. Colours also differ by lightness, hatch or line style, so f
 import io
 import logging
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import matplotlib.style
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -111,9 +110,3 @@ def write(figure: Figure, path: str | os.PathLike[str]) -> None:
     figure.savefig(drawn, format=form, metadata=UNDATED[form])
     with replaced_whole(path) as temporary:
         temporary.write_bytes(drawn.getvalue())
-
-
-def grey(rgb: Iterable[Any]) -> Any:
-    """Perceived lightness (Rec. 709 luma) of colours (..., 3 or 4), in [0, 1]: their grey level in a grey copy."""
-    array = np.asarray(list(rgb), dtype=np.float64)
-    return array[..., :3] @ np.array([0.2126, 0.7152, 0.0722])

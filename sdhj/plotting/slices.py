@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -193,35 +192,25 @@ def draw_tubes(
 
 
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
-    """The path of states (T, ndim) on a slice, (R, 2), wrapped, with a row of NaN where it crosses a periodic end.
+    """The path of states (T, ndim) on a slice, (R, 2), without jumps, once for each lap around periodic axes.
 
-    Both pieces extend to the end of the axis: the crossing point is added on either side.
+    Rows of NaN stand between the laps. What is in the frame of the slice is the path, cut at its ends.
     """
-    path = np.asarray(states, dtype=np.float64)[:, list(axes)].copy()
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
-    span = high - low
-    lap = np.where(periodic, np.floor((path - low) / span), 0.0)
-    path -= lap * span
-    rows = [path[0]]
-    for before, after in pairwise(path):
-        jump = np.where(periodic, np.round((after - before) / span), 0.0)
-        if jump.any():
-            near = after - jump * span  # the next state, not wrapped
-            end = np.where(jump < 0, low + span, low)
-            shares = np.where(jump != 0, (end - before) / np.where(near != before, near - before, 1.0), np.inf)
-            exit_point = before + np.clip(shares.min(), 0.0, 1.0) * (near - before)
-            rows += [exit_point, np.full(2, np.nan), exit_point + jump * span]
-        rows.append(after)
-    return np.array(rows)
+    path, span = np.asarray(states, dtype=np.float64)[:, list(axes)], high - low
+    for axis in np.flatnonzero(periodic):
+        path[:, axis] = np.unwrap(path[:, axis], period=span[axis])
+    laps = np.unique(np.where(periodic, np.floor((path - low) / span), 0.0), axis=0)
+    rows = [row for lap in laps for row in (path - lap * span, np.full((1, 2), np.nan))]
+    return np.concatenate(rows[:-1])
 
 
 def draw_path(
     ax: Axes, grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1), marks: FloatArray | None = None, **line: Any
 ) -> None:
     """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes; dots at the `marks` (K, ndim)."""
-    path = unwrapped(grid, states, axes)
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
-    ax.plot(*path.T, **looks)
+    ax.plot(*unwrapped(grid, states, axes).T, scalex=False, scaley=False, **looks)
     if marks is not None and len(marks):
         ax.plot(
             *grid.wrapped(marks)[:, list(axes)].T,
