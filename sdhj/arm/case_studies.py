@@ -219,17 +219,12 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe; ValueError if its builder or one of its arguments is unknown."""
-    if not isinstance(recipe, Mapping) or set(recipe) != {"builder", "arguments"}:
-        raise ValueError(f"a recipe must be {{'builder': name, 'arguments': {{...}}}}, got {recipe!r}")
-    builder, arguments = recipe["builder"], recipe["arguments"]
-    if builder not in BUILDERS:
-        raise ValueError(f"unknown builder {builder!r}; this version has {', '.join(BUILDERS)}")
-    odd = set(arguments) ^ set(inspect.signature(BUILDERS[builder]).parameters)
-    if odd:
+    """The recipe; ValueError if it is not one of this version."""
+    builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
+    if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(
-            f"the recipe and {builder} differ in the arguments {', '.join(sorted(odd))}: the recipe was written by "
-            "another version; solve the problem again with this one"
+            f"a recipe must be {{'builder': one of {', '.join(BUILDERS)}, 'arguments': all that it takes in this "
+            f"version}}, got {reprlib.repr(recipe)}; if another version wrote it, solve the problem again"
         )
     return recipe
 

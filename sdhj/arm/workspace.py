@@ -26,17 +26,11 @@ class Segment(NamedTuple):
     """Segments that begin at `start` and go on for `length` in a `direction`; all of them broadcast.
 
     Distances to them need neither divisions nor a case for segments that are points.
-
-    Attributes
-    ----------
-    start, direction : (..., 2)
-        The direction has length 1.
-    length : float, or (...)
     """
 
-    start: FloatArray
-    direction: FloatArray
-    length: Any
+    start: FloatArray  # (..., 2)
+    direction: FloatArray  # (..., 2), of length 1
+    length: Any  # float, or (...)
 
     @classmethod
     def point(cls, points: FloatArray) -> "Segment":

@@ -39,17 +39,11 @@ class Lookup:
         """ValueError where they do not fit each other."""
         array = np.array(values, dtype=np.float64, order="C")
         low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
-        if not 1 <= array.ndim <= MOST_AXES or min(array.shape) < 2 or not np.isfinite(array).all():
+        fits = len(low) == len(step) == array.ndim and 1 <= array.ndim <= MOST_AXES and min(array.shape) >= 2
+        if not fits or not all(np.isfinite(one).all() for one in (array, low, step)) or min(step) <= 0:
             raise ValueError(
-                f"values must be finite, on 1 to {MOST_AXES} axes with two nodes at least, got {array.shape}"
-            )
-        if (
-            not len(low) == len(step) == array.ndim
-            or not np.isfinite(low).all()
-            or not (np.isfinite(step).all() and min(step) > 0)
-        ):
-            raise ValueError(
-                f"lower and spacing must be {array.ndim} numbers, the spacing above 0, got {low} and {step}"
+                f"values must be finite, on 1 to {MOST_AXES} axes with two nodes at least, with a lower and a spacing "
+                f"above 0 for each; got values of shape {array.shape}, {low} and {step}"
             )
         array.setflags(write=False)
         return cls(array, low, step, blake2b(repr(array.shape).encode() + array.tobytes(), digest_size=16).hexdigest())

@@ -54,18 +54,9 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
         else:
             swept = found.get(name.replace("unsafe", "swept"))
             unsafe.append(UnsafeSet(entry["axes"], found[name], swept, entry["name"], entry["sampling"]))
-    return ReachAvoidProblem(
-        grid=head["grid"],
-        dynamics=VectorField(head["inputs"], head["grid"].ndim, drift, found.get("gain"), found["bounds"]),
-        target=target,
-        unsafe=tuple(unsafe),
-        delta=head["delta"],
-        steps=head["steps"],
-        view_time=head["view_time"],
-        name=head["problem"],
-        recipe=head["recipe"],
-        sensing=head["sensing"],
-    )
+    dynamics = VectorField(head["inputs"], head["grid"].ndim, drift, found.get("gain"), found["bounds"])
+    rest = {name: head[name] for name in ("grid", "delta", "steps", "view_time", "recipe", "sensing")}
+    return ReachAvoidProblem(dynamics=dynamics, target=target, unsafe=tuple(unsafe), name=head["problem"], **rest)
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

@@ -237,18 +237,16 @@ def test_a_recipe_is_complete():
 
 
 @pytest.mark.parametrize(
-    ("recipe", "message"),
+    "recipe",
     [
-        ({"builder": "rocket", "arguments": {}}, "unknown builder 'rocket'; this version has arm_case_study, evader"),
-        ({}, "a recipe must be"),
-        (
-            {"builder": "arm_case_study", "arguments": {"nodes": 7, "colour": 1}},
-            "differ in the arguments colour, ",
-        ),
+        {"builder": "rocket", "arguments": {}},
+        {},
+        7,
+        {"builder": "arm_case_study", "arguments": {"nodes": 7, "colour": 1}},
     ],
 )
-def test_a_bad_recipe_is_refused(recipe, message):
-    with pytest.raises(ValueError, match=message):
+def test_a_bad_recipe_is_refused(recipe):
+    with pytest.raises(ValueError, match=r"a recipe must be \{'builder': one of arm_case_study, evader.* got"):
         rebuild(recipe)
 
 
