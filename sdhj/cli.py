@@ -24,7 +24,6 @@ import numpy as np
 
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.certified.check import verify as check
-from sdhj.certified.labels import shares
 from sdhj.certified.sets import Certified
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
@@ -224,46 +223,18 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     help="Check a random sample of this many cells (for the arm, pairs of joint cells); 0 checks every claim.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
-@click.option(
-    "--certified",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Certified table with which an interpolated table is compared.",
-)
 @click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
 @click.pass_context
 @plainly
-def verify_command(
-    context: click.Context,
-    table: Path,
-    samples: int,
-    seed: int,
-    certified: Path | None,
-    problem: str | None,
-) -> None:
-    """Check a certified table, or compare another table with one."""
-    certain = header(table)["method"] == "certified"
-    if certain and certified:
-        raise ValueError(
-            f"{table} is itself a certified table: its claims are checked, and there is nothing to compare; leave out "
-            "--certified, or give an interpolated table first"
-        )
-    if certain:
-        began = time.perf_counter()
-        report = check(table, user_problem(problem), samples=samples or None, seed=seed)
-        click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
-        context.exit(0 if report.ok else 1)
-    if samples:
-        raise ValueError(f"--samples applies to certified tables only, and {table} is not one; leave it out")
-    if certified is None:
-        raise ValueError(
-            f"{table} contains interpolated tubes, which have no proof; make a certified table with `sdhj solve "
-            "--method certified -o certified.h5` and compare with it: `sdhj verify --certified certified.h5 ...`"
-        )
-    read, proof = load(table), load(certified)
-    if proof.method != "certified":
-        raise ValueError(f"{certified} was solved by {proof.method!r}; --certified needs a table of method 'certified'")
-    for name, share in shares(read, proof, within=read.steps, seed=seed).items():
-        click.echo(f"{name:<14}{share:8.2%} of the state space, within {read.steps} steps from step 0")
+def verify_command(context: click.Context, table: Path, samples: int, seed: int, problem: str | None) -> None:
+    """Check every claim of a certified table again."""
+    if header(table)["method"] != "certified":
+        how = "make a certified table with `sdhj solve --method certified`"
+        raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
+    began = time.perf_counter()
+    report = check(table, user_problem(problem), samples=samples or None, seed=seed)
+    click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
+    context.exit(0 if report.ok else 1)
 
 
 def user_problem(name: str | None) -> Any:

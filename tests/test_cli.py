@@ -94,19 +94,15 @@ def test_what_is_wrong_is_one_line_and_status_2(arguments, named, tmp_path, monk
     assert len(line) < 300
 
 
-def test_options_that_do_not_go_together_are_refused(saved, tmp_path):
+def test_options_that_do_not_go_together_are_refused(saved):
     """None of them is dropped without a word."""
-    certified = tmp_path / "certified.h5"
-    problem = sdhj.arm_case_study(nodes=5, steps=1)
-    sdhj.solve(problem, sdhj.Certified(cells=WARM_CELLS), progress=False).save(certified)
-    cases = {
-        "--start simulates one run": ["simulate", saved, "--start", "0,0,0.2,0.2", "--runs", 10],
-        "is itself a certified table": ["verify", certified, "--certified", certified],
-        "--samples applies to certified tables only": ["verify", saved, "--certified", certified, "--samples", 5],
-    }
-    for named, arguments in cases.items():
-        result = run(*arguments)
-        assert result.exit_code == 2 and named in result.output, result.output
+    result = run("simulate", saved, "--start", "0,0,0.2,0.2", "--runs", 10)
+    assert result.exit_code == 2 and "--start simulates one run" in result.output, result.output
+
+
+def test_tubes_without_a_proof_are_not_verified(saved):
+    result = run("verify", saved)
+    assert result.exit_code == 2 and "interpolated tubes, which have no proof; make a certified" in result.output
 
 
 def test_damaged_file_is_one_line(tmp_path):
@@ -227,15 +223,6 @@ def test_simulate_plays_your_robot(own, monkeypatch):
     ):
         refused = run("simulate", own, "--start", wrong)
         assert refused.exit_code == 2 and named in refused.output, refused.output
-
-
-def test_your_robot_is_compared_with_a_certified_table(own, tmp_path):
-    problem = torus_problem(nodes=12, steps=2)
-    sdhj.solve(problem, sdhj.Certified(cells=(24, 24)), progress=False).save(tmp_path / "certified.h5")
-    result = run("verify", own, "--certified", tmp_path / "certified.h5")
-    assert result.exit_code == 0 and "of the state space, within 2 steps" in result.output, result.output
-    alone = run("verify", own)
-    assert alone.exit_code == 2 and "contains interpolated tubes, which have no proof" in alone.output
 
 
 def test_a_header_with_a_hole_is_damage(own, tmp_path):

@@ -404,7 +404,7 @@ def command_line(folder: Path) -> Any:
     commands = {
         "solve": ["--nodes", "--steps", "--method", "--view-time", "--kinematics", "--cells"],
         "simulate": ["--runs", "--adversary", "--rule", "--seed", "--start"],
-        "verify": ["--samples", "--seed", "--certified", "-o"],
+        "verify": ["--samples", "--seed"],
         "info": ["--help"],
     }
     values = st.sampled_from(
@@ -417,7 +417,7 @@ def command_line(folder: Path) -> Any:
         option, value = draw(st.sampled_from(commands[command])), draw(values)
         usual = ["--nodes", "5", "--steps", "1", "-o", str(folder / "out.h5")] if command == "solve" else [str(path)]
         usual += ["--runs", "10"] if command == "simulate" and option not in ("--runs", "--start") else []
-        typed = [command, *usual, option, *([value] * (4 if option == "--start" else 1) if option != "--help" else [])]
+        typed = [command, *usual, option, *([value] if option != "--help" else [])]
         return Case(partial(typed_in, typed), (option.strip("-"), "-o", "FILE", value[:9]), " ".join(typed)[-90:])
 
     return called()

@@ -1,6 +1,5 @@
 """Which part of an interpolated tube a certificate covers: three labels for every state."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast
 
@@ -65,13 +64,3 @@ def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0
     proved = certified.contains(states, start=start, within=within)
     claimed = table.contains(states, start=start, within=within)
     return np.where(proved, 0, np.where(claimed, 1, 2))
-
-
-def shares(
-    table: Table, certified: Table, *, start: int = 0, within: int, draws: int = 200_000, seed: int = 0
-) -> Mapping[str, float]:
-    """Share of the state space under each label, from states drawn uniformly; draws = 200,000 gives it within 0.3%."""
-    rng, grid = np.random.default_rng(seed), table.grid
-    states = rng.uniform(grid.lower, grid.upper, (draws, grid.ndim))
-    found = labels(table, certified, states, start=start, within=within)
-    return {name: float((found == place).mean()) for place, name in enumerate(LABELS)}
