@@ -395,6 +395,17 @@ class BlackBox:
         far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
         return value - far, value + far
 
+    def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
+        """As `Formula.least`, of a level set; ValueError where it is not said how fast it changes."""
+        if self.enclosure is not None:
+            return self.bounds(points, points, time)[0]
+        if self.rate is None:
+            raise ValueError(
+                f"{self.name} is a BlackBox that may depend on time: say how fast it changes, BlackBox(..., rate=0.0) "
+                "if it does not, or use view_time='sampled' or 'instantaneous'"
+            )
+        return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
+
     def __call__(self, points: Any, *others: Any) -> Any:
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")

@@ -9,7 +9,7 @@ import json
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import pairwise, product
 from typing import Any
 
@@ -293,14 +293,13 @@ class ReachAvoidProblem:
     ) -> FloatArray:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
         axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
-        lower = part.lowering(t0, t1, view_time)
-        union = lambda points: part.union(points, t0, t1, view_time)  # noqa: E731
-        values = self._sampled(part, union, lower) if part.moving else self.unsafe_at(part, t0)
+        over = partial(part.over, t0=t0, t1=t1, view_time=view_time)
+        values = self._sampled(part, over) if part.moving else self.unsafe_at(part, t0)
         grid = self.grid.subgrid(axes)
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
 
-    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray], lower: float = 0.0) -> FloatArray:
-        """An unsafe set's function at the nodes, made `closed` and then lowered, according to its `sampling`."""
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """An unsafe set's function at the nodes, made `closed`, according to its `sampling`."""
         grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
@@ -313,7 +312,6 @@ class ReachAvoidProblem:
                 values = closed(more, self._sample_on(more, function, part.name))[middle]
             else:
                 values = closed(grid, values)
-        values = values - lower
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 
     @cached_property
@@ -644,7 +642,8 @@ def _check_functions(problem: "ReachAvoidProblem") -> None:
     for j, step in product(range(len(problem.inputs)), steps if problem.dynamics.timed else [0]):
         problem.dynamics.bounds_at(j, problem.time(step))
     for part in problem.unsafe:
-        part.lowering(0.0, problem.delta, problem.view_time)
+        corner = np.array([[problem.grid.lower[axis] for axis in part.axes]])
+        part.over(corner, 0.0, problem.delta, problem.view_time)  # refuses a black box of which too little is known
         if part.moving and part.swept is not None and problem.view_time == "swept":
             _check_swept(problem, part)
     _try_goals(problem)

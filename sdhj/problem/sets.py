@@ -122,30 +122,15 @@ class UnsafeSet:
 
         With "swept" its set contains this one at every time; with "sampled" it is the union of 20 samples only.
         """
-        return self.union(points, t0, t1, view_time) - self.lowering(t0, t1, view_time)
-
-    def union(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """As `over`, before `lowering`."""
         if not self.moving:
             return self.level_set(points, t0)
         if view_time == "swept" and self.swept is not None:
             return self.swept(points, t0, t1)
         times = np.linspace(t0, t1, SUBSAMPLES).tolist()
-        if view_time == "swept" and isinstance(self.level_set, Formula):  # a lower bound over each piece of the time
+        if view_time == "swept":  # a lower bound over each piece of the time
             pieces = pairwise(times) if t1 > t0 else [(t0, t1)]
             return reduce(np.minimum, [self.level_set.least(points, piece) for piece in pieces])
         return reduce(np.minimum, [self.level_set(points, t) for t in times])
-
-    def lowering(self, t0: float, t1: float, view_time: str) -> float:
-        """How much `over` subtracts of a black box for the times between samples, at most half a gap from one."""
-        if not self.moving or view_time != "swept" or self.swept is not None or isinstance(self.level_set, Formula):
-            return 0.0
-        if self.level_set.rate is None:
-            raise ValueError(
-                f"the unsafe set {self.name!r} is a BlackBox that may depend on time: say how fast it changes, "
-                "BlackBox(..., rate=0.0) if it does not, or use view_time='sampled' or 'instantaneous'"
-            )
-        return float(self.level_set.rate * (t1 - t0) / (SUBSAMPLES - 1) / 2)
 
 
 @dataclass(frozen=True)
