@@ -193,7 +193,7 @@ def traced(
             raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
     except NotTraced as error:
         raise NotTraced(
-            f"{error}. The page on formulas says what is known. What cannot be written so is wrapped: "
+            f"{error}. What cannot be written so is wrapped, with what is known of it: "
             f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
         ) from None
     return nodes, one
