@@ -99,7 +99,10 @@ class StoredTable(Table):
     # ---- states
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        return self._values_at(points[:, None], start, np.full(len(points), within))[:, 0] <= 0
+        found, place = np.empty(len(points), np.bool_), self.place(start, within)
+        for rows, window in self._windows(points, np.zeros((2, 1, self.grid.ndim)), 1):
+            found[rows] = window.interpolate(read_window(self._read, "tubes", place, window), points[rows]) <= 0
+        return found
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         count = len(self.problem.inputs)

@@ -261,8 +261,11 @@ class ReachAvoidProblem:
         """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
         return map(self.on, self.grid.pieces())
 
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
+        return self._sample_on(self.grid.subgrid(axes), function, name)
+
     def _sample_on(self, grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        """Values of a function at the nodes of a grid, float64, checked to be finite."""
         values = [self._checked(function(piece.points()), name, piece.size) for piece in grid.pieces()]
         return np.concatenate(values).reshape(grid.shape)
 
@@ -326,8 +329,7 @@ class ReachAvoidProblem:
         t, jitter, grid, target = self.time(step), self.sensing.jitter, self.grid, self.target
         values = np.full((1,) * grid.ndim, -np.inf)
         if not self.stays:
-            subgrid = grid.subgrid(target.axes)
-            found = self._sample_on(subgrid, lambda points: target.level_set(points, t), target.name)
+            found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
             values = grid.lift(found, target.axes)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)

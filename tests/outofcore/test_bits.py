@@ -219,3 +219,13 @@ def test_a_window_has_the_nodes_of_its_grid():
     some = values[np.ix_(*map(window.places, range(3)))]
     points = np.random.default_rng(1).uniform([-0.4, 0.3, 2.0], [0.4, 0.4, 4.0], (50, 3))
     assert np.array_equal(window.interpolate(some, points), grid.interpolate(values, points))
+
+
+def test_states_past_a_wall_are_in_no_tube_of_a_store_either(tmp_path):
+    problem = rough_problem()
+    table, stored = sdhj.solve(problem), sdhj.solve(problem, store=tmp_path / "t.zarr", memory=room(problem))
+    points = np.random.default_rng(0).uniform(-1.5, 1.5, (400, 2))
+    found = stored.contains(points)
+    assert (
+        np.array_equal(found, table.contains(points)) and found.any() and not found[np.abs(points[:, 1]) > 1.01].any()
+    )
