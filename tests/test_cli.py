@@ -285,15 +285,3 @@ def test_without_standard_error_it_works_all_the_same(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
     assert done.stdout == "5\n", done.stderr
-
-
-def test_it_is_a_module_that_runs():
-    done = ran(f"{sys.executable} -m sdhj --version")
-    assert done.stdout.strip().endswith(f"version {sdhj.__version__}"), done.stderr
-
-
-def test_no_picture_without_matplotlib(tmp_path):
-    code = "import sys; sys.modules['matplotlib'] = None; from sdhj.cli import main; main(sys.argv[1:])"
-    arguments = [sys.executable, "-c", code, "verify", "missing.h5", "-o", str(tmp_path / "x.png")]
-    done = subprocess.run(arguments, capture_output=True, text=True)
-    assert done.returncode == 2 and 'pip install "sdhj[plot]"' in done.stderr and "Traceback" not in done.stderr

@@ -399,7 +399,10 @@ def test_a_script_refuses_in_one_line(tmp_path, monkeypatch, options, said):
     assert len(result.output.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize(("name", "said"), [("fig10_tubes", "reach-avoid tubes"), ("make_all", "Every figure")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("fig10_tubes", "reach-avoid tubes"), pytest.param("make_all", "Every figure", marks=pytest.mark.slow)],
+)
 def test_a_script_runs_from_anywhere(tmp_path, name, said):
     done = subprocess.run(
         [sys.executable, str(HERE / f"{name}.py"), "--help"], cwd=tmp_path, capture_output=True, text=True

@@ -29,7 +29,8 @@ def unsafe(table):
     return table.values(start=0, within=table.steps) > 0
 
 
-@pytest.mark.parametrize("turns", [(-1.0, 0.0, 1.0), pytest.param((-1.0, 1.0), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("turns", [(-1.0, 0.0, 1.0), (-1.0, 1.0)])
 def test_more_intervals_leave_less_unsafe_down_to_continuous_time(turns):
     """Who may turn at every half interval may also turn at every whole one: what comes in is error."""
     tables = [solved(intervals, turns=turns) for intervals in (2, 8, 32)]

@@ -3,8 +3,6 @@
 import dataclasses
 import itertools
 import logging
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -332,14 +330,3 @@ def test_the_style_leaves_no_trace():
     with plotting.style():
         assert mpl.rcParams["svg.hashsalt"] == "sdhj"
     assert dict(mpl.rcParams) == before
-
-
-def test_without_matplotlib_a_sentence_says_what_to_install():
-    code = "import sys; sys.modules['matplotlib'] = None; import sdhj.plotting"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stderr.splitlines()[-1].endswith('not installed: pip install "sdhj[plot]"')
-
-
-def test_imports_stay_light():
-    code = "import sys, sdhj.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
