@@ -1,5 +1,6 @@
 """What holds for every test: floating-point errors raise, figures are closed, random numbers are seeded."""
 
+import gc
 import os
 import signal
 import sys
@@ -31,6 +32,12 @@ hypothesis.settings.load_profile("repeatable")
 
 judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table, stacklevel: {}
 scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
+
+
+def pytest_collection_finish() -> None:
+    """What was made until here stays; to look through it for garbage, again and again, would take seconds."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
