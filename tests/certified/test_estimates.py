@@ -48,10 +48,12 @@ def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, ki
     told = method.estimate(problem)
     assert told.seconds == pytest.approx(4 * told.cells / 1000)
     assert asked[0] < asked[1] / 4 and (asked[1] < told.cells / 2 or told.cells < 200_000)  # few are all timed
+    assert f"{told.cells:.1e} cells" in str(told)
     monkeypatch.undo()
+    if told.cells > 200_000:
+        return
     table = sdhj.solve(problem, method, progress=False, play=False)
     assert told.cells == np.prod(table.details["cells"]) and told.nbytes > table.nbytes
-    assert f"{told.cells:.1e} cells" in str(told)
 
 
 def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):
