@@ -144,7 +144,7 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
     table, seen = tables[name], set()
     controller = Controller(table)
     for step, all_left in product(range(table.steps + 1), (False, True)):
-        states = random_states(table.problem, 60, rng)
+        states = random_states(table.problem, 40, rng)
         within = max(1, table.steps - step) if all_left else 1
         batch = table.batch(states, step, within) if all_left else controller.batch(states, step)
         for m, q in enumerate(states):
@@ -164,7 +164,7 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
 def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
     table, promised = tables[name], set()
     for step in range(table.steps):
-        states = random_states(table.problem, 12, rng)
+        states = random_states(table.problem, 8, rng)
         chosen, steps, hazards = fallbacks(table, states, step)
         every = table.hazards(states, step)
         following = [table.value_array(step + 1, table.steps - step - 1)]
@@ -203,7 +203,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     controller = Controller(table)
     seen = set()
     for step in range(3):
-        states = random_states(problem, 100, rng)
+        states = random_states(problem, 40, rng)
         batch = controller.batch(states, step)
         for m, q in enumerate(states):
             to_go, safe, margins, _ = twin(table, q, step)

@@ -3,6 +3,7 @@
 import itertools
 import shutil
 import time
+from functools import cache
 
 import h5py
 import numpy as np
@@ -25,8 +26,12 @@ def read_to_check(path):
     return file
 
 
-READERS = {"table": lambda path: sdhj.load(path, problem=PROBLEM), "checker": read_to_check}
-PROBLEM = sdhj.arm_case_study(**SMALL)
+READERS = {"table": lambda path: sdhj.load(path, problem=small_problem()), "checker": read_to_check}
+
+
+@cache
+def small_problem():
+    return sdhj.arm_case_study(**SMALL)
 
 
 @pytest.fixture(scope="module")
