@@ -514,9 +514,7 @@ FORGERIES: dict[str, Forgery] = {
     "an adversary that enters as it likes": Forgery("pushed", MOVES, shifts("low", 1)),
     "one measurement that errs": Forgery("sensed", MOVES, narrower(2, 2)),
     "no late end": Forgery(
-        "sensed",
-        MOVES,
-        both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0)),
+        "sensed", MOVES, both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0))
     ),
     "no early end": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 3, j=2))),
     "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
@@ -541,10 +539,7 @@ FORGERIES: dict[str, Forgery] = {
     "a moving set nearer than rounding": Forgery(
         "crossed",
         CLEAR,
-        both(
-            level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"),
-            only_clear(1, 69),
-        ),
+        both(level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"), only_clear(1, 69)),
         becomes=lambda: crossed(push=0.0),
     ),
     "out by the upper end": Forgery("line", CLEAR, clears(2, 79)),

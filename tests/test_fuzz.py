@@ -297,12 +297,7 @@ def runs() -> Any:
     many: dict[str, Any] = {"controller": controller, "runs": 10, "adversary": "worst", "seed": 0}
     once = {"controller": controller, "q0": q, "adversary": "worst", "seed": 0}
     return one_of(
-        one_odd(
-            many,
-            partial(sdhj.monte_carlo, progress=False),
-            ("controller", "runs", "seed"),
-            right=counted,
-        ),
+        one_odd(many, partial(sdhj.monte_carlo, progress=False), ("controller", "runs", "seed"), right=counted),
         one_odd(once, sdhj.simulate, ("controller", "q0", "seed"), also={"q0": ("state",)}),
         answers(),
     )
