@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import sdhj.solving
+from sdhj.kernels.tape import play_bounds_part
 
 matplotlib.use("Agg")  # draws without a screen
 
@@ -35,7 +36,9 @@ scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
 
 
 def pytest_collection_finish() -> None:
-    """What was made until here stays; to look through it for garbage, again and again, would take seconds."""
+    """No problem is made until here; and what was made stays, so no time is spent on looking for garbage in it."""
+    if getattr(play_bounds_part, "signatures", ()):
+        raise pytest.UsageError("a problem is made where tests are collected: all workers wait for what is compiled")
     gc.collect()
     gc.freeze()
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,8 +17,13 @@ from sdhj import BlackBox, Controller, Dynamics, Grid, Scheme, TargetSet, Unsafe
 from sdhj.certified import Certified
 from sdhj.problem import memory
 
-LINE = interval_problem()
 ONE = np.array([2.0])
+
+
+@cache
+def a_line():
+    """Not made while tests are collected, since to read functions kernels are compiled."""
+    return interval_problem()
 
 
 def on_line(**change):
@@ -26,7 +32,7 @@ def on_line(**change):
 
 
 def moved_by(drift=((-1.0,), (0.0,), (1.0,)), gain=((1.0,),), bounds=(0.2,)):
-    return Dynamics(LINE.inputs, drift, gain, bounds)
+    return Dynamics(a_line().inputs, drift, gain, bounds)
 
 
 def run_python(code, **environment):
@@ -159,7 +165,7 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         moved_by(drift).read(1)
     with pytest.raises(ValueError, match="read-only\nwhile gain under input 0 was read"):
         moved_by(gain=gain).read(1)
-    assert LINE.inputs.tolist() == [[-1.0], [0.0], [1.0]]
+    assert a_line().inputs.tolist() == [[-1.0], [0.0], [1.0]]
 
 
 def test_a_reused_buffer_is_copied():
@@ -320,7 +326,7 @@ def test_states_that_are_no_numbers_are_refused(kind):
 def test_parts_of_a_problem_of_the_wrong_kind_are_named(wrong):
     for name in ("grid", "dynamics"):
         with pytest.raises(ValueError, match=rf"^{name} must be a sdhj\.\w+, got"):
-            replace(LINE, **{name: wrong})
+            replace(a_line(), **{name: wrong})
 
 
 ARRAY = np.zeros(3)
@@ -343,8 +349,11 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
         (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
         (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
-        (lambda: replace(LINE, view_time=ARRAY), "view_time must be one of"),
-        (lambda: replace(LINE, steps=10**400), r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\."),
+        (lambda: replace(a_line(), view_time=ARRAY), "view_time must be one of"),
+        (
+            lambda: replace(a_line(), steps=10**400),
+            r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\.",
+        ),
         (
             lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
             "level set of 'target' cannot be read .* constant of type",
@@ -366,7 +375,7 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
         (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
         (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
-        (lambda: LINE.target_value([["a"]], 0.0), "points must be real numbers"),
+        (lambda: a_line().target_value([["a"]], 0.0), "points must be real numbers"),
         (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
     ],
 )

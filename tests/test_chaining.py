@@ -54,10 +54,11 @@ def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
 
 
 @pytest.mark.parametrize(
-    "problem", [interval_problem(steps=3, rate=-0.3), unicycle_problem()], ids=["timed", "turning"]
+    "problem", [lambda: interval_problem(steps=3, rate=-0.3), unicycle_problem], ids=["timed", "turning"]
 )
 def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
     """Interpolated as the grid does, outside of it nothing; a look-up for each step at most."""
+    problem = problem()
     table, grid = sdhj.solve(problem, progress=False), problem.grid
     tube = sdhj.TargetSet.from_table(table, within=1).level_set
     lower, upper = np.array(grid.lower), np.array(grid.upper)
