@@ -185,11 +185,11 @@ def test_a_reused_buffer_is_copied():
     assert not np.shares_memory(TargetSet((0,), BlackBox(reused)).level_set(points, 0.0), kept)
 
 
-def test_a_level_set_that_looks_at_all_points_together_is_named():
-    """Points come in pieces, and in runs one by one."""
-    scaled = lambda p, t: (np.abs(p[:, 0]) - 1.0) / len(p)  # noqa: E731
+@pytest.mark.parametrize("share", [1.0, 1e-15])
+def test_a_level_set_that_looks_at_all_points_together_is_named(share):
+    """Points come in pieces, and in runs one by one; by however little it hangs on their number."""
     with pytest.raises(ValueError, match=r"level set of 'target' answers differently .* another number of points"):
-        TargetSet((0,), scaled)
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + share / len(p))
 
 
 @pytest.mark.parametrize(
@@ -246,12 +246,6 @@ def test_a_network_in_single_precision_is_taken(rng):
     problem = on_line(dynamics=moved_by(BlackBox(drift, rate=0.0)))
     assert problem.opaque == {"drift": "a BlackBox with rate"}
     assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=8).all()
-
-
-def test_a_level_set_that_depends_on_other_points_a_little_is_named():
-    """By however little."""
-    with pytest.raises(ValueError, match=r"answers differently .* with another number of points"):
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-15 / len(p))
 
 
 def test_compiled_functions_with_types_of_their_own_are_taken_as_black_boxes():

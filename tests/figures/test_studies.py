@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import toys
 from artists import axes, named
 from charts import draw_bars, draw_fractions, draw_sweep
 from experiments import clearances, mean_interval, starts_outside
@@ -54,7 +55,7 @@ def test_more_input_levels_never_lose_and_cost_in_proportion():
 
 @pytest.fixture(scope="module")
 def table():
-    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
+    return toys.arm_table()
 
 
 @pytest.fixture(scope="module")
