@@ -1,5 +1,6 @@
 """What holds for every test: floating-point errors raise, figures are closed, random numbers are seeded."""
 
+import gc
 import os
 import signal
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import sdhj.solving
+from sdhj.kernels.tape import play_bounds_part
 
 matplotlib.use("Agg")  # draws without a screen
 
@@ -31,6 +33,14 @@ hypothesis.settings.load_profile("repeatable")
 
 judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table, stacklevel: {}
 scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
+
+
+def pytest_collection_finish() -> None:
+    """No problem is made until here; and what was made stays, so no time is spent on looking for garbage in it."""
+    if getattr(play_bounds_part, "signatures", ()):
+        raise pytest.UsageError("a problem is made where tests are collected: all workers wait for what is compiled")
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -499,28 +499,22 @@ FORGERIES: dict[str, Forgery] = {
     "a stronger push": Forgery("line", MOVES, becomes=lambda: line(push=0.3)),
     "a shorter move": Forgery("line", MOVES, shifts("low", 1)),
     "a move that ends too early": Forgery("line", MOVES, shifts("high", -1)),
-    "a push on the speed": Forgery("cart", MOVES, becomes=lambda: cart(push=0.7)),
     "a seam like any other edge": Forgery("ring", MOVES, as_in_the_middle),
     "a wall that holds": Forgery(
         "bent", MOVES, nothing_in_sets, becomes=lambda: cart(ends="wall", bent=1e-3, delta=0.3)
     ),
     "less growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(435))),
-    "hardly any growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(1))),
     "growth from the lower end": Forgery("growing", MOVES, edit("low", lambda moves: moves[0, 0, 0].fill(100))),
     "the tide of another hour": Forgery("tide", MOVES, first_moves),
-    "another tide": Forgery("tide", MOVES, becomes=lambda: tide(phase=0.5)),
     "gusts that grow": Forgery("tide", MOVES, becomes=lambda: tide(more=0.3)),
     "gusts of another input": Forgery("blown", MOVES, becomes=lambda: blown(bound=1.0)),
     "gusts from the other side": Forgery(
         "blown", MOVES, both(*(edit(name, lambda moves: moves[0, 0, 10].fill(-10)) for name in ("low", "high")))
     ),
-    "a stronger gain": Forgery("blown", MOVES, becomes=lambda: blown(gain=0.3)),
     "an adversary that enters as it likes": Forgery("pushed", MOVES, shifts("low", 1)),
     "one measurement that errs": Forgery("sensed", MOVES, narrower(2, 2)),
     "no late end": Forgery(
-        "sensed",
-        MOVES,
-        both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0)),
+        "sensed", MOVES, both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0))
     ),
     "no early end": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 3, j=2))),
     "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
@@ -545,10 +539,7 @@ FORGERIES: dict[str, Forgery] = {
     "a moving set nearer than rounding": Forgery(
         "crossed",
         CLEAR,
-        both(
-            level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"),
-            only_clear(1, 69),
-        ),
+        both(level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"), only_clear(1, 69)),
         becomes=lambda: crossed(push=0.0),
     ),
     "out by the upper end": Forgery("line", CLEAR, clears(2, 79)),

@@ -10,10 +10,7 @@ def position(path, t):
     if path["kind"] == "line":
         return (path["start"][0] + t * path["velocity"][0], path["start"][1] + t * path["velocity"][1])
     angle = path["rate"] * t + path["phase"]
-    return (
-        path["centre"][0] + path["radius"] * math.cos(angle),
-        path["centre"][1] + path["radius"] * math.sin(angle),
-    )
+    return (path["centre"][0] + path["radius"] * math.cos(angle), path["centre"][1] + path["radius"] * math.sin(angle))
 
 
 def joints(q1, q2, l1, l2, kinematics):
@@ -21,10 +18,7 @@ def joints(q1, q2, l1, l2, kinematics):
     elbow = (l1 * math.cos(q1), l1 * math.sin(q1))
     if kinematics == "relative":
         return elbow, (elbow[0] + l2 * math.cos(q1 + q2), elbow[1] + l2 * math.sin(q1 + q2))
-    return elbow, (
-        l1 * math.cos(q1) + (l1 + l2) * math.cos(q2),
-        l1 * math.sin(q1) + (l1 + l2) * math.sin(q2),
-    )
+    return elbow, (l1 * math.cos(q1) + (l1 + l2) * math.cos(q2), l1 * math.sin(q1) + (l1 + l2) * math.sin(q2))
 
 
 def point_segment(p, a, b):

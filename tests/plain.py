@@ -8,12 +8,12 @@ from numba.core.dispatcher import Dispatcher
 from sdhj.kernels.compiling import Shared
 
 
-def run_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have every kernel of the package run uncompiled, where it stands and where it has been imported.
+def run_plainly(monkeypatch: pytest.MonkeyPatch, room: str = "sdhj") -> None:
+    """Have every kernel of the package, or of a room, run uncompiled, where it stands and where it has been imported.
 
     The same functions do the same operations, node by node: for a few hundred nodes.
     """
-    for module in [module for name, module in sys.modules.items() if name.split(".")[0] == "sdhj"]:
+    for module in [module for name, module in sys.modules.items() if f"{name}.".startswith(f"{room}.")]:
         for name, value in list(vars(module).items()):
             if isinstance(value, Shared | Dispatcher):
                 monkeypatch.setattr(module, name, value.py_func)

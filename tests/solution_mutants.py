@@ -350,10 +350,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {  # exercise -> what was changed, "…"
         "`0.30000000000000004` for `0.1`": "the dip is between two other nodes",
     },
     "12.4": {"`failed[left].mean()` for …": "NumPy's mean of nothing is not a number either, and warns"},
-    "12.5": {
-        "`400` for `200`": "more tries",
-        "`8` for `4` (2)": "an array without rows is empty, however wide it is",
-    },
+    "12.5": {"`400` for `200`": "more tries", "`8` for `4` (2)": "an array without rows is empty, however wide it is"},
     "15.5": {"`8` for `4` (3)": "within more steps than there are is within all of them"},
     "14.3": {"… for `10`": "the inner range ends at 9, so a larger m has no partner"},
     "14.4": {"`120` for `60`": "sixty halvings are as far as a double goes"},

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,8 +17,13 @@ from sdhj import BlackBox, Controller, Dynamics, Grid, Scheme, TargetSet, Unsafe
 from sdhj.certified import Certified
 from sdhj.problem import memory
 
-LINE = interval_problem()
 ONE = np.array([2.0])
+
+
+@cache
+def a_line():
+    """Not made while tests are collected, since to read functions kernels are compiled."""
+    return interval_problem()
 
 
 def on_line(**change):
@@ -26,7 +32,7 @@ def on_line(**change):
 
 
 def moved_by(drift=((-1.0,), (0.0,), (1.0,)), gain=((1.0,),), bounds=(0.2,)):
-    return Dynamics(LINE.inputs, drift, gain, bounds)
+    return Dynamics(a_line().inputs, drift, gain, bounds)
 
 
 def run_python(code, **environment):
@@ -85,7 +91,7 @@ def test_a_set_that_comes_and_goes_is_not_static():
     assert part.moving and found == pytest.approx([3.0, -0.3, -0.3, -0.3, 3.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("steps", [1, 8, 200, 5000])
+@pytest.mark.parametrize("steps", [1, 8, 200, 2000])
 def test_what_moves_for_a_while_is_met_among_many_steps(steps):
     begin, end = 0.31 * steps * 0.1, 0.36 * steps * 0.1
 
@@ -159,7 +165,7 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         moved_by(drift).read(1)
     with pytest.raises(ValueError, match="read-only\nwhile gain under input 0 was read"):
         moved_by(gain=gain).read(1)
-    assert LINE.inputs.tolist() == [[-1.0], [0.0], [1.0]]
+    assert a_line().inputs.tolist() == [[-1.0], [0.0], [1.0]]
 
 
 def test_a_reused_buffer_is_copied():
@@ -179,11 +185,11 @@ def test_a_reused_buffer_is_copied():
     assert not np.shares_memory(TargetSet((0,), BlackBox(reused)).level_set(points, 0.0), kept)
 
 
-def test_a_level_set_that_looks_at_all_points_together_is_named():
-    """Points come in pieces, and in runs one by one."""
-    scaled = lambda p, t: (np.abs(p[:, 0]) - 1.0) / len(p)  # noqa: E731
+@pytest.mark.parametrize("share", [1.0, 1e-15])
+def test_a_level_set_that_looks_at_all_points_together_is_named(share):
+    """Points come in pieces, and in runs one by one; by however little it hangs on their number."""
     with pytest.raises(ValueError, match=r"level set of 'target' answers differently .* another number of points"):
-        TargetSet((0,), scaled)
+        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + share / len(p))
 
 
 @pytest.mark.parametrize(
@@ -240,12 +246,6 @@ def test_a_network_in_single_precision_is_taken(rng):
     problem = on_line(dynamics=moved_by(BlackBox(drift, rate=0.0)))
     assert problem.opaque == {"drift": "a BlackBox with rate"}
     assert sdhj.solve(problem, progress=False).contains([[0.0]], start=0, within=8).all()
-
-
-def test_a_level_set_that_depends_on_other_points_a_little_is_named():
-    """By however little."""
-    with pytest.raises(ValueError, match=r"answers differently .* with another number of points"):
-        TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 + 1e-15 / len(p))
 
 
 def test_compiled_functions_with_types_of_their_own_are_taken_as_black_boxes():
@@ -320,7 +320,7 @@ def test_states_that_are_no_numbers_are_refused(kind):
 def test_parts_of_a_problem_of_the_wrong_kind_are_named(wrong):
     for name in ("grid", "dynamics"):
         with pytest.raises(ValueError, match=rf"^{name} must be a sdhj\.\w+, got"):
-            replace(LINE, **{name: wrong})
+            replace(a_line(), **{name: wrong})
 
 
 ARRAY = np.zeros(3)
@@ -343,8 +343,11 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Scheme(cfl=np.complex128(0.5)), r"cfl must be a number in \(0, 1\]"),
         (lambda: sdhj.HopfLax(interpolation=ARRAY), "interpolation must be one of"),
         (lambda: sdhj.HJI(games=ARRAY), "games must be one of"),
-        (lambda: replace(LINE, view_time=ARRAY), "view_time must be one of"),
-        (lambda: replace(LINE, steps=10**400), r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\."),
+        (lambda: replace(a_line(), view_time=ARRAY), "view_time must be one of"),
+        (
+            lambda: replace(a_line(), steps=10**400),
+            r"steps must be a whole number from 1 to 1,000,000, got 1000.*\.\.\.",
+        ),
         (
             lambda: TargetSet((0,), lambda p, t: [1.0, "a"] * 40),
             "level set of 'target' cannot be read .* constant of type",
@@ -366,7 +369,7 @@ TWO = [np.zeros(2), np.zeros(3)]
         (lambda: Grid([0.0], [1.0], b"abc"), "shape must be a sequence"),
         (lambda: Certified(parts=10**400), "parts must be a whole number from 1 to"),
         (lambda: Certified(cells=[10**400]), "cells must be whole numbers from 2 to"),
-        (lambda: LINE.target_value([["a"]], 0.0), "points must be real numbers"),
+        (lambda: a_line().target_value([["a"]], 0.0), "points must be real numbers"),
         (lambda: sdhj.Projected(subspaces=ARRAY), "subspaces must be a sequence"),
     ],
 )
@@ -390,7 +393,7 @@ def test_more_runs_than_memory_holds_are_refused(runs):
         sdhj.monte_carlo(Controller(interval_table()), runs)
 
 
-@pytest.mark.parametrize("asked", ["0", "many", "99999999"])
+@pytest.mark.parametrize("asked", ["many", "99999999"])
 def test_a_number_of_threads_that_is_none_is_told(asked):
     done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS=asked)
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr

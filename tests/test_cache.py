@@ -237,13 +237,13 @@ print("end")
 
 
 MINE = """
-from {package} import {decorator} as kernel
+from maker import {decorator} as kernel
 @kernel()
 def triple(x):
     return 3 * x
 """
 ASKED = "from mine import triple; print(triple(2), len(triple.stats.cache_hits))"
-DECORATORS = [("sdhj.kernels.compiling", "kernel"), ("sdhj.certified.check.bits", "compiled")]
+DECORATORS = dict(zip(sorted(MAKERS, reverse=True), ("kernel", "compiled"), strict=True))
 
 
 def process(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -251,11 +251,11 @@ def process(code: str, folder: Path, **environment: str) -> subprocess.Completed
     return subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
 
 
-@pytest.fixture(params=DECORATORS, ids=["package", "checker"])
+@pytest.fixture(params=DECORATORS, ids=str)
 def mine(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A folder with a module of one kernel, by the package's decorator or the checker's."""
-    package, decorator = request.param
-    (tmp_path / "mine.py").write_text(MINE.format(package=package, decorator=decorator), encoding="utf-8")
+    """A folder with a module of one kernel, by a copy of the package's decorator or the checker's."""
+    shutil.copy(PACKAGE / request.param, tmp_path / "maker.py")
+    (tmp_path / "mine.py").write_text(MINE.format(decorator=DECORATORS[request.param]), encoding="utf-8")
     return tmp_path
 
 
@@ -320,17 +320,17 @@ print(triple(2), len(triple.stats.cache_misses))
 """
 
 
-def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mine", [Path("kernels/compiling.py")], indirect=True, ids=str)
+def test_of_two_processes_one_compiles(mine: Path) -> None:
     """Both are about to call the same function when either does; the other one waits and reads what is kept."""
-    (tmp_path / "mine.py").write_text(MINE.format(package="sdhj.kernels.compiling", decorator="kernel"))
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(mine / "cache")}
     command = [sys.executable, "-c", AT_ONCE]
     both = [
-        subprocess.Popen([*command, name], cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([*command, name], cwd=mine, env=environment, stdout=subprocess.PIPE, text=True)
         for name in ("ready1", "ready2")
     ]
     assert sorted(process.communicate()[0].split() for process in both) == [["6", "0"], ["6", "1"]]
-    assert not list((tmp_path / "cache").rglob("*.lock"))
+    assert not list((mine / "cache").rglob("*.lock"))
 
 
 def locking_fails(*_: object) -> None:

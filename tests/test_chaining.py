@@ -54,10 +54,11 @@ def test_the_target_is_empty_between_the_samples_and_after_the_last(method):
 
 
 @pytest.mark.parametrize(
-    "problem", [interval_problem(steps=3, rate=-0.3), unicycle_problem()], ids=["timed", "turning"]
+    "problem", [lambda: interval_problem(steps=3, rate=-0.3), unicycle_problem], ids=["timed", "turning"]
 )
 def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
     """Interpolated as the grid does, outside of it nothing; a look-up for each step at most."""
+    problem = problem()
     table, grid = sdhj.solve(problem, progress=False), problem.grid
     tube = sdhj.TargetSet.from_table(table, within=1).level_set
     lower, upper = np.array(grid.lower), np.array(grid.upper)
@@ -140,7 +141,7 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
     second = sdhj.solve(leg(1, target=sdhj.TargetSet.from_table(first)), method, progress=False)
     assert second.fraction(start=0, within=STEPS) > first.fraction(start=0, within=STEPS) + 0.05
     relay = Relay(sdhj.Controller(second), sdhj.Controller(first))
-    points = rng.uniform([-2.5, -1.5], [2.5, 1.5], (5000, 2))
+    points = rng.uniform([-2.5, -1.5], [2.5, 1.5], (3000, 2))
     starts = points[second.contains(points, start=0, within=STEPS)]
     played = set()
 
@@ -165,5 +166,5 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
         lambda states, places, t, end: np.sign([-0.6, 0.8 * t - 1.0] - states),
     ):
         outcomes = judge.play(choose, velocity, signs, goal, unsafe, starts, delta=DELTA, steps=STEPS)
-        assert len(outcomes) > 700 and (outcomes == "reached").all(), np.unique(outcomes, return_counts=True)
+        assert len(outcomes) > 400 and (outcomes == "reached").all(), np.unique(outcomes, return_counts=True)
     assert played >= {0, 1}

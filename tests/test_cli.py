@@ -268,8 +268,3 @@ def test_without_standard_error_it_works_all_the_same(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
     assert done.stdout == "5\n", done.stderr
-
-
-def test_it_is_a_module_that_runs():
-    done = ran(f"{sys.executable} -m sdhj --version")
-    assert done.stdout.strip().endswith(f"version {sdhj.__version__}"), done.stderr

@@ -14,7 +14,7 @@ from sdhj.problem.problem import ON_BOUNDARY, closed
 from sdhj.solver.resolution import ResolutionWarning
 
 CENTRE, HALF = np.array([2.03, 1.47]), np.array([0.41, 0.52])  # of a box, m
-RUNS = 2000
+RUNS = 1000
 
 
 def signed(points, t):
@@ -61,7 +61,6 @@ METHODS = {
     "hji": "hji",
     "joint": sdhj.HJI(games="joint"),
     "lax": "lax",
-    "linear": sdhj.HopfLax(interpolation="linear"),
     "projected": "projected",
 }
 
@@ -75,17 +74,17 @@ def test_a_distance_without_a_sign_is_as_good_as_one_with(method):
     assert collisions(table) == 0
 
 
-@pytest.mark.parametrize("method", ["hji", "lax"])
 @pytest.mark.parametrize(
-    "level_set",
+    ("method", "level_set"),
     [
-        free,
-        beside_a_post(unsigned),
-        lambda p, t: unsigned(p, t) ** 2,
-        lambda p, t: np.minimum(unsigned(p, t), 0.025),  # cut off half a cell outside
-        lambda p, t: np.maximum(signed(p, t), -1e-12),  # a hair below 0 inside
+        ("hji", free),
+        ("lax", free),
+        ("hji", beside_a_post(unsigned)),
+        ("hji", lambda p, t: unsigned(p, t) ** 2),
+        ("lax", lambda p, t: np.minimum(unsigned(p, t), 0.025)),  # cut off half a cell outside
+        ("hji", lambda p, t: np.maximum(signed(p, t), -1e-12)),  # a hair below 0 inside
     ],
-    ids=["occupancy", "beside a post", "square", "cut off", "a hair below"],
+    ids=["occupancy", "occupancy, lax", "beside a post", "square", "cut off", "a hair below"],
 )
 def test_other_functions_that_tell_nothing_inside(method, level_set):
     """Each is constant in the set, and of none is more known than where it is at most 0."""
@@ -95,11 +94,11 @@ def test_other_functions_that_tell_nothing_inside(method, level_set):
 def test_a_moving_set_and_a_store(tmp_path):
     """Swept over pieces of the interval, and then closed; and in slabs with the same bits."""
     moving = problem(lambda p, t: unsigned(p - [0.1 * t, 0.0], t), steps=6)
-    moving = replace(moving, grid=sdhj.Grid([0, 0], [4, 3], [41, 31]))
+    moving = replace(moving, grid=sdhj.Grid([0, 0], [4, 3], [33, 25]))
     table = sdhj.solve(moving, progress=False)
     counts = sdhj.monte_carlo(sdhj.Controller(table), RUNS, adversary="none", seed=0, progress=False).counts
     assert counts["collided"] == 0
-    stored = sdhj.solve(moving, store=tmp_path / "t.zarr", memory=room(moving, width=10), progress=False)
+    stored = sdhj.solve(moving, store=tmp_path / "t.zarr", memory=room(moving, width=11), progress=False)
     assert stored.details["slabs"] > 2
     assert_bit_equal(stored, table)
 

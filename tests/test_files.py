@@ -12,7 +12,7 @@ import make_golden
 import numpy as np
 import pytest
 from forging import forged
-from toys import interval_problem, one_row, torus_problem, unicycle_problem
+from toys import interval_problem, one_row, small_torus_table, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj.plotting.looks import writable_folder
@@ -70,7 +70,7 @@ def test_a_folder_is_made_where_it_can_be(tmp_path):
 
 @pytest.fixture(scope="module")
 def table():
-    return sdhj.solve(torus_problem(nodes=10, steps=3))
+    return small_torus_table()
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ reading it stays inside the file and its arrays.
 
 import shutil
 import time
+from functools import cache
 
 import h5py
 import make_golden
@@ -21,13 +22,17 @@ from sdhj.problem import memory as memory_module
 from sdhj.table.files import header
 
 LONGEST = 10.0  # seconds that an answer may take
-PROBLEM = torus_problem(nodes=10, steps=3)
+
+
+@cache
+def torus():
+    return torus_problem(nodes=10, steps=3)
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     path = tmp_path_factory.mktemp("tables") / "torus.h5"
-    sdhj.solve(PROBLEM, progress=False).save(path)
+    sdhj.solve(torus(), progress=False).save(path)
     return path
 
 
@@ -39,7 +44,7 @@ def path(saved, tmp_path):
 def refused(path, match=None):
     began = time.perf_counter()
     with pytest.raises(sdhj.TableFileError, match=match):
-        sdhj.load(path, problem=PROBLEM)
+        sdhj.load(path, problem=torus())
     assert time.perf_counter() - began < LONGEST
 
 
@@ -130,7 +135,7 @@ def test_an_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
     monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
     monkeypatch.setattr(memory_module, "SPARE", 0)
     with pytest.raises(MemoryError, match="the array tubes of the file needs about"):
-        sdhj.load(path, problem=PROBLEM)
+        sdhj.load(path, problem=torus())
 
 
 # ---- formulas

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,10 @@ PATIENCE = 60.0  # s that one call may take: the first ones compile kernels that
 PACKAGE = str(Path(sdhj.__file__).parent)
 SENTENCE = 700  # characters at most
 
-LINE = interval_problem(nodes=21, steps=2)
+
+@cache
+def a_line() -> sdhj.ReachAvoidProblem:
+    return interval_problem(nodes=21, steps=2)
 
 
 class Enough(Exception):
@@ -185,7 +188,7 @@ def dynamics() -> Any:
 
 
 def problem_of(**change: Any) -> Any:
-    usual = {name: getattr(LINE, name) for name in ("grid", "dynamics", "target", "unsafe", "delta", "steps")}
+    usual = {name: getattr(a_line(), name) for name in ("grid", "dynamics", "target", "unsafe", "delta", "steps")}
     return sdhj.ReachAvoidProblem(**usual | change)
 
 
@@ -215,7 +218,8 @@ def sets() -> Any:
 
 def problems() -> Any:
     usual = {
-        name: getattr(LINE, name) for name in ("grid", "dynamics", "target", "unsafe", "delta", "steps", "view_time")
+        name: getattr(a_line(), name)
+        for name in ("grid", "dynamics", "target", "unsafe", "delta", "steps", "view_time")
     }
     numeric = ("grid", "dynamics", "delta", "steps", "view_time")
     return one_odd(usual, sdhj.ReachAvoidProblem, numeric, also={"unsafe": ("target",), "target": ("unsafe",)})
@@ -225,13 +229,13 @@ def methods() -> Any:
     scheme = {"flux": "godunov", "order": 2, "integrator": "rk2", "cfl": 0.75, "frame": "moving", "dtype": "float32"}
 
     def certified(**given: Any) -> Any:
-        return sdhj.solve(LINE, Certified(**{"cells": [16]} | given), progress=False)
+        return sdhj.solve(a_line(), Certified(**{"cells": [16]} | given), progress=False)
 
     def growing(table: Any) -> bool:
         return table.fraction(start=0, within=0) <= table.fraction(start=0, within=2) <= 0.875
 
     def solved(maker: Any, **given: Any) -> Any:
-        return sdhj.solve(LINE, maker(**given), progress=False)
+        return sdhj.solve(a_line(), maker(**given), progress=False)
 
     return one_of(
         one_odd(scheme, lambda **given: sdhj.HJI(sdhj.Scheme(**given)), tuple(scheme)),
@@ -241,7 +245,7 @@ def methods() -> Any:
         one_odd(
             {"cells": [16], "parts": 2}, certified, ("cells", "parts"), right=growing, also={"cells": ("certifying",)}
         ),
-        one_odd({"method": "hji", "problem": LINE}, partial(sdhj.solve, progress=False), ("method", "problem")),
+        one_odd({"method": "hji", "problem": a_line()}, partial(sdhj.solve, progress=False), ("method", "problem")),
     )
 
 
@@ -297,12 +301,7 @@ def runs() -> Any:
     many: dict[str, Any] = {"controller": controller, "runs": 10, "adversary": "worst", "seed": 0}
     once = {"controller": controller, "q0": q, "adversary": "worst", "seed": 0}
     return one_of(
-        one_odd(
-            many,
-            partial(sdhj.monte_carlo, progress=False),
-            ("controller", "runs", "seed"),
-            right=counted,
-        ),
+        one_odd(many, partial(sdhj.monte_carlo, progress=False), ("controller", "runs", "seed"), right=counted),
         one_odd(once, sdhj.simulate, ("controller", "q0", "seed"), also={"q0": ("state",)}),
         answers(),
     )
@@ -493,7 +492,7 @@ def judged(case: Case) -> tuple[str, str]:
 @pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize("kind", KINDS)
 def test_odd_arguments_are_answered_or_named(kind: str, tmp_path: Path) -> None:
-    sdhj.monte_carlo(sdhj.Controller(sdhj.solve(LINE, progress=False)), 10, progress=False)  # compiles the kernels
+    sdhj.monte_carlo(sdhj.Controller(sdhj.solve(a_line(), progress=False)), 10, progress=False)  # compiles the kernels
     sdhj.monte_carlo(sdhj.Controller(interval_table(), "effort"), 10, progress=False)
     counts: Counter[str] = Counter()
     found: dict[tuple[str, str], str] = {}

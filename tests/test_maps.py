@@ -1,6 +1,5 @@
 """Maps and polygons: against brute-force distances, what they claim of slope and bounds, files good and bad."""
 
-import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -249,29 +248,6 @@ def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path)
     for make in (partial(UnsafeSet.from_map, free, resolution=1.0), partial(UnsafeSet.polygon, SHAPE)):
         with pytest.raises(ValueError, match="must be two axes of the grid, for x and y"):
             make(axes=(0,))
-
-
-MISSING = """
-import sys
-import numpy as np, sdhj
-for module, line in {
-    "scipy": "from_map(np.zeros((3, 3), bool), resolution=1.0)",
-    "yaml": "from_map('map.yaml')",
-    "shapely": "polygon([[0, 0], [1, 0], [0, 1]])",
-}.items():
-    sys.modules[module] = None
-    try:
-        eval("sdhj.UnsafeSet." + line)
-    except ImportError as error:
-        print(error)
-    del sys.modules[module]
-"""
-
-
-def test_a_missing_package_is_named() -> None:
-    run = subprocess.run([sys.executable, "-c", MISSING], capture_output=True, text=True)
-    told = run.stdout.splitlines()
-    assert len(told) == 3 and all("sdhj[maps]" in line for line in told), run.stderr
 
 
 def test_pillow_missing_is_named(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -214,28 +214,34 @@ def fresh(code: str) -> subprocess.CompletedProcess[str]:
 
 def test_what_an_extra_brings_is_not_imported() -> None:
     """A robot needs neither pictures nor Jupyter."""
-    run = fresh("import sys, sdhj; print(*sys.modules)")
-    modules = set(run.stdout.split())
+    run = fresh("import sys, sdhj; print(*sys.modules); import sdhj.plotting; print(*sys.modules)")
+    modules, with_plotting = (set(line.split()) for line in run.stdout.splitlines())
     assert "sdhj.solver.recursion" in modules, run.stderr
     assert not modules & {"sdhj.plotting", "sdhj.outofcore", "sdhj.simulation.environment"}
     assert not modules & {"IPython", "PIL", "dask", "gymnasium", "ipywidgets", "matplotlib", "zarr"}
     assert not modules & {"scipy.ndimage", "scipy.optimize", "shapely"}
+    assert "matplotlib" in with_plotting and "matplotlib.pyplot" not in with_plotting
 
 
-def test_the_command_line_needs_no_pictures() -> None:
+def test_the_command_line_needs_no_pictures_but_to_draw_one() -> None:
     absent = "".join(f"sys.modules[{name!r}] = None; " for name in ("matplotlib", "scipy", "shapely"))
-    run = fresh(f"import sys; {absent}\nfrom sdhj.cli import main\nmain(['--help'])")
-    assert run.returncode == 0, run.stderr
-    assert "Commands:" in run.stdout
+    commands = "main(['--help'], standalone_mode=False); main(['verify', 'missing.h5', '-o', 'x.png'])"
+    run = fresh(f"import sys; {absent}\nfrom sdhj.cli import main\n{commands}")
+    assert "Commands:" in run.stdout and run.returncode == 2
+    assert 'pip install "sdhj[plot]"' in run.stderr and "Traceback" not in run.stderr
 
 
 MISSING = """
 import sys
-for missing, line in {
-    "matplotlib": "import sdhj.plotting",
-    "shapely": "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])",
-    "gymnasium": "import sdhj.simulation.environment",
-}.items():
+import numpy as np, sdhj
+for missing, line in [
+    ("matplotlib", "import sdhj.plotting"),
+    ("shapely", "from sdhj.arm.workspace import Arm; Arm().outline([0.0, 0.0])"),
+    ("gymnasium", "import sdhj.simulation.environment"),
+    ("scipy", "sdhj.UnsafeSet.from_map(np.zeros((3, 3), bool), resolution=1.0)"),
+    ("yaml", "sdhj.UnsafeSet.from_map('map.yaml')"),
+    ("shapely", "sdhj.UnsafeSet.polygon([[0, 0], [1, 0], [0, 1]])"),
+]:
     sys.modules[missing] = None
     try:
         exec(line)
@@ -247,9 +253,9 @@ for missing, line in {
 
 def test_a_missing_extra_is_named() -> None:
     run = fresh(MISSING)
-    told = run.stdout.splitlines()
-    assert len(told) == 3, run.stderr
-    assert all(f"sdhj[{extra}]" in line for extra, line in zip(("plot", "plot", "gym"), told, strict=True))
+    told, extras = run.stdout.splitlines(), ("plot", "plot", "gym", "maps", "maps", "maps")
+    assert len(told) == len(extras), run.stderr
+    assert all(f"sdhj[{extra}]" in line for extra, line in zip(extras, told, strict=True))
 
 
 def test_citation_changelog_and_contributing_have_the_version() -> None:

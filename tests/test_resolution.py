@@ -228,8 +228,8 @@ def test_a_thin_wall_loses_what_a_thick_one_does_not(rng):
 @pytest.mark.parametrize(("ndim", "nodes"), [(3, 15), (4, 11)])
 def test_a_ball_is_not_thin_where_a_line_grazes_it(ndim, nodes, rng):
     """A chord is as short as one likes; what is thick beside it is no wall, and no number of nodes would mend it."""
-    for radius in (0.3, 0.4, 0.5):
-        for centre in rng.uniform(0.6, 1.2, (6, ndim)):
+    for radius in (0.3, 0.5):
+        for centre in rng.uniform(0.6, 1.2, (4, ndim)):
             problem = sdhj.ReachAvoidProblem(
                 sdhj.Grid([0.0] * ndim, [2.0] * ndim, [nodes] * ndim),
                 sdhj.Dynamics([[1.0]], lambda q, u: 0.1 * q, np.eye(ndim), [0.1] * ndim),

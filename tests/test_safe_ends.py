@@ -78,16 +78,16 @@ def test_a_stream_against_its_closed_form(method, delta):
 HIGH, HUB, HOLE = np.array([1.0, 0.9]), np.array([-0.8, 0.0]), 0.15
 
 
-def whirl(nodes=(81, 73), delta=1.5):
+def whirl(nodes=(61, 55), delta=1.5):
     """A turn about the origin at 1 rad/s: what goes over a safe end is brought back by it, and no longer counts."""
     dynamics = Dynamics([[0.0]], lambda p: np.stack([-p[:, 1], p[:, 0]], axis=1), np.zeros((2, 1)), [0.0])
     return ReachAvoidProblem(Grid(-HIGH, HIGH, nodes, ends="safe"), dynamics, None, (disk(HUB, HOLE),), delta, 4)
 
 
 def turned_into(points, time=6.0):
-    """Whether states meet the disk before they leave; by a thousand instants of the exact motion."""
+    """Whether states meet the disk before they leave; by many instants of the exact motion."""
     met, there = np.zeros(len(points), bool), np.ones(len(points), bool)
-    for angle in np.linspace(0.0, time, 1000):
+    for angle in np.linspace(0.0, time, 600):
         c, s = np.cos(angle), np.sin(angle)
         now = points @ np.array([[c, s], [-s, c]])
         there &= (np.abs(now) <= HIGH + 1e-9).all(axis=1)
@@ -126,8 +126,8 @@ def test_a_proof_counts_what_has_left(delta, rng):
 
 
 def test_a_proof_for_the_whirl(rng):
-    table = sdhj.solve(whirl(delta=0.5), Certified(cells=(200, 180), parts=20), progress=False)
-    states = rng.uniform(-HIGH, HIGH, (20_000, 2))
+    table = sdhj.solve(whirl(delta=0.5), Certified(cells=(120, 108), parts=12), progress=False)
+    states = rng.uniform(-HIGH, HIGH, (5_000, 2))
     inside, met = table.contains(states, start=0, within=4), turned_into(states, 2.0)
     assert not (inside & met).any() and inside.mean() > 0.5
     gone = states[:, 0] > 0.97  # up and over the end y = 0.9, or x = 1 before
@@ -168,7 +168,7 @@ def test_the_grid_may_as_well_go_on(method, moving):
 @pytest.mark.parametrize("name", ["hji", "lax"])
 def test_runs_on_the_true_river_are_not_lost(name, rng):
     table = sdhj.solve(craft([-1.0, -1.0], [1.0, 1.0], (81, 81)), METHODS[name], progress=False)
-    controller, states = Controller(table), rng.uniform(-1, 1, (20_000, 2))
+    controller, states = Controller(table), rng.uniform(-1, 1, (6_000, 2))
     starts = states[table.contains(states, start=0, within=table.steps)]
 
     def choose(q, step):
@@ -189,9 +189,9 @@ def test_runs_on_the_true_river_are_not_lost(name, rng):
         delta=0.4,
         steps=table.steps,
     )
-    assert len(starts) > 5000 and np.mean(outcomes != "late") < 0.005, np.unique(outcomes, return_counts=True)
+    assert len(starts) > 1500 and np.mean(outcomes != "late") < 0.005, np.unique(outcomes, return_counts=True)
     # by the worst adversary the channels of few cells lose more, at |x| <= 1 as many as on a grid that goes on to 3
-    assert sdhj.monte_carlo(controller, 2000, progress=False).rate("reached") > 0.96
+    assert sdhj.monte_carlo(controller, 1000, progress=False).rate("reached") > 0.96
 
 
 def test_what_is_past_a_safe_end_after_the_interval_has_all_margin():

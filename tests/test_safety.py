@@ -42,7 +42,7 @@ def settled(disturbance, nodes):
     return sdhj.solve(double_integrator(None, disturbance, (nodes, nodes)), progress=False)
 
 
-@pytest.mark.parametrize("disturbance", [0.0, 0.6])
+@pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
 def test_the_viability_kernel_of_the_double_integrator(disturbance):
     """Wrong only within a cell of the boundary, where the slopes of `too_far` are 1 and v / brake."""
     shares = []
@@ -80,7 +80,7 @@ def drawn(table, count, rng):
     return states[table.contains(states, start=0, within=table.steps)][:count]
 
 
-@pytest.mark.parametrize("disturbance", [0.0, 0.6])
+@pytest.mark.parametrize("disturbance", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
 def test_what_stays_clear_for_ever_does(disturbance, rng):
     """Ten seconds, a hundred intervals, though the table has settled after fewer."""
     table = settled(disturbance, 101)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from toys import interval_problem, one_row, torus_problem
+from toys import interval_problem, one_row, small_torus_table, torus_problem
 
 import sdhj
 from sdhj import Dynamics
@@ -15,7 +15,7 @@ from sdhj.table.table import AvoidTubes, LookupTable, entries, entry
 
 @pytest.fixture(scope="module")
 def table():
-    return sdhj.solve(torus_problem(nodes=10, steps=3))
+    return small_torus_table()
 
 
 def test_a_table_is_shown_in_a_line(table):

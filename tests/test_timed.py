@@ -346,10 +346,10 @@ def test_boxes_that_end_at_nodes_make_the_exact_game_on_a_torus():
     low = [[(u * (k + 1) - abs(u), 2 * k - (k + 1)) for u in (-1, 0, 1)] for k in range(3)]
     high = [[(u * (k + 1) + abs(u), 2 * k + (k + 1)) for u in (-1, 0, 1)] for k in range(3)]
     tubes = naive.lattice_game(list(values), low, high)
-    tables = [sdhj.solve(problem, METHODS[method], progress=False) for method in ("lax", "limited")]
+    tables = [sdhj.solve(problem, HopfLax(interpolation), progress=False) for interpolation in ("linear", "limited")]
     for (k, n), expected in tubes.items():
         for table in tables:
-            np.testing.assert_allclose(table.values(start=k, within=n), expected, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(table.values(start=k, within=n), expected, rtol=0, atol=1e-5)  # single precision
     assert (tubes[0, 3] < tubes[0, 2]).any() and (tubes[0, 1] < tubes[0, 0]).any()
 
 

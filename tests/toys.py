@@ -95,5 +95,26 @@ def torus_table():
 
 
 @cache
+def small_arm_table():
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+
+
+@cache
+def small_arm_run():
+    """The longest of some runs that reach the target."""
+    table = small_arm_table()
+    controller = sdhj.Controller(table)
+    states = np.random.default_rng(1).uniform(table.grid.lower, table.grid.upper, (4000, 4))
+    states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
+    tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
+    return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
+
+
+@cache
+def small_torus_table():
+    return sdhj.solve(torus_problem(nodes=10, steps=3))
+
+
+@cache
 def arm_table():
     return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)

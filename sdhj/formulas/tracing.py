@@ -8,7 +8,7 @@ import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -117,13 +117,18 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    modules = [one for one in list(sys.modules.items()) if not getattr(one[1], "__dict__", {}).keys().isdisjoint(NUMPY)]
-    users = [vars(module) for name, module in modules if _is_users(name, module)]
+    users = _users(tuple(map(id, list(sys.modules.values()))))
     return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *users]
 
 
+@lru_cache(maxsize=1)
+def _users(modules: tuple[int, ...]) -> list[dict[str, Any]]:
+    """What stands in the user's modules, where all have some ids: to look through thousands outlasts a trace."""
+    return [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
+
+
 def _is_users(name: str, module: Any) -> bool:
-    file = getattr(module, "__file__", None) or ""
+    file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not installed(file))
 

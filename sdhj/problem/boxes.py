@@ -160,7 +160,8 @@ def maxima(
     for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         done = {level.axis for level in levels}
         rest = [slice(None) if axis in done or not wanted else wanted[axis] for axis in range(grid.ndim)]
-        found = np.ascontiguousarray(values[tuple(rest)])[None]
+        # a copy of what may not be written to, for which kernels would be compiled once more
+        found = np.require(values[tuple(rest)], requirements=("C", "W"))[None]
         for axis, spans, parent, which in levels:
             some = wanted[axis] if wanted else slice(None)
             leaves = _leaves(grid, axis, spans, interpolation, values.dtype.str, parent, which, some)

@@ -9,16 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sdhj.arm.workspace import (
-    KINEMATICS,
-    Arm,
-    Circle,
-    Disk,
-    Line,
-    Segment,
-    Still,
-    segment_distance,
-)
+from sdhj.arm.workspace import KINEMATICS, Arm, Circle, Disk, Line, Segment, Still, segment_distance
 
 # Some dozen operations on numbers up to about 4 (coordinates) and 200 (angles before sin and cos).
 ROUNDING = 1e-13

@@ -4,7 +4,6 @@
 """
 
 import os
-import shutil
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ import pytest
 import robots
 import toys
 from click.testing import CliRunner
-from forging import describe, forged
+from forging import describe
 from naive_certified import states_in
 from robots import car
 
@@ -101,56 +100,6 @@ def test_staying_clear_for_ever(tmp_path, rng):
         assert (np.abs(states) <= [1.0, 2.0]).all()
 
 
-FAULTS = {
-    "a cell more": ("one step nearer", lambda told, arrays: add_cells(arrays, 1)),
-    "a goal more": ("in the target", lambda told, arrays: add_cells(arrays, 0)),
-    "a cell less where sets grow": ("sets grow", lambda told, arrays: drop_cells(arrays)),
-    "a shorter move": ("moves", lambda told, arrays: shift(arrays, "low", 1)),
-    "a move that ends too early": ("moves", lambda told, arrays: shift(arrays, "high", -1)),
-    "an input that is not clear": ("clear of", lambda told, arrays: arrays["clear"].write_direct(all_clear(arrays))),
-    "wider cells": (
-        "cells cover",
-        lambda told, arrays: told["cells"].update(widths=["1/9", *told["cells"]["widths"][1:]]),
-    ),
-}
-
-
-def add_cells(arrays, within):
-    """A row that is empty gets the cells of one that is not, from `within` on."""
-    index = arrays["index"][()]
-    rows = np.flatnonzero(index[0])[0], np.flatnonzero(index[4] == 0)[0]
-    index[within:5, rows[1]] = index[within, rows[0]]
-    arrays["index"][...] = index
-
-
-def drop_cells(arrays):
-    index = arrays["index"][()]
-    index[3, np.flatnonzero(index[2])[:5]] = 0
-    arrays["index"][...] = index
-
-
-def shift(arrays, name, by):
-    moves = arrays[name][()]
-    moves[0, 1, 3, 0] += by
-    arrays[name][...] = moves
-
-
-def all_clear(arrays):
-    clear = arrays["clear"][()]
-    clear[0, np.flatnonzero(clear[0, :, 0] & 1 == 0)[:50]] |= 1
-    return clear
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_planted_faults_are_found(name, straight, tmp_path):
-    claim, plant = FAULTS[name]
-    path = shutil.copy(straight, tmp_path / "faulty.h5")
-    with forged(path) as (told, arrays):
-        plant(told, arrays)
-    verdict = verify(path, progress=False)
-    assert any(claim in one.name and one.failed for one in verdict.claims), str(verdict)
-
-
 def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     """A stream to the right, three cells a step: the cells at its safe end are proved because they leave."""
 
@@ -202,49 +151,11 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
 
 
-STRAIGHT = ((0.5, 0.0), (1.0, 0.0))
-
-
-@pytest.fixture(scope="module")
-def straight(tmp_path_factory):
-    """A car that drives straight on: a move that cannot be proved is looked at in ever smaller pieces, so few moves."""
-    problem, path = car(inputs=STRAIGHT), tmp_path_factory.mktemp("straight") / "car.h5"
-    table = sdhj.solve(problem, sdhj.Certified(cells=(40, 40, 12), parts=4), progress=False)
-    assert table.fraction(start=0, within=4) > table.fraction(start=0, within=0) > 0
-    table.save(path)
-    assert verify(path, samples=300, progress=False).ok
-    return path
-
-
-@pytest.mark.parametrize("change", [{"bound": 0.2}, {"speed": 1.2}, {"post": 0.5}, {"goal": 0.35}])
-def test_claims_of_another_problem_are_not_proved(change, straight, tmp_path):
-    """The file's arrays fit; what it says does not hold for this robot."""
-    path = shutil.copy(straight, tmp_path / "other.h5")
-    describe(path, car(inputs=STRAIGHT, **change))
-    assert not verify(path, samples=300, progress=False).ok
-
-
 def hidden(**declared):
     """A wall that nobody can look into: its author states how steep it is."""
     problem = toys.interval_problem(steps=2)
     wall = sdhj.BlackBox(lambda p, t: [3.0 - float(x) for (x,) in p], **({"slope": 1.0, "rate": 0.0} | declared))
     return replace(problem, unsafe=(sdhj.UnsafeSet((0,), wall, name="wall"),))
-
-
-def test_what_it_rests_on_is_said(tmp_path):
-    """The function is not in the file: it is needed beside it, and the verdict says what is believed of it."""
-    path = tmp_path / "line.h5"
-    sdhj.solve(hidden(), sdhj.Certified(cells=[80]), progress=False).save(path)
-    verdict = verify(path, hidden(), progress=False)
-    assert verdict.ok and "rests on what is stated of wall" in str(verdict)
-    with pytest.raises(ValueError, match=r"black boxes.*unsafe 0.*--problem module:function"):
-        verify(path)
-    with pytest.raises(ValueError, match="the problem given must have the black box"):
-        verify(path, toys.interval_problem(steps=2))
-    with pytest.raises(ValueError, match="must have an enclosure, or a slope and a rate"):
-        verify(path, hidden(slope=None), progress=False)
-    steep = verify(path, hidden(slope=50.0), progress=False)
-    assert any(claim.name == "clear of the unsafe sets" and claim.failed for claim in steep.claims)
 
 
 def test_a_black_box_may_have_an_enclosure(tmp_path):

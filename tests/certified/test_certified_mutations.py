@@ -20,12 +20,7 @@ SAMPLES, GROWTH = "test_every_sample_is_inside", "test_general_reach_box"
 # file, what is taken out, what is left, the test that must fail
 MUTATIONS = {
     "doubt about 2 pi": (CELLS, "period / 2**49", "period / 2**90", "test_cells_partition_the_axis"),
-    "worst velocity": (
-        CELLS,
-        "self._cover(i, back, ahead)",
-        "self._cover(i, ahead, ahead)",
-        "test_image_holds",
-    ),
+    "worst velocity": (CELLS, "self._cover(i, back, ahead)", "self._cover(i, ahead, ahead)", "test_image_holds"),
     "outward edge": (
         CELLS,
         "inside = math.ceil((offset + self._most",
@@ -100,24 +95,14 @@ MUTATIONS = {
         "return np.stack([signs * ends[1]] * 2)",
         "test_bounds_that_change",
     ),
-    "time of an interval": (
-        GENERAL,
-        "[start + begin, start + end]",
-        "[begin, end]",
-        "test_timed_growth_holds",
-    ),
+    "time of an interval": (GENERAL, "[start + begin, start + end]", "[begin, end]", "test_timed_growth_holds"),
     "boxes of a set": (
         LATTICES,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",
         "corner + MARGIN_OF_BOXES, t0, t1",
         "test_bounds_of_a_lattice",
     ),
-    "rate of a set": (
-        BLACK_BOXES,
-        RATE,
-        "0.0",
-        "test_general_bounds_hold",
-    ),
+    "rate of a set": (BLACK_BOXES, RATE, "0.0", "test_general_bounds_hold"),
     "size of a box": (BLACK_BOXES, "slope * np.sqrt((half**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
     "where an axis closes": (BOUNDS, "np.minimum.at(least", "(lambda *_: None)(least", "test_a_box_across"),
     "all cells of an image": (

@@ -58,13 +58,18 @@ def closing(sensing):
 @pytest.mark.parametrize(
     ("problem", "cells", "region"),
     [
-        (replace(car(), sensing=Sensing((0.02, 0.15, 0.12))), (40, 40, 37), ([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi])),
-        (closing(Sensing((0.05, 0.2))), (60, 60), ([-1.8, 2.3], [-0.2, 4.0])),
+        (
+            lambda: replace(car(), sensing=Sensing((0.02, 0.15, 0.12))),
+            (40, 40, 37),
+            ([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi]),
+        ),
+        (lambda: closing(Sensing((0.05, 0.2))), (60, 60), ([-1.8, 2.3], [-0.2, 4.0])),
     ],
     ids=["car", "narrower cells"],
 )
 def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
     """Cell after cell that what is measured may be in; where an angle closes a cell may be narrower."""
+    problem = problem()
     table, grid = sdhj.solve(problem, sdhj.Certified(cells), progress=False), problem.grid
     sets, edges = table.bits(start=0, within=table.steps), [axis.edges() for axis in table.axes]
     states = rng.uniform(*region, (3000, grid.ndim))
@@ -153,7 +158,7 @@ def drive(q, places, signs):
     return np.stack([speed * np.cos(q[:, 2]) + wind[:, 0], speed * np.sin(q[:, 2]) + wind[:, 1], turn], axis=1)
 
 
-def judged(table, sensing, push, rng, count=2000):
+def judged(table, sensing, push, rng, count=1000):
     """The outcomes of runs of a robot that senses so, and is promised something by the table."""
     controller = sdhj.Controller(table)
     if sensing != table.problem.sensing:  # a table that knows nothing of it: its controller predicts all the same
@@ -202,7 +207,7 @@ def judged(table, sensing, push, rng, count=2000):
 @pytest.mark.parametrize("push", PUSHES)
 def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
     outcomes = judged(solved(), ALL, push, rng)
-    assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 100
+    assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 50
     harsh = Sensing(0.02, 0.1, 0.02)
     control = judged(solved(Sensing()), harsh, push, rng)
     assert np.isin(control, ["left", "late", "wrong", "collided"]).sum() > 3

@@ -19,13 +19,17 @@ from sdhj.problem import memory as memory_module
 CELLS = (12, 12, 16)
 
 
+def arm():
+    return sdhj.arm_case_study(**SMALL)
+
+
 @pytest.mark.parametrize(
     ("problem", "kind", "cells"),
-    [(unicycle_problem(), GeneralProof, (60, 60, 63)), (sdhj.arm_case_study(**SMALL), ArmProof, (32, 32, 12, 12))],
+    [(unicycle_problem, GeneralProof, (60, 60, 63)), (arm, ArmProof, (32, 32, 12, 12))],
 )
 def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, kind, cells):
     """By a clock that says: a second for each thousand cells, to prepare; and the recursion three times as long."""
-    now, asked = [0.0], []
+    problem, now, asked = problem(), [0.0], []
     monkeypatch.setattr(sets, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     monkeypatch.setattr(sets, "cost", lambda problem, axes, *_: (count_of(axes), 2 * count_of(axes)))
     plain, plainly = kind.prepare, sets.recursion
@@ -48,10 +52,12 @@ def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, ki
     told = method.estimate(problem)
     assert told.seconds == pytest.approx(4 * told.cells / 1000)
     assert asked[0] < asked[1] / 4 and (asked[1] < told.cells / 2 or told.cells < 200_000)  # few are all timed
+    assert f"{told.cells:.1e} cells" in str(told)
     monkeypatch.undo()
+    if told.cells > 200_000:
+        return
     table = sdhj.solve(problem, method, progress=False, play=False)
     assert told.cells == np.prod(table.details["cells"]) and told.nbytes > table.nbytes
-    assert f"{told.cells:.1e} cells" in str(told)
 
 
 def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):

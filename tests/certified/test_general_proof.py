@@ -43,9 +43,9 @@ def test_closed_form_on_a_line(steps):
 
 def test_moving_obstacle_is_met_between_the_samples(rng):
     problem = torus_problem()
-    table = certified(problem, cells=(80, 80))
+    table = certified(problem, cells=(64, 64))
     assert table.fraction(start=0, within=3) > 1.5 * table.fraction(start=0, within=0) > 0.01
-    naive.assert_runs_succeed(table, naive.states_in(table, rng, 20000), rng)
+    naive.assert_runs_succeed(table, naive.states_in(table, rng, 8000), rng)
 
 
 def proof_of(problem, cells, parts=5):
@@ -70,8 +70,9 @@ def opaque_unicycle():
     return dataclasses.replace(problem, dynamics=dynamics, target=boxed[0], unsafe=boxed[1:])
 
 
-@pytest.mark.parametrize("problem", [unicycle_problem(), opaque_unicycle()], ids=["formulas", "black boxes"])
+@pytest.mark.parametrize("problem", [unicycle_problem, opaque_unicycle], ids=["formulas", "black boxes"])
 def test_general_reach_box_holds_every_trajectory(rng, problem):
+    problem = problem()
     proof = proof_of(problem, (30, 30, 40))
     turns = 48 if problem.dynamics.formulas else 40  # .4 rad in an interval are 3 cells where that is known
     assert proof.low.shape[2:] == (30 * 30 * turns, 3)  # the axes with walls count
@@ -280,4 +281,4 @@ def test_general_and_arm_agree_on_the_arm(rng):
     for within in (0, 1):
         rough, fine = general.bits(start=0, within=within), special.bits(start=0, within=within)
         assert rough.sum() > 0.4 * fine.sum() and (rough & ~fine).sum() <= 0.01 * rough.sum() * within
-    naive.assert_runs_succeed(general, naive.states_in(general, rng, 5000), rng)
+    naive.assert_runs_succeed(general, naive.states_in(general, rng, 1500), rng)

@@ -52,12 +52,7 @@ MUTATIONS = {
     "start of the time": (SEPARATION, "min(slow * tau0, slow * tau1)", "slow * tau0", CLEAR),
     "end of the time": (SEPARATION, "max(fast * tau0, fast * tau1)", "fast * tau0", CLEAR),
     "move of the agent": (SEPARATION, "off = world.agent[0] * tau1 + ", "off = ", CLEAR),
-    "half of the time": (
-        SEPARATION,
-        "= second[2 * axis] =",
-        "= second[2 * axis + (axis == 4)] =",
-        CLEAR,
-    ),
+    "half of the time": (SEPARATION, "= second[2 * axis] =", "= second[2 * axis + (axis == 4)] =", CLEAR),
     "half of the box": (SEPARATION, "= second[2 * axis] =", "= second[2 * axis + (axis < 4)] =", CLEAR),
     "second link": (
         SEPARATION,
@@ -79,12 +74,7 @@ MUTATIONS = {
     "bend of the tip": (SEPARATION, "if furthest + rest + ROUNDING <=", "if furthest <=", TIPS),
     "turn of the tip": (SEPARATION, "for turned in (-d1, d1)", "for turned in (0.0, 0.0)", TIPS),
     "size of the evader": (SEPARATION, "math.hypot(abs(off_x) + hx, abs(off_y) + hy)", "math.hypot(off_x, off_y)", ROW),
-    "all of erosion": (
-        BITS,
-        "column &= cells[",
-        "column[:] = cells[",
-        EROSION,
-    ),
+    "all of erosion": (BITS, "column &= cells[", "column[:] = cells[", EROSION),
     "all of a column": (BITS, "inside &= column[other]", "inside = column[other]", EROSION),
     "sets that grow": (CLAIMS, "if within and (old & ~new).any():", "if False:", SURVEY),
     "all ends of joint 1": (ROWS, "for a in range(ends1.size)", "for a in range(1)", ROW),

@@ -68,7 +68,7 @@ def test_a_tube_made_smaller_by_a_known_distance_is_that_far_away():
     problem = sdhj.ReachAvoidProblem(
         grid, sdhj.Dynamics([[-1.0], [1.0]], drift, np.eye(2), [0.1, 0.1]), target, (), 0.1, 1
     )
-    full = sdhj.solve(problem, sdhj.HopfLax(dtype="float64"), progress=False)
+    full = sdhj.solve(problem, sdhj.HopfLax(), progress=False)
     smaller = dataclasses.replace(full, tubes=full.tubes + 0.4)
     row = compare(full, smaller, [{"p": 0.25}, {}])[0]
     assert row.hausdorff == pytest.approx((0.4, 0.4), abs=1e-12)  # 0.4 is 16 of the finer nodes, 0.1 / 4 apart

@@ -7,6 +7,7 @@ import fig12_trajectory
 import fig13_comparison
 import numpy as np
 import pytest
+import toys
 from artists import axes, named, vertices
 from PIL import Image
 
@@ -20,17 +21,12 @@ THROUGH = (0.0, 0.0, 0.2, 0.2)
 
 @pytest.fixture(scope="module")
 def table() -> sdhj.LookupTable:
-    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+    return toys.small_arm_table()
 
 
 @pytest.fixture(scope="module")
-def run(table: sdhj.LookupTable) -> Trajectory:
-    """The longest of some runs that reach the target."""
-    controller = sdhj.Controller(table)
-    states = np.random.default_rng(1).uniform(table.grid.lower, table.grid.upper, (4000, 4))
-    states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
-    tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
-    return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
+def run() -> Trajectory:
+    return toys.small_arm_run()
 
 
 def test_comparison_lays_two_tables_over_each_other(table):

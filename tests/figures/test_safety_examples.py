@@ -29,7 +29,8 @@ def unsafe(table):
     return table.values(start=0, within=table.steps) > 0
 
 
-@pytest.mark.parametrize("turns", [(-1.0, 0.0, 1.0), pytest.param((-1.0, 1.0), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("turns", [(-1.0, 0.0, 1.0), (-1.0, 1.0)])
 def test_more_intervals_leave_less_unsafe_down_to_continuous_time(turns):
     """Who may turn at every half interval may also turn at every whole one: what comes in is error."""
     tables = [solved(intervals, turns=turns) for intervals in (2, 8, 32)]
@@ -39,6 +40,7 @@ def test_more_intervals_leave_less_unsafe_down_to_continuous_time(turns):
     assert unsafe_share(tables[0]) > PEER + 0.005  # sampling has a price; 0.0076 on a grid with ten more cells
 
 
+@pytest.mark.slow
 def test_the_tube_is_the_peers():
     """Node by node; most of the nodes that hj_reachability alone finds unsafe are its own error: see below."""
     table, theirs = solved(32), make_air3d.stored()
@@ -67,6 +69,7 @@ def test_who_leaves_the_grid_is_not_caught_later():
     assert (inner ^ unsafe(back)[2:]).mean() < 0.0002
 
 
+@pytest.mark.slow
 def test_side_by_side_nobody_comes_nearer():
     """At psi = 0 a pursuer whose every turn is copied stays where it is: in continuous time only the disk is unsafe.
 
@@ -128,6 +131,7 @@ def pursued(table, choose, signs, starts):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pursuer", ["worst", "random", "left", "right"])
 def test_the_evader_is_not_caught(pursuer, rng):
     """From states that are just about safe, where whoever flies straight on is caught."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import surfaces
+import toys
 
 import sdhj
 from sdhj import plotting
@@ -12,7 +13,7 @@ THROUGH = (0.0, 0.0, 0.2, 0.2)
 
 @pytest.fixture(scope="module")
 def table() -> sdhj.LookupTable:
-    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+    return toys.small_arm_table()
 
 
 def ball(nodes: int, radius: float = 0.61) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -112,9 +112,9 @@ def test_what_is_simplified():
 
 def test_a_deep_graph_needs_no_recursion():
     node = X
-    for _ in range(50_000):
+    for _ in range(10_000):
         node = make("add", make("sin", node), Y)
-    assert len(ordered([node])) == 100_002 and leaves([node], "x") == {0, 1}
+    assert len(ordered([node])) == 20_002 and leaves([node], "x") == {0, 1}
     assert math.isfinite(twin.value(node, (0.1, 0.2), []))
     del node
 
@@ -184,7 +184,7 @@ def random_velocity(rng, v, w):
 
 def test_what_is_linear_is_the_sum_of_its_parts():
     v, w, count = leaf("p", 1), leaf("p", 2), 0
-    for seed in range(4000):
+    for seed in range(1500):
         rng = random.Random(seed)
         node = random_velocity(rng, v, w)
         found = linear([node], [v, w]) if leaves([node], "p") & {1, 2} else None
@@ -195,7 +195,7 @@ def test_what_is_linear_is_the_sum_of_its_parts():
             if math.isfinite(whole) and np.isfinite(terms).all():
                 assert abs(whole - terms.sum()) <= 1e-9 * (1.0 + np.abs(terms).sum()), seed
                 count += 1
-    assert count > 1000
+    assert count > 400
 
 
 def sample():

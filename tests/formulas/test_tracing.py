@@ -567,7 +567,7 @@ def test_threads_trace_at_the_same_time_and_others_do_not_notice():
     wrong, done = [], threading.Event()
 
     def trace():
-        for _ in range(20):
+        for _ in range(8):
             try:
                 check(TRACE["room"])
             except Exception as error:

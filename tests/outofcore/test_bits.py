@@ -51,10 +51,10 @@ def half_coupled_problem():
 
 
 CASES = {
-    "a line": (lambda: toys.interval_problem(nodes=161, rate=0.1, steps=2), "hji", 30),
-    "a torus, gone around": (lambda: toys.torus_problem(nodes=60, steps=2), "hji", 10),
-    "a torus, by Hopf and Lax": (lambda: toys.torus_problem(nodes=40), "lax", 10),
-    "a torus, at each time": (lambda: toys.torus_problem(nodes=40, view_time="instantaneous", steps=2), ROUGH, 10),
+    "a line": (lambda: toys.interval_problem(nodes=81, rate=0.1, steps=2), "hji", 20),
+    "a torus, gone around": (lambda: toys.torus_problem(nodes=48, steps=1), "hji", 10),
+    "a torus, by Hopf and Lax": (lambda: toys.torus_problem(nodes=40, steps=2), "lax", 10),
+    "a torus, at each time": (lambda: toys.torus_problem(nodes=40, view_time="instantaneous", steps=1), ROUGH, 10),
     "rough values": (lambda: rough_problem(48, across=8), ROUGHEST, 8),
     "third order": (lambda: rough_problem(24, across=8, state=True), EXACT, 8),
     "a car, three axes": (lambda: toys.unicycle_problem(nodes=(41, 9, 8), steps=2), "hji", 12),

@@ -3,12 +3,11 @@
 import dataclasses
 import itertools
 import logging
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import shapely
+import toys
 from artists import axes, named, vertices
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -27,17 +26,12 @@ THROUGH = (0.0, 0.0, 0.2, 0.2)
 
 @pytest.fixture(scope="module")
 def table() -> sdhj.LookupTable:
-    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
+    return toys.small_arm_table()
 
 
 @pytest.fixture(scope="module")
-def run(table: sdhj.LookupTable) -> Trajectory:
-    """The longest of some runs that reach the target."""
-    controller = sdhj.Controller(table)
-    states = np.random.default_rng(1).uniform(table.grid.lower, table.grid.upper, (4000, 4))
-    states = states[table.contains(states, start=0, within=3) & ~table.contains(states, start=0, within=1)]
-    tried = [sdhj.simulate(controller, q, adversary="random", seed=0) for q in states[:30]]
-    return max(tried, key=lambda r: (r.outcome == "reached", len(r.inputs)))
+def run() -> Trajectory:
+    return toys.small_arm_run()
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -321,14 +315,3 @@ def test_the_style_leaves_no_trace():
     with plotting.style():
         assert mpl.rcParams["svg.hashsalt"] == "sdhj"
     assert dict(mpl.rcParams) == before
-
-
-def test_without_matplotlib_a_sentence_says_what_to_install():
-    code = "import sys; sys.modules['matplotlib'] = None; import sdhj.plotting"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stderr.splitlines()[-1].endswith('not installed: pip install "sdhj[plot]"')
-
-
-def test_imports_stay_light():
-    code = "import sys, sdhj.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -62,7 +62,7 @@ def test_a_start_in_the_target_has_arrived() -> None:
 @pytest.mark.parametrize("adversary", PLAYERS)
 def test_angles_run_on_without_jumps(adversary: str) -> None:
     controller = Controller(toys.arm_table())
-    starts = admissible_states(controller, 30, np.random.default_rng(0))
+    starts = admissible_states(controller, 12, np.random.default_rng(0))
     longest = max((simulate(controller, q, adversary) for q in starts), key=lambda run: len(run.times))
     assert len(longest.inputs) >= 2
     fastest = (3.0 + 0.3) * controller.problem.delta / SUBSTEPS

@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 from naive_certified import CIRCLE, LINE, SMALL, STILL
+from plain import run_plainly
 
 import sdhj
 from sdhj.certified.check.reading import Scene
 from sdhj.certified.check.separation import World
+
+
+@pytest.fixture
+def checked_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checker as the plain Python that it is: to compile it takes half a minute, which `test_claims` does."""
+    run_plainly(monkeypatch, "sdhj.certified.check")
 
 
 @pytest.fixture

@@ -129,12 +129,7 @@ MUTATIONS = {
         "out = np.stack(self.velocity(j, room, times[:1] * 2))\n        for",
         "a little later",
     ),
-    "room to stay in": (
-        ROBOTS_PY,
-        "(~self.known | (OUTWARD * (room - box - far) > 0)).all()",
-        "True",
-        "less growth",
-    ),
+    "room to stay in": (ROBOTS_PY, "(~self.known | (OUTWARD * (room - box - far) > 0)).all()", "True", "less growth"),
     "all that is reached from the box": (
         ROBOTS_PY,
         "(far + OUTWARD * 1e-11)  #",
@@ -157,12 +152,7 @@ MUTATIONS = {
     ),
     "states near a cell": (ROBOTS_PY, "self.ends(cells, NEAR)", "self.ends(cells)", "states near a cell"),
     "what an image may stick out": (ROBOTS_PY, "STICKS_OUT = 2e-13", "STICKS_OUT = 2e-10", "states near a cell"),
-    "the lower end of an image": (
-        ROBOTS_PY,
-        "(first <= moved[0, :, axis] + STICKS_OUT)",
-        "True",
-        "a shorter move",
-    ),
+    "the lower end of an image": (ROBOTS_PY, "(first <= moved[0, :, axis] + STICKS_OUT)", "True", "a shorter move"),
     "the upper end of an image": (
         ROBOTS_PY,
         "(moved[1, :, axis] <= last + STICKS_OUT)",
@@ -285,18 +275,8 @@ MUTATIONS = {
         "np.moveaxis(swept[left, piece], 1, 0)",
         "a moving set nearer than rounding",
     ),
-    "the upper end": (
-        ROBOTS_PY,
-        "(whole[1, :, axis] <= grid.upper[axis] + room)",
-        "True",
-        "out by the upper end",
-    ),
-    "the lower end": (
-        ROBOTS_PY,
-        "(whole[0, :, axis] >= grid.lower[axis] - room)",
-        "True",
-        "out by the lower end",
-    ),
+    "the upper end": (ROBOTS_PY, "(whole[1, :, axis] <= grid.upper[axis] + room)", "True", "out by the upper end"),
+    "the lower end": (ROBOTS_PY, "(whole[0, :, axis] >= grid.lower[axis] - room)", "True", "out by the lower end"),
     "how near past an end": (ROBOTS_PY, "ROOM = 1e-6", "ROOM = 10.0", "out by the lower end"),
     "clear in every step": (
         EXAMINING,
@@ -340,12 +320,7 @@ MUTATIONS = {
         "pass",
         "a set behind the seam",
     ),
-    "laps": (
-        ROBOTS_PY,
-        "np.floor((a - least) / (most - least)) * (most - least)",
-        "0.0",
-        "a set before the seam",
-    ),
+    "laps": (ROBOTS_PY, "np.floor((a - least) / (most - least)) * (most - least)", "0.0", "a set before the seam"),
     "all parts of a tube": (
         ROBOTS_PY,
         "np.where(there[:, :, None, None], swept, swept[:, :1])",
@@ -436,12 +411,7 @@ MUTATIONS = {
     "values above what is stated": (DESCRIBED, " | (value > most + near)", "", "an enclosure that ends below"),
     "values below what is stated": (DESCRIBED, "(value < least - near) | ", "", "an enclosure that begins above"),
     "a slope counts": (DESCRIBED, "slope * np.linalg.norm(half, axis=1, keepdims=True)", "0.0 * half[:, :1]", "hidden"),
-    "a rate counts": (
-        DESCRIBED,
-        "far + np.array(rate) * (times[1] - times[0]) / 2",
-        "far + 0.0",
-        "hidden and moving",
-    ),
+    "a rate counts": (DESCRIBED, "far + np.array(rate) * (times[1] - times[0]) / 2", "far + 0.0", "hidden and moving"),
     "black boxes are asked for": (CLAIMS, "and problem is None):", "and False):", "nobody's black box"),
     "what it rests on is said": (ROBOTS_PY, "self.trusted.add(part.name)", "pass", "hidden"),
     "one move for each time": (

@@ -13,6 +13,8 @@ from sdhj.certified.check import rows
 from sdhj.certified.check.bits import erode
 from sdhj.certified.check.reading import Scene
 
+pytestmark = pytest.mark.usefixtures("checked_plainly")
+
 
 def test_half_planes_prove_what_is_clear(arm_world, rng):
     """The cells that `sweep` keeps are clear in samples, and are most of those that are proved one by one."""

@@ -10,6 +10,8 @@ from naive_certified import CIRCLE, LINE, STILL
 
 from sdhj.certified.check import separation
 
+pytestmark = pytest.mark.usefixtures("checked_plainly")
+
 
 def part_of(cell, duration=0.0):
     """Bounds of the joints and the agent (8,) with those of a time from 0 to `duration`."""
