@@ -3,6 +3,9 @@
 Serial and without Python's lock (`nogil`): a query may run in a thread beside a solve, and a batch is shared out over
 threads.
 
+The look at the true sets (`notebooks/site/queries.md`) plays their formulas' tapes at some points of what an input
+leads to.
+
 A *span* is the stretch of consecutive nodes on one axis that an interval of coordinates touches; a *block* holds the
 values at a product of spans.
 """
@@ -10,16 +13,15 @@ values at a product of spans.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.options import DefaultOptions
 
-from sdhj.kernels.compiling import kernel
-from sdhj.kernels.interpolation import Lattice, corners, locate, on_grid, weighted
+from sdhj.kernels.compiling import UNCOUNTED, kernel
+from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, turned, weighted
+from sdhj.kernels.tape import BLOCK, Tape, play_part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
-# Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
-# share, and many loops here are shorter. Without the counts the compiler also refuses whatever would allocate.
-# The option is not among Numba's documented ones: a version without it counts, and takes twice as long.
-UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+FAILS, PASSES, UNKNOWN = range(3)  # an input, by the true sets
+LOST, UNDEFINED = 4, 8  # to be added where the state itself is unsafe; a formula has no value
+TUBES, LOOKED, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
 
 
 class Shelf(NamedTuple):
@@ -39,31 +41,44 @@ class Shelf(NamedTuple):
     moving_axes: Any
 
 
-class Reach(NamedTuple):
-    """Boxes of states that each input can lead to, relative to the state: low, high (1 or R, L, ndim).
+class Ahead(NamedTuple):
+    """What each input can lead to from one step, relative to the state.
 
-    lowest, highest (1 or R, ndim) is the box that holds them all; it touches `size` nodes at most. Maxima are taken
-    along the axis order[0] first: where an input's intervals on the leading axes are those of the input before, that is
-    done already.
+    ends (4, L, ndim, 1 or R): the lower and the upper corner of the box that holds all states at the interval's end,
+    and two terms of the path without an adversary: after a share s of the interval it is s ends[2] + s^2 ends[3] away.
+    Or else `tape` gives them for a state, with `begin` (1,), the time. Maxima are taken along the axis order[0] first:
+    where an input's intervals on the leading axes are those of the input before, that is done already.
     """
 
-    low: Any
-    high: Any
-    lowest: Any
-    highest: Any
+    ends: Any
     order: Any
-    size: int
+    tape: Any
+    begin: Any
+
+
+class Look(NamedTuple):
+    """The true sets at one step: tapes of points with the time as one more coordinate; `times`, at which the path is
+    looked at, the state and the interval's end among them; faces (4, ndim), where coordinates are clipped, and the ends
+    of the grid.
+    """
+
+    times: Any
+    faces: Any
+    unsafe: Any
+    target: Any
 
 
 class Room(NamedTuple):
     """Room to work in.
 
-    axes (ndim,): all of them; index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an
+    hull (2, ndim): the box that holds those of all inputs. axes (ndim,): all of them; index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an
     input. Of a block: the first node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind
     it have, rest (ndim + 1,); where they are on the grid, offsets (size,). What is left when the maxima along the axes
-    before it are taken begins at values[rest[a]], behind all that is left later: values (2 size,).
+    before it are taken begins at values[rest[a]], behind all that is left later: values (2 size,). For the look: points
+    (V, ndim + 1), the time last, past (V,) and level (sets, V); known, hazard (L,) of the inputs.
     """
 
+    hull: Any
     axes: Any
     index: Any
     weight: Any
@@ -72,6 +87,11 @@ class Room(NamedTuple):
     rest: Any
     offsets: Any
     values: Any
+    points: Any
+    past: Any
+    level: Any
+    known: Any
+    hazard: Any
 
 
 @kernel(**UNCOUNTED)
@@ -101,19 +121,19 @@ def _mark(masks, place, index, count, marks):
 
 
 @kernel(**UNCOUNTED)
-def _gather(values, state, reach, own, lattice, room):
+def _gather(values, state, order, lattice, room):
     """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
     offsets, rest = room.offsets, room.rest
     offsets[0], rest[state.size] = 0, 1
     for a in range(state.size - 1, -1, -1):
-        axis = reach.order[a]
+        axis = order[a]
         nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.extent[later]
-        begin, _ = locate(state[axis] + reach.lowest[own, axis], axis, lattice)
-        end, _ = locate(state[axis] + reach.highest[own, axis], axis, lattice)
+        begin, _ = locate(state[axis] + room.hull[0, axis], axis, lattice)
+        end, _ = locate(state[axis] + room.hull[1, axis], axis, lattice)
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
-            node = (begin + i - lattice.first[axis]) % nodes
+            node = among(begin + i - lattice.first[axis], nodes)
             for c in range(size):
                 offsets[i * size + c] = offsets[c] + node * stride
         room.begin[a], rest[a] = begin, (end + 2 - begin) * size
@@ -143,14 +163,14 @@ def _reduce(values, source, nodes, rest, near, far):
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, reach, own, lattice, room, out):
+def _worst_values(values, state, ends, own, order, lattice, room, out):
     """out[j] = maximum of the interpolated `values` over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    _gather(values, state, reach, own, lattice, room)
-    low, high, order, rest = reach.low[own], reach.high[own], reach.order, room.rest
+    _gather(values, state, order, lattice, room)
+    low, high, rest = ends[0, :, :, own], ends[1, :, :, own], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
         for a in range(order.size):
@@ -203,32 +223,183 @@ def _judge(shelf, step, state, lattice, room, margin, safe):
 
 
 @kernel(**UNCOUNTED)
-def _decide(states, rows, when, shelf, reach, lattice, room, out):
-    """`decide` with room to work in."""
+def _by_tubes(m, own, states, when, shelf, ends, order, lattice, room, out):
+    """The answers for one state, but for the look at the true sets."""
     to_go, safe, margins, best = out
     step, within = when
-    steps, index, weight = shelf.steps, room.index[0], room.weight[0]
+    state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
-    for r in range(rows.size):
-        m = rows[r]
-        state = states[m]
+    to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
+    if not on_grid(state, lattice):
+        return
+    count = corners(state, room.axes, lattice, TINY, index, weight)
+    to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    if to_go[m] < 0 or step == steps:
+        return
+    n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
+    _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
+    tube = shelf.tubes[shelf.index[following + n - 1]]
+    _worst_values(tube, state, ends, own, order, lattice, room, margins[m])
+    best[m] = _judge(shelf, step, state, lattice, room, margins[m], safe[m])
+
+
+@kernel(**UNCOUNTED)
+def _hull(ends, own, spacing, hull):
+    """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
+    size = 1.0
+    for axis in range(ends.shape[2]):
+        hull[0, axis], hull[1, axis] = ends[0, 0, axis, own], ends[1, 0, axis, own]
+        for j in range(1, ends.shape[1]):
+            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, own])
+            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, own])
+        size *= np.ceil((hull[1, axis] - hull[0, axis]) / spacing[axis] + 1e-6) + 2.0
+    return int(size)
+
+
+@kernel(**UNCOUNTED)
+def _place(at, count, state, ends, own, j, lattice, look, room):
+    """Write `count` points at which the true sets are looked at for u_j: the state, its path, the corners of the box.
+
+    past: 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one.
+    """
+    ndim, last, faces, gone = state.size, look.times.size - 1, look.faces, False
+    for v in range(count):
+        out, lost, share = False, False, v / last
+        for axis in range(ndim):
+            x = state[axis]
+            if v > last:
+                x += ends[((v - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, own]
+            elif v > 0:
+                x += share * ends[2, j, axis, own]
+                x += share * share * ends[3, j, axis, own]
+                lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
+            out |= (x < lattice.left[0, axis]) | (x > lattice.left[1, axis])
+            x = min(max(x, faces[0, axis]), faces[1, axis])
+            if lattice.periodic[axis]:
+                x = turned(x, faces[2, axis], faces[3, axis])
+            room.points[at + v, axis] = x
+        gone |= out & (v <= last)
+        room.past[at + v] = 1 if out | (gone & (v <= last)) else -1 if lost else 0
+        room.points[at + v, ndim] = look.times[min(v, last)]
+
+
+@kernel(**UNCOUNTED)
+def _clear(room, sets, at, count):
+    """Whether no set of `level` has one of the points; `LOST` is added where one has the first, the state."""
+    found = PASSES
+    for v in range(at, at + count):
+        fine = room.past[v] >= 0
+        for p in range(sets):
+            fine &= room.level[p, v] > 0.0
+        if not (fine | (room.past[v] > 0)):
+            found = found | LOST if v == at else found & LOST
+    return found
+
+
+@kernel()
+def _verdict(at, count, left, look, room):
+    """What the true sets say of the points of a state and an input, whose unsafe sets have been played.
+
+    left : steps to go after the interval.
+    """
+    found, corner = _clear(room, look.unsafe.outputs.size, at, count), at + look.times.size
+    if not found & PASSES or left != 0 or count == 1 or look.target.outputs.size == 0:
+        return found
+    if play_part(look.target, room.points, look.times, room.level, corner, at + count) != 0.0:
+        return UNDEFINED
+    for v in range(corner, at + count):
+        found = found & LOST if room.level[0, v] > 0.0 else found
+    return found
+
+
+@kernel(**UNCOUNTED)
+def _settled(first, safe, margin, room):
+    """The best input by what is known of them, or the one to look at next; -1 where hazards are wanted."""
+    known, hazard, best, least = room.known, room.hazard, -1, np.inf
+    if known[first] != FAILS:
+        return first
+    for j in range(safe.size):
+        safe[j] = safe[j] and known[j] != FAILS
+        if safe[j] and (best < 0 or margin[j] < least):
+            best, least = j, margin[j]
+    if best >= 0 or not (hazard[0] == hazard[0]):
+        return best
+    for j in range(safe.size):
+        worse = max(margin[j], hazard[j])
+        if known[j] != FAILS and worse < least:
+            best, least = j, worse
+    return best if best >= 0 else first
+
+
+@kernel(**UNCOUNTED)
+def _preferred(scores, safe, margin, known):
+    """The safe input of least score that does not fail, of equals that of least margin; -1: none is safe."""
+    best = -1
+    for j in range(scores.size):
+        if safe[j] and known[j] != FAILS:
+            better = best < 0 or scores[j] < scores[best]
+            if better or (scores[j] == scores[best] and margin[j] < margin[best]):
+                best = j
+    return best
+
+
+@kernel(**UNCOUNTED)
+def _hazards(shelf, step, state, lattice, room, out):
+    """out[j] = the interpolated avoid tube of u_j at a state."""
+    still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
+    moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
+    for j in range(out.size):
+        out[j] = _hazard(shelf, step, j, room, still, moving)
+
+
+@kernel()
+def _checked(at, count, m, own, states, when, shelf, ends, lattice, look, room, scores, out):
+    """Undo what the true sets refute of the answers for a state in a tube; False where a formula has no value.
+
+    The unsafe sets have been played at the points of its best input.
+    """
+    to_go, safe, margins, best = out
+    state, (step, within), final, first, settled = states[m], when, count == 1, best[m], False
+    left = max(to_go[m], within) - 1
+    room.known[:], room.hazard[0] = UNKNOWN, np.nan
+    found = room.known[first] = _verdict(at, count, left, look, room)
+    while not final and found < LOST:
+        j = _preferred(scores[m], safe[m], margins[m], room.known) if settled else -1
+        best[m] = j = j if j >= 0 else _settled(first, safe[m], margins[m], room)
+        if j < 0:
+            _hazards(shelf, step, state, lattice, room, room.hazard)
+        elif room.known[j] == UNKNOWN:
+            _place(at, count, state, ends, own, j, lattice, look, room)
+            if play_part(look.unsafe, room.points, look.times, room.level, at, at + count) != 0.0:
+                return False
+            found = room.known[j] = _verdict(at, count, left, look, room)
+        elif settled or scores.shape[0] == 0:
+            break
+        else:
+            settled = True
+    if to_go[m] == 0 and found < LOST and look.target.outputs.size > 0:
+        if play_part(look.target, room.points, look.times, room.level, at, at + 1) != 0.0:
+            return False
+        if room.level[0, at] > 0.0:
+            to_go[m], found = 1, LOST if final else found
+    if found >= LOST:
         to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
-        if not on_grid(state, lattice):
-            continue
-        count = corners(state, room.axes, lattice, TINY, index, weight)
-        to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
-        if to_go[m] < 0 or step == steps:
-            continue
-        n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
-        _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
-        own = r if reach.low.shape[0] > 1 else 0
-        _worst_values(shelf.tubes[shelf.index[following + n - 1]], state, reach, own, lattice, room, margins[m])
-        best[m] = _judge(shelf, step, state, lattice, room, margins[m], safe[m])
+    return found != UNDEFINED
+
+
+@kernel()
+def _room(ndim, inputs, points, sets, size):
+    """A `Room` for so many inputs, points, unsafe sets, and nodes of a block."""
+    around, spans = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64)
+    nodes = np.arange(ndim), np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
+    block = spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size)
+    spots = np.empty((points, ndim + 1)), np.empty(points, np.int64), np.empty((max(sets, 1), points))
+    return Room(np.empty((2, ndim)), *nodes, *block, *spots, np.empty(inputs, np.int64), np.empty(inputs))
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, shelf, reach, lattice, out):
+def decide(states, rows, when, shelf, lattice, ahead, look, looks, scores, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
@@ -237,18 +408,61 @@ def decide(states, rows, when, shelf, reach, lattice, out):
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
     when : (step, within)
         Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more.
-    shelf, reach, lattice : tuples
-        The fields of a `Shelf`, a `Reach` and a `Lattice`: plain tuples get into compiled code 3 us sooner.
+    shelf, lattice, ahead, look : tuples
+        The fields of a `Shelf`, a `Lattice`, an `Ahead` and a `Look`, tapes too: plain tuples get into compiled code in
+        half the time of named ones.
+    looks : `TUBES`, `LOOKED` or `ONLY_LOOK`
+        The last judges the inputs `best` with `to_go` steps to go afterwards, and writes what it finds to `to_go`.
+    scores : (M, L) or (0, L)
+        Which safe input is preferred as `best`, if any is: that of least score, of equals that of least margin.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
         To be written. to_go is -1 where no tube holds the state; safe is False, margins inf and best -1 there and at
         the last step.
+
+    Returns
+    -------
+    bool
+        Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    reach, lattice = Reach(*reach), Lattice(*lattice)
-    ndim, around = states.shape[1], (2, 1 << states.shape[1])
-    marks, spans = np.empty(reach.low.shape[1], np.bool_), np.empty((2, ndim + 1), np.int64)
-    block = np.empty(reach.size, np.int64), np.empty(2 * reach.size)
-    room = Room(np.arange(ndim), np.empty(around, np.int64), np.empty(around), marks, spans[0], spans[1], *block)
-    _decide(states, rows, when, Shelf(*shelf), reach, lattice, room, out)
+    shelf, lattice, ahead = Shelf(*shelf), Lattice(*lattice), Ahead(ahead[0], ahead[1], Tape(*ahead[2]), ahead[3])
+    look, tape = Look(look[0], look[1], Tape(*look[2]), Tape(*look[3])), ahead.tape
+    ndim, inputs, played, sets = states.shape[1], out[1].shape[1], tape.outputs.size > 0, look.unsafe.outputs.size
+    count, size = 1 if when[0] == shelf.steps else look.times.size + (1 << ndim), 64
+    width = max(1, min(BLOCK // count, rows.size))  # states at a time
+    room, slots = _room(ndim, inputs, width * count, sets, size), np.empty(width, np.int64)
+    at, flat = np.empty((width, ndim)), np.empty((tape.outputs.size, width))
+    ends = flat.reshape(4, inputs, ndim, width) if played else ahead.ends
+    shift = 0 if played or ends.shape[3] == 1 else 1
+    for begin in range(0, rows.size, width):
+        some, found = rows[begin : begin + width], 0
+        for r in range(some.size if played else 0):
+            at[r] = states[some[r]]
+        if played and play_part(tape, at, ahead.begin, flat, 0, some.size) != 0.0:
+            return False
+        for r in range(some.size):
+            m, own = some[r], r if played else shift * (begin + r)
+            if looks != ONLY_LOOK:
+                if ends.shape[3] > 1 or begin + r == 0:
+                    needed = _hull(ends, own, lattice.spacing, room.hull)
+                    if needed > size:
+                        size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+                        room = Room(*room[:7], *block, *room[9:])
+                _by_tubes(m, own, states, when, shelf, ends, ahead.order, lattice, room, out)
+            if looks != TUBES and out[0][m] >= 0:
+                _place(found * count, count, states[m], ends, own, max(out[3][m], 0), lattice, look, room)
+                slots[found], found = r, found + 1
+        if found > 0 and play_part(look.unsafe, room.points, look.times, room.level, 0, found * count) != 0.0:
+            return False
+        for k in range(found):
+            m, own = some[slots[k]], slots[k] if played else shift * (begin + slots[k])
+            if looks == ONLY_LOOK:
+                out[0][m] = _verdict(k * count, count, out[0][m], look, room)
+                fine = out[0][m] != UNDEFINED
+            else:
+                fine = _checked(k * count, count, m, own, states, when, shelf, ends, lattice, look, room, scores, out)
+            if not fine:
+                return False
+    return True
 
 
 @kernel(nogil=True)
@@ -257,14 +471,9 @@ def avoid_values(states, step, shelf, lattice, out):
 
     states (M, ndim), shelf and lattice as for `decide`, out (M, L). Coordinates must be finite.
     """
-    shelf, lattice, around, none = Shelf(*shelf), Lattice(*lattice), (2, 1 << states.shape[1]), np.empty(0, np.int64)
-    index, weight, marks = np.empty(around, np.int64), np.empty(around), np.empty(out.shape[1], np.bool_)
-    room = Room(none, index, weight, marks, none, none, none, np.empty(0))
+    shelf, lattice, room = Shelf(*shelf), Lattice(*lattice), _room(states.shape[1], out.shape[1], 0, 0, 0)
     for m in range(out.shape[0]):
-        still = corners(states[m], shelf.static_axes, lattice, TINY, index[0], weight[0])
-        moving = corners(states[m], shelf.moving_axes, lattice, TINY, index[1], weight[1])
-        for j in range(out.shape[1]):
-            out[m, j] = _hazard(shelf, step, j, room, still, moving)
+        _hazards(shelf, step, states[m], lattice, room, out[m])
 
 
 @kernel(nogil=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import get_num_threads
 
 from sdhj.kernels import FloatArray, elementary, intervals
-from sdhj.kernels.compiling import kernel
+from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.elementary import ERRORS, INF, NAN
 from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
 
@@ -72,7 +72,7 @@ class Tape(NamedTuple):
     tables: FloatArray
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
 def _arithmetic(op, room, i, j, k, count):
     a, b, out = room[i], room[j], room[k]
     if op == ADD:
@@ -107,7 +107,7 @@ def _arithmetic(op, room, i, j, k, count):
             out[m] = np.floor(a[m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, room, i, j, k, count):
     a, b, out = room[i], room[j], room[k]
     if op == POW:
@@ -148,7 +148,7 @@ def _elementary(op, room, i, j, k, count):
             out[m] = elementary.mod(a[m], b[m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _power(room, i, n, k, count):
     """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
     a, out = room[i], room[k]
@@ -166,7 +166,7 @@ def _power(room, i, n, k, count):
             out[m] = 1.0 / out[m] if a[m] != 0.0 else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, room, i, j, k, last, count):
     a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
@@ -189,7 +189,7 @@ def _truths(op, room, i, j, k, last, count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
 def _values(op, room, i, j, k, n, last, count):
     """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
     op = _PLAYED_AS[op]
@@ -203,7 +203,7 @@ def _values(op, room, i, j, k, n, last, count):
         _truths(op, room, i, j, k, last, count)
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
     """(value at a position, in nodes; how large what it was made of is); corner (64,): overwritten."""
     axes, most = lookup[0], 0.0
@@ -223,9 +223,9 @@ def _interpolated(tables, first, lookup, position, corner):
     return corner[0], most
 
 
-@kernel(nogil=True, error_model="numpy")
-def _gridded(lookup, places, tables, room, place, out, count):
-    position, corner = np.empty(6), np.empty(64)
+@kernel(error_model="numpy", **UNCOUNTED)
+def _gridded(lookup, places, tables, room, place, out, count, spots):
+    position, corner = spots
     for m in range(count):
         fine = True
         for axis in range(lookup[0]):
@@ -235,39 +235,43 @@ def _gridded(lookup, places, tables, room, place, out, count):
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
+@kernel(error_model="numpy", **UNCOUNTED)
+def _play(tape, points, parameters, out, start, stop, room, place, spots):
+    code, value, slots, outputs, lookups, places, tables = tape
+    spare, total = slots, 0.0
+    for at in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - at)
+        for k in range(code.shape[0]):
+            op, slot, first = code[k, 0], code[k, 1], code[k, 2]
+            if op == X:
+                for m in range(count):
+                    room[spare, m] = points[at + m, first]
+            elif op == P or op == CONST:
+                number = parameters[first] if op == P else value[k]
+                for m in range(count):
+                    room[spare, m] = number
+            elif op == GRIDDED:
+                _gridded(lookups[first], places[first], tables, room, place, room[spare], count, spots)
+            else:
+                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
+                _values(op, room, i, place[code[k, 3]] if _BINARY[op] else i, spare, int(value[k]), last, count)
+            place[slot], spare = spare, place[slot]
+        for i in range(outputs.size):
+            for m in range(count):
+                result = room[place[outputs[i]], m]
+                out[i, at + m] = result
+                total += 0.0 * result
+    return total
+
+
 @kernel(nogil=True, error_model="numpy")
 def play_part(tape, points, parameters, out, start, stop):
     """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
-    code, value, slots, outputs, lookups, places, tables = tape
-    width, total = min(BLOCK, stop - start), 0.0
-    room, place, spare = np.empty((slots + 1, width)), np.arange(slots), slots
-    for at in range(start, stop, BLOCK):
-        count = min(BLOCK, stop - at)
-        for k in range(code.shape[0]):
-            op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result = room[spare]
-            if op == X:
-                for m in range(count):
-                    result[m] = points[at + m, first]
-            elif op == P or op == CONST:
-                number = parameters[first] if op == P else value[k]
-                for m in range(count):
-                    result[m] = number
-            elif op == GRIDDED:
-                _gridded(lookups[first], places[first], tables, room, place, result, count)
-            else:
-                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
-                _values(op, room, i, place[code[k, 3]] if _BINARY[op] else i, spare, int(value[k]), last, count)
-            place[slot], spare = spare, place[slot]
-        for i in range(outputs.size):
-            result = room[place[outputs[i]]]
-            for m in range(count):
-                out[i, at + m] = result[m]
-                total += 0.0 * result[m]
-    return total
+    room, spots = np.empty((tape[2] + 1, min(BLOCK, stop - start))), (np.empty(6), np.empty(64))
+    return _play(tape, points, parameters, out, start, stop, room, np.arange(tape[2]), spots)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:

@@ -227,33 +227,25 @@ class Interval:
         return self._displaced(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
-        moves = []
+        return self._moves(states, begin)[1]
+
+    def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
+        """Where every input takes the states by the velocity at the begin, and by that halfway: both (M, L, ndim)."""
+        moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
-            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
-            moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
-        return np.stack(moves, axis=1)
+            moves.append(self.delta * self.drift(states, j, begin))
+            halfway = self.grid.clipped(states + moves[-1] / 2)
+            later.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
+        return np.stack(moves, axis=1), np.stack(later, axis=1)
 
     def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
         """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
-        known = self.dynamics.derived
-        key = name, self.delta, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
+        known, wider = self.dynamics.derived, tuple(np.ravel(self.wider).tolist())
+        key = name, self.delta, self.early, wider, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
         if key not in known:
             found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
             known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
         return known[key]
-
-    def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
-        """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
-
-        Shape (M, parts, ndim); held at walls. Exact for a constant drift, else to second order.
-        """
-        shares, slope = np.arange(1, parts + 1)[:, None] / parts, self.undisturbed(states, inputs, self.begin)
-        moved = self.delta * slope
-        bent = 0.0 * moved
-        if not self.dynamics.constant:
-            halfway = self.grid.clipped(states + moved / 2)
-            bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
-        return self.grid.clipped(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
 
     def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
@@ -261,24 +253,44 @@ class Interval:
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
-        dynamics = self.dynamics
-        if self.early:
-            sooner = [replace(self, delta=self.delta - by * self.early, early=0.0) for by in (0.0, 0.5, 1.0)]
-            lows, highs = zip(*(interval.reachable(states) for interval in sooner), strict=True)
-            return np.min(lows, axis=0), np.max(highs, axis=0)
-        if dynamics.stateless:
-            low, high = self.reached(0.0, self.delta)
-            return low[None] - self.wider, high[None] + self.wider
-        if dynamics.formulas and dynamics.gain is not None:
-            shape = 2, len(dynamics.inputs), self.grid.ndim
-            ends = self._as_formula("_reach_of", shape)(states, self.begin)
-        else:
-            ends = self._reach_of(states, self.begin)
-        return ends[:, 0] - self.wider, ends[:, 1] + self.wider
+        ends = self.ahead(states)
+        return ends[:, 0], ends[:, 1]
 
-    def _reach_of(self, states: Any, begin: Any) -> Any:
-        """Lower and upper corners of `reachable`, (M, 2, L, ndim)."""
-        dynamics, centre, points = self.dynamics, self._displaced(states, begin), self.grid.wrapped(states)
+    def ahead(self, states: FloatArray) -> FloatArray:
+        """What each input leads to, relative to the states: (M, 4, L, ndim), or (1, 4, L, ndim) if alike for all.
+
+        The corners of `reachable`, and two terms of the path without an adversary: a share s of the interval later the
+        state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
+        """
+        if (formula := self.ahead_formula) is not None:
+            return formula(states, self.begin)
+        return self._alike if self.dynamics.stateless else self._ahead(states, self.begin)
+
+    @cached_property
+    def _alike(self) -> FloatArray:
+        return self._ahead(np.array([self.grid.lower]), self.begin)
+
+    @property
+    def ahead_formula(self) -> Formula | None:
+        """`ahead` of states and the time of its begin; None where it is the same for all states, or cannot be read."""
+        dynamics = self.dynamics
+        if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
+            return None
+        return self._as_formula("_ahead", (4, len(dynamics.inputs), self.grid.ndim))
+
+    def _ahead(self, states: Any, begin: Any) -> Any:
+        lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
+        corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
+        low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
+        moved, later = self._moves(states, begin)
+        return np.stack([low - self.wider, high + self.wider, moved, later - moved], axis=1)
+
+    def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
+        """Lower and upper corners at the end, both (M, L, ndim)."""
+        dynamics = self.dynamics
+        if dynamics.stateless:
+            return tuple(one[None] for one in self.reached(0.0, self.delta))
+        centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
@@ -287,7 +299,7 @@ class Interval:
             lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
             highs.append(reduce(np.maximum, [end[:, 1] - one for one, end in zip(middle, ends, strict=True)]))
         below, above = (self.delta * np.stack(one, axis=1) for one in (lows, highs))
-        return np.stack([centre - below, centre + above], axis=1)
+        return centre - below, centre + above
 
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula
 

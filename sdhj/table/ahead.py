@@ -3,34 +3,52 @@
 from collections.abc import Callable
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.formula import tape_of
+from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
-from sdhj.problem.grid import Grid
+from sdhj.kernels.lookup import Ahead, Look
 from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
-LookAhead = Callable[[FloatArray, FloatArray], Reach]  # of states (M, ndim), the boxes of some rows (R,)
-
-
-def look_ahead(interval: Interval) -> LookAhead:
-    """What tells the boxes of an interval."""
-    grid, order = interval.grid, np.arange(interval.grid.ndim)
-    if not interval.dynamics.stateless:
-        return lambda states, rows: _reach(grid, *interval.reachable(states[rows]), order)
-    # one box for all states: the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
-    low, high = interval.reachable(np.array([grid.lower]))
-    different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
-    shared = _reach(grid, low, high, np.argsort(different, kind="stable"))
-    return lambda states, rows: shared
+NOTHING = tuple(tape_of(()))  # a tape that computes nothing
 
 
-def _reach(grid: Grid, low: FloatArray, high: FloatArray, order: FloatArray) -> Reach:
-    lowest, highest = low.min(axis=1), high.max(axis=1)
-    nodes = np.ceil((highest - lowest) / grid.spacing + 1e-6) + 2  # that it can touch, and one more along each axis
-    return Reach(low, high, lowest, highest, order, int(nodes.prod(axis=1).max(initial=0)))
+def prepared(interval: Interval, ends: FloatArray | None = None) -> tuple[Any, ...]:
+    """What inputs lead to, for compiled code: a tape, or what it is for all states, or `Interval.ahead` of some."""
+    dynamics, order, begin = interval.dynamics, np.arange(interval.grid.ndim), np.array([interval.begin])
+    if ends is None and interval.ahead_formula is not None:
+        return tuple(Ahead(np.empty((4, 0, 0, 0)), order, tuple(interval.ahead_formula.tape), begin))
+    ends = interval.ahead(np.empty((0, interval.grid.ndim))) if ends is None else ends
+    if dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
+        different = [len(np.unique(ends[0, :2, :, axis], axis=1).T) for axis in order]
+        order = np.argsort(different, kind="stable")
+    return tuple(Ahead(np.ascontiguousarray(np.moveaxis(ends, 0, -1)), order, NOTHING, begin))
+
+
+def look(problem: ReachAvoidProblem, step: int, sets: tuple[Any, Any]) -> tuple[Any, ...]:
+    """The true sets at a step, for compiled code; `sets` are what `tapes` returns."""
+    grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
+    times = np.array([begin + (end - begin) * part / LOOKED for part in range(LOOKED)] + [end])
+    return tuple(Look(times, np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper]), *sets))
+
+
+def tapes(problem: ReachAvoidProblem) -> tuple[Any, Any]:
+    """Of the unsafe sets and of the target: tapes of the whole state, with the time as one more coordinate."""
+    sets: list[Any] = [problem.unsafe, () if problem.stays else (problem.target,)]
+    unsafe, target = (tuple(tape_of([_timed(part, problem.grid.ndim) for part in parts])) for parts in sets)
+    return unsafe, target
+
+
+def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
+    def put(one: Node) -> Node | None:
+        return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
+
+    return rebuilt(part.level_set.outputs, put)[0]
 
 
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
@@ -42,8 +60,7 @@ def nothing_met(
     inputs: FloatArray,
     step: int,
     left: FloatArray,
-    reach: Reach,
-    rows: FloatArray,
+    ends: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Whether the true sets refute nothing of a state, and nothing of an input in it, at the places looked at.
 
@@ -56,8 +73,8 @@ def nothing_met(
     states, inputs : (M, ndim), (M,) int
     left : (M,) int
         Steps to go after the interval. With 0 the corners have to be in the true target.
-    reach, rows : Reach, (M,) int
-        What the inputs can lead to, and which of its rows the states have.
+    ends : (M, 4, L, ndim) or (1, 4, L, ndim)
+        What the inputs lead to (`Interval.ahead`).
 
     Returns
     -------
@@ -66,10 +83,10 @@ def nothing_met(
     grid, sides = problem.grid, _sides(problem.grid.ndim)
     begin, end = problem.time(step), problem.time(step + 1)
     times = [begin + (end - begin) * part / LOOKED for part in range(LOOKED)] + [end] * (1 + len(sides))
-    of = rows if len(reach.low) > 1 else 0
-    low, high = reach.low[of, inputs], reach.high[of, inputs]
-    corners = states[:, None] + np.where(sides, high[:, None], low[:, None])
-    path = problem.interval(step).path(states, inputs, LOOKED)
+    own = ends[np.arange(len(states)) if len(ends) > 1 else 0, :, inputs]  # (M, 4, ndim)
+    corners = states[:, None] + np.where(sides, own[:, 1, None], own[:, 0, None])
+    shares = np.arange(1, LOOKED + 1)[:, None] / LOOKED
+    path = grid.clipped(states[:, None] + shares * own[:, 2, None] + shares**2 * own[:, 3, None])
     met = np.concatenate([states[:, None], path, corners], axis=1)
     clear = problem.unsafe_along(grid.clipped(met, "wall", "safe"), times) > 0
     if grid.has("unsafe"):

@@ -8,20 +8,20 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
 from sdhj.problem.checks import real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import LookAhead, first_passing, look_ahead, nothing_met
+from sdhj.table.ahead import first_passing, nothing_met
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
+ANY = np.empty((0, 0))  # scores: none
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
 
@@ -217,10 +217,16 @@ class Table:
         ValueError
             If a state has a NaN or an infinity, or if shape or step do not fit.
         """
-        step = whole("step", step, least=0, most=self.steps)
-        states = states_array("states", states, self.grid.ndim)  # a copy: rules read it later
-        within = self.steps - step if self.problem.stays else min(within, self.steps - step)
-        count, shape = len(states), (len(states), len(self.problem.inputs))
+        return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
+
+    def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray = ANY) -> Batch:
+        """As `batch`, of states that have been checked, and that nobody writes.
+
+        scores (M, L): `best` is the safe input of least score that passes, of equals that of least margin, if any does.
+        """
+        step, problem = whole("step", step, least=0, most=self.steps), self.problem
+        within = self.steps - step if problem.stays else min(within, self.steps - step)
+        count, shape = len(states), (len(states), len(problem.inputs))
         batch = Batch(
             states,
             step,
@@ -230,25 +236,28 @@ class Table:
             np.empty(shape),
             np.empty(count, np.int64),
         )
-        share_out(self.grid, states, lambda rows: self._decide(batch, rows))
+        share_out(self.grid, states, partial(self._decide, batch, scores))
+        if problem.stays:
+            batch.steps_to_go[batch.steps_to_go >= 0] = self.steps - step
         return batch
 
-    def _decide(self, batch: Batch, rows: FloatArray) -> None:
-        reach = None if self.proved else self.ahead(batch.step)(batch.states, rows)
-        self._answer(batch, rows, reach)
-        if reach is not None:
-            self._look(batch, rows, reach)
-        if self.problem.stays:
-            batch.steps_to_go[rows[batch.steps_to_go[rows] >= 0]] = self.steps - batch.step
+    def _decide(self, batch: Batch, scores: FloatArray, rows: FloatArray) -> None:
+        ends = None if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
+        self._answer(batch, rows, ends)
+        if ends is not None:
+            self._look(batch, rows, ends)
+        if len(scores):
+            part = Batch(*(one[rows] if isinstance(one, np.ndarray) else one for one in vars(batch).values()))
+            batch.best[rows] = take_least(self, part, scores[rows][part.safe])
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        """To be implemented: fill in some rows of a batch from the tubes; `reach` is what inputs lead to there.
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
+        """To be implemented: fill in some rows of a batch from the tubes; `ends` (`Interval.ahead`) of inputs there.
 
         Without a target steps_to_go is 0 for states in the tube.
         """
         raise NotImplementedError
 
-    def _look(self, batch: Batch, rows: FloatArray, reach: Reach) -> None:
+    def _look(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """Undo what the true sets refute: all answers for states in the unsafe set; else inputs, from the best on."""
         step, to_go = batch.step, batch.steps_to_go
         admissible = np.flatnonzero(to_go[rows] >= 0)
@@ -262,7 +271,8 @@ class Table:
             lost |= self.problem.refuted(states, step, 1)
             again = rows[:0]
         else:
-            clear, good = nothing_met(self.problem, states, batch.best[rows], step, batch.left[rows], reach, admissible)
+            of = ends[admissible] if len(ends) > 1 else ends
+            clear, good = nothing_met(self.problem, states, batch.best[rows], step, batch.left[rows], of)
             lost |= ~clear
             again = rows[clear & ~good]
         to_go[rows[lost]], batch.best[rows[lost]] = NOT_ADMISSIBLE, NOT_ADMISSIBLE
@@ -296,20 +306,8 @@ class Table:
         """
         if self.proved or not len(states):
             return np.ones(len(states), np.bool_)
-        rows = np.arange(len(states))
-        return nothing_met(self.problem, states, inputs, step, left, self.ahead(step)(states, rows), rows)[1]
-
-    def ahead(self, step: int) -> LookAhead:
-        """The function that returns the boxes of states to which inputs can lead from a step."""
-        steps = self.steps if self.problem.dynamics.timed else 1
-        if (step := min(step, steps - 1)) not in self._ahead:
-            self._ahead[step] = look_ahead(self.problem.interval(step))
-        return self._ahead[step]
-
-    @cached_property
-    def _ahead(self) -> dict[int, LookAhead]:
-        """The results of `ahead` so far, by step; only step 0 if the dynamics do not depend on time."""
-        return {}
+        ends = self.problem.interval(step).ahead(states)
+        return nothing_met(self.problem, states, inputs, step, left, ends)[1]
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
         """Which inputs stay clear of the unsafe sets over the interval from a step, as level-set values.

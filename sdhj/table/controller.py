@@ -305,10 +305,10 @@ class Controller:
         return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None) -> Batch:
-        state, shape = real_array("a state", q), (self.problem.grid.ndim,)
-        if state.shape != shape:
-            raise ValueError(f"a state must have shape {shape}, got {state.shape}; for many states use batch()")
-        return self.batch(state[None], step)
+        state, ndim = finite_array("a state", q), self.problem.dynamics.ndim
+        if state.shape != (ndim,):
+            raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
+        return self.table.answers(state[None], self._at(step))
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
         batch = self._query(q, step)
@@ -560,13 +560,14 @@ def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
     wanted = plain_array("wanted", wanted)
     if single := q.ndim == 1:
         q, wanted = q[None], wanted[None]
-    batch = table.batch(q, step, table.steps - step)
-    inputs, rows = table.problem.inputs, np.arange(len(batch.states))
+    states = states_array("states", q, table.grid.ndim)
+    inputs, rows = table.problem.inputs, np.arange(len(states))
     commands, index = _commands(inputs, wanted, len(rows))
-    distances = np.linalg.norm(inputs - commands[:, None], axis=2)  # (M, L)
+    distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
     if index is not None:
         distances[rows, index] = -1.0  # before another input of the same command
-    chosen, promised = take_least(table, batch, distances[batch.safe]), batch.promised
+    batch = table.answers(states, step, table.steps - step, distances)
+    chosen, promised = batch.best, batch.promised
     if (lost := chosen == NOT_ADMISSIBLE).any():
         chosen[lost] = fallbacks(table, batch.states[lost], step)[0]
     changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)

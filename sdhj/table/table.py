@@ -26,11 +26,12 @@ import h5py
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach, Shelf, avoid_values, decide, tube_values
+from sdhj.kernels.lookup import LOOKED, ONLY_LOOK, PASSES, TUBES, Shelf, avoid_values, decide, tube_values
 from sdhj.problem.checks import ascending, sealed
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
-from sdhj.table.batches import Batch, Table, entry
+from sdhj.table.ahead import NOTHING, look, prepared, tapes
+from sdhj.table.batches import ANY, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -262,11 +263,52 @@ class LookupTable(Table):
         tube_values(points, places, self._shelf.tubes, self.grid.arrays, out)
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        assert reach is not None
-        out = (batch.steps_to_go, batch.safe, batch.margins, batch.best)
-        when = batch.step, batch.within
-        decide(batch.states, rows, when, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
+    def _decide(self, batch: Batch, scores: FloatArray, rows: FloatArray) -> None:
+        if not (self._readable and self._filled(batch, rows, self._prepared(batch.step), LOOKED, scores)):
+            super()._decide(batch, scores, rows)  # with black boxes, or to say what is undefined
+
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
+        interval, sets = self.problem.interval(batch.step), self._prepared(batch.step)[1]
+        self._filled(batch, rows, (prepared(interval, ends), sets), TUBES, ANY)
+
+    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+        if self._readable and len(states):
+            found, safe = np.array(left), np.empty((0, len(self.problem.inputs)), np.bool_)
+            asked = Batch(states, step, 1, found, safe, ANY, inputs)
+            if self._filled(asked, np.arange(len(states)), self._prepared(step), ONLY_LOOK, ANY):
+                return (found & PASSES) != 0
+        return super().passes(states, inputs, step, left)
+
+    def _filled(self, batch: Batch, rows: FloatArray, sets: Any, looks: int, scores: FloatArray) -> bool:
+        """Let `decide` fill in some rows of a batch; False where it met something undefined."""
+        out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+        return bool(decide(batch.states, rows, (batch.step, batch.within), *self._known, *sets, looks, scores, out))
+
+    @cached_property
+    def _readable(self) -> bool:
+        """Whether compiled code knows what inputs lead to, and the true sets."""
+        dynamics = self.problem.dynamics
+        return not self.problem.opaque and (dynamics.stateless or dynamics.gain is not None)
+
+    def _prepared(self, step: int) -> tuple[Any, Any]:
+        """What compiled code reads of the dynamics and of the true sets at a step."""
+        if step not in self._steps:
+            interval = self.problem.interval(min(step, self.steps - 1))
+            ahead = prepared(interval) if self._readable else ()
+            self._steps[step] = ahead, look(self.problem, step, self._tapes)
+        return self._steps[step]
+
+    @cached_property
+    def _steps(self) -> dict[int, Any]:
+        return {}
+
+    @cached_property
+    def _tapes(self) -> tuple[Any, Any]:
+        return tapes(self.problem) if self._readable else (NOTHING, NOTHING)
+
+    @cached_property
+    def _known(self) -> tuple[Any, Any]:
+        return tuple(self._shelf), tuple(self.grid.arrays)
 
     @cached_property
     def _shelf(self) -> Shelf:
