@@ -71,11 +71,12 @@ class Look(NamedTuple):
 class Room(NamedTuple):
     """Room to work in.
 
-    hull (2, ndim): the box that holds those of all inputs. axes (ndim,): all of them; index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an
-    input. Of a block: the first node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind
-    it have, rest (ndim + 1,); where they are on the grid, offsets (size,). What is left when the maxima along the axes
-    before it are taken begins at values[rest[a]], behind all that is left later: values (2 size,). For the look: points
-    (V, ndim + 1), the time last, past (V,) and level (sets, V); known, hazard (L,) of the inputs.
+    hull (2, ndim): the box that holds those of all inputs. axes (ndim,): all of them; index, weight (2, 2^ndim):
+    nodes around a state; marks (L,): whether they all mark an input. Of a block: the first node on each axis in
+    `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,); where they are on the
+    grid, offsets (size,). What is left when the maxima along the axes before it are taken begins at values[rest[a]],
+    behind all that is left later: values (2 size,). For the look: points (V, ndim + 1), the time last, past (V,) and
+    level (sets, V); known, hazard (L,) of the inputs.
     """
 
     hull: Any
@@ -446,7 +447,7 @@ def decide(states, rows, when, shelf, lattice, ahead, look, looks, scores, out):
                     needed = _hull(ends, own, lattice.spacing, room.hull)
                     if needed > size:
                         size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-                        room = Room(*room[:7], *block, *room[9:])
+                        room = Room(*room[:7], *block, *room[9:])  # type: ignore[call-arg]
                 _by_tubes(m, own, states, when, shelf, ends, ahead.order, lattice, room, out)
             if looks != TUBES and out[0][m] >= 0:
                 _place(found * count, count, states[m], ends, own, max(out[3][m], 0), lattice, look, room)

@@ -289,7 +289,8 @@ class Interval:
         """Lower and upper corners at the end, both (M, L, ndim)."""
         dynamics = self.dynamics
         if dynamics.stateless:
-            return tuple(one[None] for one in self.reached(0.0, self.delta))
+            low, high = self.reached(0.0, self.delta)
+            return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []

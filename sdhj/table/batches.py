@@ -7,7 +7,7 @@
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -247,7 +247,9 @@ class Table:
         if ends is not None:
             self._look(batch, rows, ends)
         if len(scores):
-            part = Batch(*(one[rows] if isinstance(one, np.ndarray) else one for one in vars(batch).values()))
+            part = replace(
+                batch, **{name: one[rows] for name, one in vars(batch).items() if isinstance(one, np.ndarray)}
+            )
             batch.best[rows] = take_least(self, part, scores[rows][part.safe])
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
