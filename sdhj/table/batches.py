@@ -247,9 +247,8 @@ class Table:
         if ends is not None:
             self._look(batch, rows, ends)
         if len(scores):
-            part = replace(
-                batch, **{name: one[rows] for name, one in vars(batch).items() if isinstance(one, np.ndarray)}
-            )
+            some: Any = {name: one[rows] for name, one in vars(batch).items() if isinstance(one, np.ndarray)}
+            part = replace(batch, **some)
             batch.best[rows] = take_least(self, part, scores[rows][part.safe])
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
