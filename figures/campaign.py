@@ -17,7 +17,7 @@ from search import search_losing
 from tqdm import tqdm
 
 import sdhj
-from sdhj.cli import SEED, loaded, plainly
+from sdhj.cli import SEED, plainly
 from sdhj.kernels.compiling import hidden
 from sdhj.plotting.looks import writable_folder
 from sdhj.problem.checks import whole
@@ -164,7 +164,7 @@ def upper_bound(starts: int) -> float:
 def main(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
     """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
     writable_folder(out)  # before long work
-    read = {path.stem: loaded(path) for path in tables}
+    read = {path.stem: sdhj.load(path) for path in tables}
     if len(read) < len(tables):
         raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
     rows = campaign(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)

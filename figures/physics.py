@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 import sdhj
 from sdhj import plotting
-from sdhj.cli import RUNS, SEED, loaded, plainly, writable_picture
+from sdhj.cli import RUNS, SEED, plainly, writable_picture
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.problem.checks import whole
@@ -423,7 +423,7 @@ def main(
     if mujoco is None:
         raise ImportError("runs in MuJoCo need the extra that brings it: pip install 'sdhj[physics]'")
     writable_picture(output, [".png"])
-    report = check_runs(sdhj.Controller(loaded(table), rule=rule), runs, adversary, seed)
+    report = check_runs(sdhj.Controller(sdhj.load(table), rule=rule), runs, adversary, seed)
     click.echo(str(report))
     if output is not None:
         write_strip(report, output)

@@ -153,7 +153,7 @@ def rows(names: Sequence[str], runs: int, steps: int, seed: int, only: Sequence[
             began = time.process_time()
             table = sdhj.solve(problem, solver, progress=False)
             share, solved = table.fraction(start=0, within=table.steps), time.process_time() - began
-            nodes = " x ".join(map(str, robot.cells if method == "certified" else robot.nodes))
+            nodes = " x ".join(map(str, table.shape if method == "certified" else robot.nodes))
             says = {method: answer} if not robot.ever else {method: answer, f"{method}, filtered": filtered}
             for told, how in says.items():
                 began = time.process_time()

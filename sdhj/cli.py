@@ -12,6 +12,7 @@ import uuid
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import reduce
 from pathlib import Path
 from pkgutil import resolve_name
 from tempfile import TemporaryDirectory, gettempdir
@@ -25,11 +26,12 @@ from sdhj.arm.case_studies import arm_case_study
 from sdhj.certified.check import verify as check
 from sdhj.certified.labels import shares
 from sdhj.certified.sets import Certified
-from sdhj.formulas.graph import Node, leaf, make
-from sdhj.formulas.text import parsed, shown
+from sdhj.formulas.graph import Node, leaf
+from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.restoring import formulas_in, sets_in
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, simulate
@@ -121,6 +123,8 @@ class WithStart(click.Command):
         if "--start" in args:
             first = args.index("--start") + 1
             last = next((place for place in range(first, len(args)) if not is_number(args[place])), len(args))
+            if first == last < len(args):
+                raise click.UsageError(f"--start must be followed by numbers, got {reprlib.repr(args[first])}", context)
             args = [*args[:first], " ".join(args[first:last]), *args[last:]]
         return super().parse_args(context, args)
 
@@ -208,7 +212,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     """Simulate the controller of a table against an adversary."""
     state = np.array(start.split() if start is not None else [], float)
     if start is not None and not (state.size and np.isfinite(state).all()):
-        raise ValueError(f"--start must be finite numbers, one for each axis, got {start!r}")
+        raise ValueError(f"--start must be finite numbers, one for each axis, got {reprlib.repr(start)}")
     if start is not None and runs is not None:
         raise ValueError("--start simulates one run and --runs many from random start states; give only one of them")
     controller = Controller(load(table), rule=rule)
@@ -253,36 +257,26 @@ def info(table: Path) -> None:
 
 def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
     """The dynamics under the first input, and the sets, of the head of a file and its tables, as lines."""
-    functions, grid, tables = head["formulas"]["functions"], head["grid"], tables_of(arrays)
-
-    def results(name: str, count: int | None = None) -> tuple[Node, ...]:
-        told = functions[name]
-        return parsed(told["lines"], tables, int(told["coordinates"]), int(told["parameters"]))[:count]
-
-    components = (len(functions["bounds"]["lines"][-1].split()) - 1) // len(head["inputs"])
-    v, velocity = [f"v{d + 1}" for d in range(components)], list[Node]()
-    if "velocity" in functions:
-        velocity = list(results("velocity", grid.ndim))
-    elif {"drift", "gain"} <= set(functions):
-        gain = results("gain", grid.ndim * components)
-        for axis, node in enumerate(results("drift", grid.ndim)):
-            for d, pushed in enumerate(gain[axis * components : (axis + 1) * components]):
-                node = make("add", node, make("mul", pushed, leaf("p", 1 + d)))
-            velocity.append(node)
+    found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
+    bounds, velocity = found["bounds"].entries[0], list[Node]()
+    v = [f"v{d + 1}" for d in range(len(bounds))]
+    if "velocity" in found:
+        velocity = found["velocity"].entries[0].tolist()
+    elif {"drift", "gain"} <= set(found):
+        pushes = found["gain"].entries[0] * [leaf("p", 1 + d) for d in range(len(v))]
+        velocity = reduce(np.add, pushes.T, found["drift"].entries[0]).tolist()
     u = ", ".join(format(one, "g") for one in head["inputs"][0])
     lines = [f"dynamics under the first of {len(head['inputs'])} inputs, u = ({u}):"]
     text = shown(velocity, grid.names, ["t", *v])
     lines += text[: len(text) - len(velocity)]
     lines += [f"d{name}/dt = {one}" for name, one in zip(grid.names, text[len(text) - len(velocity) :], strict=False)]
-    most = shown(results("bounds", components), grid.names)
-    lines += [f"|{one}| <= {bound}" for one, bound in zip(v, most[-components:], strict=True) if bound != "0"]
+    most = shown(bounds.tolist(), grid.names)
+    lines += [f"|{one}| <= {bound}" for one, bound in zip(v, most[-len(v) :], strict=True) if bound != "0"]
     lines[1:] = [f"  {one}" for one in lines[1:]]
-    kinds = [one["kind"] for one in head["sets"]]
-    for place, one in enumerate(head["sets"]):
-        name = "target" if one["kind"] == "target" else f"unsafe {place - kinds.count('target')}"
-        if name in functions:
-            *letters, value = shown(results(name), [grid.names[int(axis)] for axis in one["axes"]])
-            lines += [f"{one['kind']} {one['name']!r}:", *(f"  {each}" for each in letters), f"  {value} <= 0"]
+    for name, entry in sets_in(head).items():
+        if name in found:
+            *letters, value = shown(found[name].outputs, [grid.names[axis] for axis in entry["axes"]])
+            lines += [f"{entry['kind']} {entry['name']!r}:", *(f"  {one}" for one in letters), f"  {value} <= 0"]
     return lines
 
 
@@ -388,15 +382,10 @@ def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], 
             table = solve(arm_case_study(nodes=9, steps=2), chosen, progress=False)
         monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
         if method == "certified":
-            _compile_checker(table)
+            with TemporaryDirectory() as folder:
+                table.save(path := Path(folder) / "certified.h5")
+                check(path, samples=10, progress=False)
         say(f"  {time.perf_counter() - began:.1f} s")
-
-
-def _compile_checker(table: Any) -> None:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "certified.h5"
-        table.save(path)
-        check(path, samples=10, progress=False)
 
 
 def command() -> None:

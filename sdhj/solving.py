@@ -3,11 +3,13 @@
 import os
 import reprlib
 import time
+import warnings
 from dataclasses import replace
 from typing import Any, cast
 
 from tqdm import tqdm
 
+from sdhj.certified.explaining import scanty
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
@@ -16,6 +18,7 @@ from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import Sets, recursion
+from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file
 from sdhj.table.table import LookupTable
@@ -56,7 +59,8 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
+        certified table whether to warn where it has next to nothing.
 
     Returns
     -------
@@ -83,7 +87,9 @@ def solve(
     with announced(progress):
         sets = _filled(problem, method, progress)
         table = sets.finish({"seconds": time.perf_counter() - started})
-        played = judged_at_the_end(table, stacklevel=2) if play else {}
+        if play and isinstance(table, CertifiedTable) and (message := scanty(table)):
+            warnings.warn(message, ResolutionWarning, stacklevel=2)
+        played = judged_at_the_end(table, stacklevel=2) if play and not table.proved else {}
         return replace(cast(Any, table), details=dict(table.details) | played) if played else table
 
 

@@ -30,12 +30,14 @@ hypothesis.settings.load_profile("repeatable")
 
 
 judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table, stacklevel: {}
+scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
 
 
 @pytest.fixture
 def solves_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
     """What `solve` does at its end, as users have it: tests that are about something else save its time."""
     monkeypatch.setattr(sdhj.solving, "judged_at_the_end", judged_at_the_end)
+    monkeypatch.setattr(sdhj.solving, "scanty", scanty)
 
 
 @pytest.fixture(autouse=True)

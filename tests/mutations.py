@@ -1,13 +1,17 @@
 """Take one thing out of a copy of the library, and see that a test notices."""
 
+import importlib
 import os
 import re
 import shutil
 import subprocess
 import sys
+import types
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+
+import numba
 
 TESTS = Path(__file__).parent
 LIBRARY = TESTS.parent / "sdhj"
@@ -64,3 +68,57 @@ def assert_needed(run):
     """The tests of a run failed, by an assertion, or because bounds are compared with what they bound."""
     assert run.returncode == 1, run.stdout[-2000:]  # 1: tests ran and some failed
     assert any(words in run.stdout for words in ("AssertionError", "assert ", "DID NOT RAISE", "of that state alone"))
+
+
+@contextmanager
+def checker(folder, file, old, new):
+    """`verify` of a copy of the checker in `folder` in which `old` became `new`; it imports nothing of the library."""
+    name = f"checker_{folder.name}".replace("-", "_")
+    source = shutil.copytree(
+        LIBRARY / "certified" / "check", folder / name, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    _replace(source / file, old, new)
+    for path in source.glob("*.py"):
+        path.write_text(path.read_text().replace("sdhj.certified.check", name))
+    compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1  # what is compiled there is of arms
+    sys.path.insert(0, str(folder))
+    try:
+        yield importlib.import_module(f"{name}.claims").verify
+    finally:
+        numba.config.DISABLE_JIT = compiles
+        sys.path.remove(str(folder))
+        for module in [module for module in sys.modules if module.split(".")[0] == name]:
+            del sys.modules[module]
+
+
+KERNELS = ("kernels/intervals.py", "kernels/tape.py")
+PROVER = ("kernels/stencils.py", "certified/cells.py", "certified/bounds.py", "certified/general_proof.py")
+
+
+@contextmanager
+def modules(chain, file, old, new):
+    """A file of a chain, in which `old` became `new`, and those after it, which import it: made anew, not compiled.
+
+    A dictionary from files to modules. The library itself goes on with its own.
+    """
+    names = {each: f"sdhj.{each.removesuffix('.py').replace('/', '.')}" for each in chain}
+    kept, made = {name: sys.modules[name] for name in names.values()}, {}
+    compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1
+    try:
+        for each, name in names.items():
+            if chain.index(each) < chain.index(file):
+                continue  # it is as it was
+            source = (LIBRARY / each).read_text()
+            if each == file:
+                assert old in source, f"{old!r} is not in {file} any more: say anew what to take out"
+                source = source.replace(old, new)
+            made[each] = sys.modules[name] = module = types.ModuleType(name)
+            setattr(sys.modules[name.rpartition(".")[0]], name.rpartition(".")[2], module)
+            module.__file__ = str(LIBRARY / each)
+            exec(compile(source, f"{name} of a mutation", "exec"), vars(module))
+    finally:
+        numba.config.DISABLE_JIT = compiles
+        for name, module in kept.items():
+            sys.modules[name] = module
+            setattr(sys.modules[name.rpartition(".")[0]], name.rpartition(".")[2], module)
+    yield made

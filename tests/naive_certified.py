@@ -115,6 +115,19 @@ def one_step(following, first, number, window, allowed, clear):
 # ---- packed sets
 
 
+def leads(cell, low, high, following, periodic, safe):
+    """Whether all cells from cell + low to cell + high are in a set; past a safe end, by a cell or more, none is asked.
+
+    following : bool, of the cells' shape. safe : for each axis whether its lower, and its upper, end is safe.
+    """
+    each = []
+    for c, a, b, n, wraps, (lower, upper) in zip(cell, low, high, following.shape, periodic, safe, strict=True):
+        if not wraps and ((lower and c + b < -1) or (upper and c + a > n)):
+            return True
+        each.append([(c + k) % n if wraps else min(max(c + k, 0), n - 1) for k in range(a, b + 1)])
+    return bool(following[np.ix_(*each)].all())
+
+
 def packed(cells):
     """Bool (..., nx, ny) as blocks (..., words)."""
     flat = cells.reshape(*cells.shape[:-2], -1)
@@ -268,3 +281,30 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
                 t = problem.time(step) + problem.delta * (piece + (part + 1) / fine) / pieces
                 assert (problem.unsafe_value(states, t) > 0).all()
         assert (steps_to_go(table, states, step + 1) < left).all()
+
+
+def inputs_that_lead(table, step, following):
+    """Which inputs are clear from a cell and lead into a set: (*cells, L) bool."""
+    proof, grid, found = table.proof, table.grid, np.zeros((*table.shape, len(table.problem.inputs)), bool)
+    safe = [[end == "safe" for end in ends] for ends in grid.ends]
+    low, high = (moves[min(step, len(moves) - 1)] for moves in (proof.low, proof.high))
+    clear = proof.clear[min(step, len(proof.clear) - 1)].reshape(*table.shape, -1)
+    for cell, j in itertools.product(np.ndindex(table.shape), range(found.shape[-1])):
+        place = int(np.dot(cell, proof.strides))
+        if clear[cell][j // 8] >> (j % 8) & 1:
+            found[*cell, j] = leads(cell, low[j, place], high[j, place], following, grid.periodic, safe)
+    return found
+
+
+def assert_all_that_follows(table):
+    """Of the first step, and of the second one, where that is another."""
+    centres = [np.convolve(axis.edges(), [0.5, 0.5], "valid") for axis in table.axes]
+    states = np.stack([one.ravel() for one in np.meshgrid(*centres, indexing="ij")], axis=1)
+    for step in range(1 if len(table.index) <= table.steps + 1 else 2):
+        for within in range(1, table.steps - step + 1):
+            less, here = (table.bits(start=step, within=n) for n in (within - 1, within))
+            inputs = inputs_that_lead(table, step, table.bits(start=step + 1, within=within - 1))
+            follows = inputs.any(axis=-1)
+            assert np.array_equal(here, less & follows if table.problem.stays else less | follows), (step, within)
+            found = table.certified_inputs(states, step, within).reshape(inputs.shape)
+            assert np.array_equal(found, inputs), (step, within)

@@ -9,7 +9,6 @@ from toys import interval_problem
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.certified.sets import LipschitzBounds
 from sdhj.simulation.outcomes import OUTCOMES
 
 HALF = np.array([1.0, 0.8])
@@ -65,8 +64,7 @@ def test_hji_loses_next_to_nothing_where_the_robot_can_leave_the_grid(rng, distu
 
 
 def test_no_certified_start_is_lost(rng):
-    bounds = LipschitzBounds(dynamics=[[0.0, 1.0], [0.0, 0.0]], sets={"target": [1.0, 1.0]})
-    method, outcomes = sdhj.Certified(cells=(160, 128), bounds=bounds), {}
+    method, outcomes = sdhj.Certified(cells=(160, 128)), {}
     for ends in ("wall", "unsafe"):
         outcomes[ends] = judged(sdhj.solve(double_integrator(ends, disturbance=0.1), method), 3000, rng, 0.1)
     assert (outcomes["wall"] != "reached").mean() > 0.05 and (outcomes["unsafe"] == "reached").all()

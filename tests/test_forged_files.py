@@ -21,12 +21,13 @@ from sdhj.problem import memory as memory_module
 from sdhj.table.files import header
 
 LONGEST = 10.0  # seconds that an answer may take
+PROBLEM = torus_problem(nodes=10, steps=3)
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     path = tmp_path_factory.mktemp("tables") / "torus.h5"
-    sdhj.solve(torus_problem(nodes=10, steps=3), progress=False).save(path)
+    sdhj.solve(PROBLEM, progress=False).save(path)
     return path
 
 
@@ -38,7 +39,7 @@ def path(saved, tmp_path):
 def refused(path, match=None):
     began = time.perf_counter()
     with pytest.raises(sdhj.TableFileError, match=match):
-        sdhj.load(path, problem=torus_problem(nodes=10, steps=3))
+        sdhj.load(path, problem=PROBLEM)
     assert time.perf_counter() - began < LONGEST
 
 
@@ -128,9 +129,8 @@ def test_an_index_beyond_the_tubes_is_refused(path, wrong):
 def test_an_array_that_does_not_fit_into_memory_is_told(path, monkeypatch):
     monkeypatch.setattr(memory_module, "available", lambda: (1000, "are available"))
     monkeypatch.setattr(memory_module, "SPARE", 0)
-    problem = torus_problem(nodes=10, steps=3)
     with pytest.raises(MemoryError, match="the array tubes of the file needs about"):
-        sdhj.load(path, problem=problem)
+        sdhj.load(path, problem=PROBLEM)
 
 
 # ---- formulas

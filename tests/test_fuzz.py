@@ -30,7 +30,7 @@ from hypothesis import strategies as st
 from toys import interval_problem, interval_table
 
 import sdhj
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj.certified import Certified
 from sdhj.cli import main
 
 SECONDS = float(os.environ.get("SDHJ_FUZZ_SECONDS", "45"))  # for all kinds together
@@ -176,7 +176,7 @@ def dynamics() -> Any:
     @st.composite
     def answers(draw: Any) -> Case:
         name, (value, none) = draw(st.sampled_from(["drift", "gain", "bounds"])), draw(odd())
-        function = {"drift": lambda points: value, "gain": lambda points: value, "bounds": lambda t: value}[name]
+        function = {"drift": lambda q, u: value, "gain": lambda q, u: value, "bounds": lambda t: value}[name]
         call = partial(made, **usual | {name: function})
         return Case(call, (name, "velocit", "too fast", "delta"), f"{name} answers {value!r:.80}", none)
 
@@ -197,7 +197,7 @@ def sets() -> Any:
         return problem_of(target=sdhj.TargetSet(**given))
 
     usual = {"axes": (0,), "level_set": lambda p, t: 3.0 - p[:, 0], "name": "odd"}
-    own = {"swept": None, "rate": 0.0, "slope": 1.0, "sampling": "nodes"}
+    own = {"swept": None, "sampling": "nodes"}
 
     @st.composite
     def answers(draw: Any) -> Case:
@@ -207,7 +207,7 @@ def sets() -> Any:
 
     also = {"level_set": ("level set",), "swept": ("level set",), "axes": ("axis",)}
     return one_of(
-        one_odd(usual | own, unsafe, ("axes", "rate", "slope"), also=also),
+        one_odd(usual | own, unsafe, ("axes",), also=also),
         one_odd(usual | {"level_set": lambda p, t: np.abs(p[:, 0]) - 1.0}, target, ("axes",), also=also),
         answers(),
     )
@@ -223,14 +223,9 @@ def problems() -> Any:
 
 def methods() -> Any:
     scheme = {"flux": "godunov", "order": 2, "integrator": "rk2", "cfl": 0.75, "frame": "moving", "dtype": "float32"}
-    bounds = {"dynamics": None, "sets": {"target": [1.0], "wall": [1.0]}, "time": None}
 
     def certified(**given: Any) -> Any:
-        usual: dict[str, Any] = {"cells": [16], "bounds": LipschitzBounds(**bounds)}
-        return sdhj.solve(LINE, Certified(**usual | given), progress=False)
-
-    def bounded(**given: Any) -> Any:
-        return certified(bounds=LipschitzBounds(**given))
+        return sdhj.solve(LINE, Certified(**{"cells": [16]} | given), progress=False)
 
     def growing(table: Any) -> bool:
         return table.fraction(start=0, within=0) <= table.fraction(start=0, within=2) <= 0.875
@@ -245,13 +240,6 @@ def methods() -> Any:
         one_odd({"subspaces": [(0,)], "inner": sdhj.HJI()}, sdhj.Projected, ("subspaces", "inner")),
         one_odd(
             {"cells": [16], "parts": 2}, certified, ("cells", "parts"), right=growing, also={"cells": ("certifying",)}
-        ),
-        one_odd(
-            bounds,
-            bounded,
-            ("dynamics", "time"),
-            right=growing,
-            also={name: ("Lipschitz", "certifying", "the dynamics change too fast") for name in bounds},
         ),
         one_odd({"method": "hji", "problem": LINE}, partial(sdhj.solve, progress=False), ("method", "problem")),
     )

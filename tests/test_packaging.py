@@ -31,6 +31,7 @@ TOP_LEVEL = {
     ".pre-commit-config.yaml",
     "CHANGELOG.md",
     "CITATION.cff",
+    "conftest.py",
     "CONTRIBUTING.md",
     "LICENSE",
     "README.md",

@@ -251,11 +251,11 @@ def test_hji_and_lax_close_in_on_each_other_as_the_grid_refines():
 
 
 def test_single_precision_moves_the_shares_by_little():
-    problem = sdhj.arm_case_study(nodes=15, steps=4)
+    problem = torus_problem(nodes=64, steps=4)
     single, double = (sdhj.solve(problem, HJI(Scheme(dtype=dtype))) for dtype in ("float32", "float64"))
     disagree = ((single.values(start=0, within=4) <= 0) != (double.values(start=0, within=4) <= 0)).mean()
     print(f"float32 and float64 disagree on {disagree:.1e} of the nodes")
-    assert disagree < 2e-3
+    assert disagree < 2e-3 and (single.values(start=0, within=4) != double.values(start=0, within=4)).any()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from plain import run_plainly
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, UnsafeSet
-from sdhj.certified.sets import Certified, LipschitzBounds
+from sdhj.certified.sets import Certified
 
 METHODS = {
     "hji": HJI(),
@@ -117,8 +117,7 @@ def test_a_proof_counts_what_has_left(delta, rng):
     """Nothing of the stream that meets the disk is certified, and nothing but some layers of cells is missing."""
     missing = []
     for cells, parts in (((40, 60), 10), ((80, 120), 80)):
-        bounds = LipschitzBounds(sets={"disk": [1.0, 1.0]})
-        table = sdhj.solve(stream(delta), Certified(cells=cells, parts=parts, bounds=bounds), progress=False)
+        table = sdhj.solve(stream(delta), Certified(cells=cells, parts=parts), progress=False)
         states = rng.uniform(table.grid.lower, table.grid.upper, (100_000, 2))
         inside = table.contains(states, start=0, within=table.steps)
         assert not (inside & swept_away(states)).any()
@@ -127,8 +126,7 @@ def test_a_proof_counts_what_has_left(delta, rng):
 
 
 def test_a_proof_for_the_whirl(rng):
-    bounds = LipschitzBounds(dynamics=[[0.0, 1.0], [1.0, 0.0]], sets={"disk": [1.0, 1.0]})
-    table = sdhj.solve(whirl(delta=0.5), Certified(cells=(200, 180), parts=20, bounds=bounds), progress=False)
+    table = sdhj.solve(whirl(delta=0.5), Certified(cells=(200, 180), parts=20), progress=False)
     states = rng.uniform(-HIGH, HIGH, (20_000, 2))
     inside, met = table.contains(states, start=0, within=4), turned_into(states, 2.0)
     assert not (inside & met).any() and inside.mean() > 0.5

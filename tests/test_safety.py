@@ -10,7 +10,7 @@ from toys import interval_problem
 
 import sdhj
 from sdhj import HJI, Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.certified.sets import Certified, LipschitzBounds
+from sdhj.certified.sets import Certified
 
 BRAKE, DELTA = 3.0, 0.1
 INPUTS = np.array([[-BRAKE], [0.0], [BRAKE]])
@@ -132,8 +132,7 @@ def test_the_controller_and_the_simulation_of_what_stays_clear(rng):
 def test_certified_carts_never_leave(rng):
     disturbance = 0.3
     problem = double_integrator(20, disturbance)
-    bounds = LipschitzBounds(dynamics=[[0.0, 1.0], [0.0, 0.0]])
-    table = sdhj.solve(problem, Certified(cells=(160, 160), bounds=bounds), progress=False)
+    table = sdhj.solve(problem, Certified(cells=(160, 160)), progress=False)
     shares = [table.fraction(start=0, within=n) for n in (0, 10, 20)]
     assert shares == sorted(shares, reverse=True) and shares[-1] > 0.2
     starts = drawn(table, 2000, rng)

@@ -12,7 +12,6 @@ import toys
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
-from sdhj.problem.problem import boxes
 from sdhj.table.controller import predicted
 from sdhj.table.files import header
 
@@ -178,7 +177,7 @@ def integrator(sensing=Sensing(), nodes=(31, 31)):  # noqa: B008 - frozen
 
 def test_the_box_of_a_double_integrator():
     """dw1 = w2, dw2 = b: E = (e1 + e2 d + b d^2 / 2, e2 + b d), and what the next prediction may be off by besides."""
-    box, wider = boxes(integrator(Sensing((0.02, 0.03), 0.1, 0.05)))
+    box, wider = integrator(Sensing((0.02, 0.03), 0.1, 0.05)).half_widths
     one, two = 0.02 + 0.03 * 0.1 + 0.1 * 0.1**2 / 2, 0.03 + 0.1 * 0.1
     np.testing.assert_allclose(box, [one, two], rtol=1e-12)
     np.testing.assert_allclose(wider, [2 * one + 0.5 * two, 2 * two], rtol=1e-12)

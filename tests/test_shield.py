@@ -9,7 +9,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.certified import Certified, LipschitzBounds
+from sdhj.certified import Certified
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller, fallbacks
 
@@ -40,8 +40,7 @@ def skater_problem(steps: int = 10) -> sdhj.ReachAvoidProblem:
 @cache
 def skater(method: str) -> Table:
     """Its table, certified or interpolated."""
-    matrix, sets = np.array([[0.0, 1.0], [0.0, 0.0]]), {"target": [1.0, 1.0], "ends": [1.0], "speed": [1.0]}
-    certified = Certified((100, 100), LipschitzBounds(dynamics=matrix, sets=sets))
+    certified = Certified((100, 100))
     return sdhj.solve(skater_problem(), certified if method == "certified" else sdhj.HJI(), progress=False)
 
 
@@ -112,8 +111,7 @@ def test_off_the_grid_nothing_is_promised_but_by_rounding() -> None:
 
 @cache
 def line_certified() -> Table:
-    bounds = LipschitzBounds(sets={"target": [1.0], "wall": [1.0]})
-    return sdhj.solve(toys.interval_problem(), Certified((80,), bounds), progress=False)
+    return sdhj.solve(toys.interval_problem(), Certified((80,)), progress=False)
 
 
 def test_hazards_of_a_certified_table_are_what_it_proves(rng: np.random.Generator) -> None:

@@ -190,30 +190,30 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
 @pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
-    [pytest.param(np.eye(4), id="boxes"), pytest.param(np.ones((4, 4)), id="coupled", marks=pytest.mark.slow)],
+    [pytest.param(np.eye(3), id="boxes"), pytest.param(np.ones((3, 3)), id="coupled", marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize(
     "method",
     [
         pytest.param(sdhj.HJI(), id="hji"),
         pytest.param(sdhj.HJI(games="joint"), id="joint"),
-        pytest.param(sdhj.Projected(subspaces=[(0, 2, 3)]), id="proj", marks=pytest.mark.slow),
+        pytest.param(sdhj.Projected(subspaces=[(0, 2)]), id="proj", marks=pytest.mark.slow),
     ],
 )
 def test_sampled_velocities_stay_within_what_is_stated(gain, method):
-    """State-dependent dynamics on 9^4 nodes, 25 inputs: the peak stays below what is stated in advance."""
+    """State-dependent dynamics on 17^3 nodes, 25 inputs: the peak stays below what is stated in advance."""
     levels = np.linspace(-1, 1, 5)
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), -1).reshape(-1, 2)
 
     def drift(q, u):
         still = np.zeros(len(q))
-        return np.stack([u[0] * np.cos(q[:, 1]), u[1] + still, still, still], axis=1)
+        return np.stack([u[0] * np.cos(q[:, 1]), u[1] + still, still], axis=1)
 
     problem = sdhj.ReachAvoidProblem(
-        Grid([-1] * 4, [1] * 4, [9] * 4),
-        sdhj.Dynamics(inputs, drift, gain, [0.1] * 4),
+        Grid([-1] * 3, [1] * 3, [17] * 3),
+        sdhj.Dynamics(inputs, drift, gain, [0.1] * 3),
         sdhj.TargetSet((0, 1), lambda q, t: np.hypot(q[:, 0], q[:, 1]) - 0.4),
-        (sdhj.UnsafeSet((0, 1, 2, 3), lambda q, t: np.hypot(q[:, 0] - q[:, 2], q[:, 1] - q[:, 3]) - 0.2),),
+        (sdhj.UnsafeSet((0, 1, 2), lambda q, t: np.hypot(q[:, 0] - q[:, 2], q[:, 1]) - 0.3),),
         0.1,
         1,
     )
@@ -251,9 +251,9 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])
 @pytest.mark.parametrize("order", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_memory_held_before_does_not_matter(rng, monkeypatch, order, integrator):
-    grid = Grid([0.0] * 4, [1.0] * 4, (5, 6, 7, 8), (True, False, False, True))
-    values, speed = rng.normal(size=grid.shape), np.array([-1.0, 0.2, -0.5, -2.0])
-    fields = np.broadcast_to(speed[:, None, None, None, None], (4, *grid.shape))
+    grid = Grid([0.0] * 3, [1.0] * 3, (6, 7, 8), (True, False, True))
+    values, speed = rng.normal(size=grid.shape), np.array([-1.0, 0.2, -2.0])
+    fields = np.broadcast_to(speed[:, None, None, None], (3, *grid.shape))
     scheme = Scheme(order=order, integrator=integrator)
     for lower in (speed, fields):
         clean = evolve(grid, values, Velocities(lower, lower + 1.5), 0.01, scheme, steps=2)

@@ -8,7 +8,6 @@ import toys
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
-from sdhj.problem.problem import boxes
 from sdhj.problem.steepness import rates
 from sdhj.table.controller import predicted
 
@@ -96,7 +95,7 @@ def test_states_on_two_sides_of_a_jump_stay_in_the_box():
     """A robot that is pushed away from 0, and measured on the other side: differences between nodes would say less."""
     jump = Dynamics([[-1.0], [0.0], [1.0]], lambda q, u: u[0] + 0.2 * np.sign(q), [[1.0]], [0.1])
     problem = replace(toys.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1))
-    box, wider = boxes(problem)
+    box, wider = problem.half_widths
     np.testing.assert_allclose(box, 0.01 + 0.1 * (0.4 + 0.2), rtol=1e-9)
     np.testing.assert_allclose(wider, 2 * box + 0.5 * (0.4 + 0.2), rtol=1e-9)
     state, measured = np.array([[0.004]]), np.array([[-0.004]])

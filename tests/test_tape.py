@@ -1,6 +1,7 @@
 """Operations of formulas as compiled kernels play them: values against NumPy and Arb, intervals against Arb."""
 
 import math
+from fractions import Fraction
 from itertools import product
 
 import naive_formulas as naive
@@ -287,6 +288,23 @@ def test_gridded(axes):
     low[0, axes - 1] = np.nan
     assert np.isnan(tapes.values(tape, low)[0]).tolist() == [True] + [False] * 59
     assert np.isnan(tapes.bounds(tape, low, high)[0, 0]).tolist() == [True] + [False] * 59
+
+
+@pytest.mark.parametrize("axes", range(1, 4))
+def test_intervals_of_tables_hold_what_is_exact(axes):
+    """At single points, in fractions."""
+    rng = np.random.default_rng(axes)
+    tape, table, lower, spacing = random_tables(rng, axes)
+    points = rng.uniform(lower, lower + spacing * (np.array(table.shape) - 1), (300, axes))
+    exact = [np.vectorize(Fraction, otypes=[object])(part) for part in (points, lower, spacing, table)]
+    for (least, most), point in zip(tapes.bounds(tape, points, points)[:, 0].T, exact[0], strict=True):
+        place = (point - exact[1]) / exact[2]
+        left = [min(int(x), n - 2) for x, n in zip(place, table.shape, strict=True)]
+        value = Fraction(0)
+        for corner in product((0, 1), repeat=axes):
+            shares = [x - n if side else 1 - x + n for x, n, side in zip(place, left, corner, strict=True)]
+            value += math.prod(shares) * exact[3][tuple(n + side for n, side in zip(left, corner, strict=True))]
+        assert least <= value <= most
 
 
 def check_random_tapes(seed, count):

@@ -39,18 +39,8 @@ OBSTACLES = (
 class ArmScene:
     """The workspace of a case study: the arm and the disks around it, from which the level sets are computed.
 
-    Attributes
-    ----------
-    arm : Arm
-    obstacles : tuple of Disk
-        The obstacles OBS(t), whose motion is given.
-    agent : {"pursuer", "evader"}
-    agent_radius : float
-        Radius of the disk about (px, py), m.
-    agent_box : float
-        The agent's centre stays in [-agent_box, agent_box]^2, m.
-    target : Disk or None
-        The target TAR(t), whose motion is given; None where the evader is the target.
+    The obstacles OBS(t) and the target TAR(t), None where the evader is the target, move on given paths. The agent,
+    "pursuer" or "evader", is a disk of radius `agent_radius` about (px, py), which stays in [-agent_box, agent_box]^2.
     """
 
     arm: Arm

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import number, pair
+from sdhj.problem.checks import number, option, pair
 
 KINEMATICS = ("relative", "printed")
 TURN = 2.0 * np.pi
@@ -86,14 +86,10 @@ class Still:
     """A point that stays at `centre`."""
 
     centre: tuple[float, float]
+    speed = 0.0  # m/s
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", pair("centre", self.centre))
-
-    @property
-    def speed(self) -> float:
-        """A bound on the speed, m/s."""
-        return 0.0
 
     def at(self, t: ArrayLike) -> FloatArray:
         """Position at the times t; shape (*t.shape, 2)."""
@@ -254,8 +250,7 @@ class Arm:
     def __post_init__(self) -> None:
         object.__setattr__(self, "lengths", pair("lengths", self.lengths, above=0.0))
         object.__setattr__(self, "half_width", number("half_width", self.half_width, least=0.0))
-        if self.kinematics not in KINEMATICS:
-            raise ValueError(f"kinematics must be one of {', '.join(KINEMATICS)}, got {self.kinematics!r}")
+        option("kinematics", self.kinematics, KINEMATICS)
 
     def links(self, q: FloatArray) -> tuple[Segment, Segment]:
         """The two links at joint angles q (..., 2)."""

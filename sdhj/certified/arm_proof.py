@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import MOST_PIECES, CellAxis, CellTable, moved_bounds, unknown, velocity_bounds
+from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
@@ -126,6 +127,11 @@ class ArmProof:
         """Of a set: cells of the joints, words."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
+
+    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
+        """See `GeneralProof.image`."""
+        at = np.arange(len(cell)), j, cell
+        return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(self, table: CellTable, states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, 4), bool (M, L); places of S_k^n and S_{k+1}^{n-1} in the index."""

@@ -171,9 +171,20 @@ def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
     )
 
 
-def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """Least and greatest velocity on one axis under input j, exactly, for dynamics that do not depend on the state."""
+def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
+    """Whether the velocity along an axis depends on input and disturbance only, and how far it moves is known."""
     dynamics = problem.dynamics
+    alone = bool(dynamics.formulas) and not (dynamics.reads[axis].any() or dynamics.timed or problem.sensing)
+    return dynamics.constant or alone
+
+
+def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
+    """Least and greatest velocity on one axis under input j, exactly, where the axis `is_steady`."""
+    dynamics = problem.dynamics
+    if not dynamics.constant:
+        anywhere = np.array(problem.grid.lower)[None]
+        least, most = dynamics.range(j, anywhere, anywhere, (0.0, 0.0))
+        return measured(least[0, axis]), measured(most[0, axis])
     pushes = zip(dynamics.arrays[1][axis], dynamics.arrays[2], strict=True)
     push = sum((abs(measured(g)) * measured(b) for g, b in pushes), Fraction(0))
     drift = measured(dynamics.arrays[0][j, axis])
@@ -182,6 +193,8 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
 
 def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
     """By how much a prediction may be off on one axis, exactly, for constant dynamics (`sdhj.problem.sensing`)."""
+    if not problem.sensing:
+        return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
     return measured(error) + measured(sensing.delay) * (fast - slow) / 2
@@ -213,6 +226,19 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
     if parts < 1 and measure * wish * 2 < extent:
         return extent / wish
     return measure / max(parts, 1)
+
+
+def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
+    """About so many cells for each axis, aligned with what one interval does to the state where a width is."""
+    grid, axes = problem.grid, []
+    for axis, wish in enumerate(cells):
+        extent = axis_of(grid, axis, Fraction(1)).extent[1]
+        moves: list[Fraction] = []
+        for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
+            back, ahead = moved_bounds(problem, axis, j)
+            moves += [(back + ahead) / 2, (ahead - back) / 2]
+        axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
+    return tuple(axes)
 
 
 def moved_cells(

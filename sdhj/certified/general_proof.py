@@ -253,6 +253,11 @@ class GeneralProof:
         moves = Moves(self.low[start], self.high[start], self.strides, self.layout.safe)
         return moves, self.clear[min(step, len(self.clear) - 1)]
 
+    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
+        """The first and the last cell (ndim,) of what a cell can lead to under u_j."""
+        (moves, _), place = self._at(step), int(cell @ self.strides)
+        return cell + moves.low[j, place], cell + moves.high[j, place]
+
     def inputs(self, table: CellTable, states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
         """Which inputs are certified for states (M, ndim), bool (M, L); places of S_k^n and S_{k+1}^{n-1}."""
         return self._inputs(states, step, table.index[places[1]], table.pool)
@@ -353,11 +358,7 @@ class GeneralProof:
                     bar.update()
 
     def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
-        """How far the ends of cells at some places (M,) move under u_j from a time on, with so many pieces a part.
-
-        During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
-        carried along a cell begins as a point and the velocity is bounded wherever it may be.
-        """
+        """`swept` of cells at some places (M,). On the axes that are carried along they may be anywhere."""
         grid, carried, layout = self.problem.grid, self.strides == 0, self.layout
         cells = np.stack(np.unravel_index(layout.begin[places], layout.counts), axis=1)
         edges = layout.edges[np.arange(grid.ndim), cells], layout.edges[np.arange(grid.ndim), cells + 1]
@@ -365,7 +366,15 @@ class GeneralProof:
             np.where(carried, grid.lower, edges[0] - STATE_SLACK),
             np.where(carried, grid.upper, edges[1] + STATE_SLACK),
         )
-        tubes, before = np.empty((len(places), self.parts, grid.ndim, 2)), np.zeros((2, len(places), grid.ndim))
+        return self.swept(low, high, j, start, pieces)
+
+    def swept(self, low: FloatArray, high: FloatArray, j: int, start: float, pieces: int) -> Ends:
+        """How far the ends of boxes (M, ndim) move under u_j from a time on, with so many pieces a part.
+
+        During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
+        carried along a cell begins as a point and the velocity is bounded wherever it may be.
+        """
+        tubes, before = np.empty((len(low), self.parts, *low.shape[1:], 2)), np.zeros((2, *low.shape))
         moved = self._held(low, high, before + SIDES * self.unsure)
         length, early = self.problem.sensing.hold(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on

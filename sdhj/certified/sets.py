@@ -15,9 +15,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For the arm: `CellAxis.image`, in fractions, with the adversary's worst
     velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the others: `GeneralProof.reached`, by
-    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside]
+    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside,
+    test_what_a_piece_adds_is_rounded_outward]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
-    [test_recursion_agrees_with_the_twin, test_images_are_inside_as_plain_loops_say]
+    [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
     For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
@@ -36,7 +37,38 @@ The obligations of the proof, where each is met, and the test in tests/certified
     the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
     [test_no_prediction_is_farther_off_than_proved]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
-    with half the margin. [test_every_certified_state_has_an_input]
+    with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
+    [test_sets_and_inputs_are_all_that_follows]
+
+For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
+tests/forged_robots.py, of which test_what_is_false_is_refused_with_its_sentence asks the sentence. The lines of prover
+and checker that carry an obligation are taken out, one at a time: tests/certified/test_prover_mutations.py, where the
+checker judges what is then proved, and tests/certified/check/test_forged_robots.py, where a forgery is then believed.
+
+    1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
+    1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"
+    2    the adversary: bounds, gain, any way that it enters "a stronger push", "gusts from the other side"
+    2    room for a piece, and the face of each end         "less growth", "growth from the lower end"
+    2    walls hold back, on the way, too                   "a wall that holds"
+    2    dynamics at the time of the step, and all of it    "the tide of another hour", "a little later"
+    2, 3 the last cell of a lap is narrower                 "a seam like any other edge"
+    3    every cell of an image, in the next set            "a cell more", "a step into sets of another time"
+    3    under an input that is clear                       "a cell of which no input is clear"
+    3    past a safe end by a cell; no other end counts     "past the lower end by less than a cell", "past a wall"
+    3    what is to stay is new each time, also for ever    "a cell that is not safe as long"
+    4    what is on the way, in every part and step         "a post not met at the end", "a post that comes later"
+    4    each unsafe set is closed; unsafe ends             "a set that is closed", "out by the upper end"
+    4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
+    4    only what has wholly left is out of danger         "a rock at a safe end"
+    5    all of a box, not only a part                      "the far half of a tube"
+    8    states near a cell, near a tube                    "states near a cell", "a set nearer than rounding"
+    9    all of a goal, at its time, outside G              "a goal more", "a goal of another time", "a goal in a post"
+    10   predictions: error, delay, each input and time     "predictions that begin where the state is"
+    10   moves, tubes and goals of predictions              "one measurement that errs", "a goal beside an error"
+    10   a clock that is off                                "no early end", "a post beside an uncertain clock"
+
+What the file states of bounds is believed by nobody: black boxes come from the problem beside it, and are tried at
+states of each box. ["a slope of 0", "a slope that the file states", "a sweep that the file states"]
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
@@ -50,23 +82,23 @@ import math
 import reprlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from fractions import Fraction
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from sdhj.certified.arm_proof import ArmProof, is_arm
-from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned_width, axis_of, moved_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
+from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import whole
+from sdhj.problem.checks import number, whole
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import PROCESS
+from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
-GENERAL_CELLS = 64  # on each axis
-MEASURED = 0.03  # of the intervals, for an estimate
+RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
+COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 def is_built(problem: ReachAvoidProblem) -> bool:
@@ -82,7 +114,11 @@ class Certified:
     ----------
     cells : sequence of int, optional
         The approximate number of cells on each axis; it is adjusted so that cells align with the displacements of one
-        interval, where possible. More cells certify a larger set. By default 64 each, for the arm (419, 419, 72, 72).
+        interval, where possible. More cells certify a larger set. By default they are chosen by a model of what cells
+        cost and of what they lose (`sdhj.certified.choosing`); for the arm's case study (419, 419, 72, 72).
+    seconds : float
+        Where cells are chosen: about what a solve may take on two cores. The model is no clock: a problem has the same
+        cells on every machine. They are in the table's details.
     parts : int
         The number of parts into which a sampling interval is cut to bound the tube, for the fastest input.
 
@@ -104,10 +140,12 @@ class Certified:
 
     cells: Sequence[int] | None = None
     parts: int = 10
+    seconds: float = 60.0
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
+        object.__setattr__(self, "seconds", number("seconds", self.seconds, least=0.0))
         if self.cells is not None:
             try:
                 object.__setattr__(self, "cells", tuple(whole("cells", n, least=2, most=MAX_NODES) for n in self.cells))
@@ -120,26 +158,39 @@ class Certified:
         return CellSets(self.proof(problem), progress)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
-        """Estimate the memory and the time of a solve, without solving.
+        """Estimate the memory and the time of a solve.
 
-        The time is extrapolated from 3 % of the interval computations, which are done now, times two for the recursion.
+        A solve with fewer cells is timed, an eighth of them where that takes more than a second or two, and
+        extrapolated by the model of `sdhj.certified.choosing`.
 
         Raises
         ------
         ValueError, MemoryError
             As `sets`.
         """
-        began = time.perf_counter()
-        proof = self.proof(problem)
-        made, seconds = time.perf_counter() - began, []
-        for share in (MEASURED, 0.0, MEASURED):  # the first time compiles
-            began = time.perf_counter()
-            proof.prepare(False, share)
-            seconds.append(time.perf_counter() - began)
-        fixed, pieces = seconds[1], len(problem.inputs) if isinstance(proof, ArmProof) else proof.pieces
-        intervals = fixed + max(seconds[2] - fixed, 0.0) * pieces / math.ceil(MEASURED * pieces)
+        proof, speeds = self.proof(problem), speeds_of(problem)
         count = math.prod(axis.count for axis in proof.axes)
-        return Estimate(count, PROCESS + proof.peak, made + 2 * intervals)
+
+        def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
+            cells = float(math.prod(axis.count for axis in axes))
+            return (cells, cells) if isinstance(proof, ArmProof) else cost(problem, axes, self.parts, speeds)
+
+        share = min(max(QUICK / count, COARSER), 1.0)
+        for some in (share / 8, share):  # the first time compiles
+            cells = [max(2, round(axis.count * some ** (1 / len(proof.axes)))) for axis in proof.axes]
+            began = time.perf_counter()
+            sets = replace(self, cells=cells).sets(problem, False)
+            halfway = time.perf_counter()
+            recursion(sets, problem.most_steps, lambda: None)
+            times = halfway - began, time.perf_counter() - halfway
+        whole, coarse = model(proof.axes), model(sets.proof.axes)
+        seconds = sum(each * much / little for each, much, little in zip(times, whole, coarse, strict=True))
+        found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
+        rows, packed = (
+            math.prod(axis.count for axis in some) for some in (proof.axes[: proof.rows], proof.axes[proof.rows :])
+        )
+        nbytes = (2 * found + 3) * rows * 8 * -(-packed // 64) + 4 * len(sets.added) * rows
+        return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
@@ -149,26 +200,18 @@ class Certified:
         return GeneralProof.of(problem, axes, self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """About `cells` cells for each axis, aligned with what one interval does to the state where a width is."""
-        grid, cells = problem.grid, self.cells
+        """The cells of each axis: about `cells`, or as many as are chosen."""
+        cells = self.cells
         if cells is None:
-            cells = ARM_CELLS if is_built(problem) else (GENERAL_CELLS,) * grid.ndim
-        if len(cells) != grid.ndim:
-            raise ValueError(f"cells must be one number for each of the {grid.ndim} axes, got {list(cells)}")
-        axes = []
-        for axis, wish in enumerate(cells):
-            extent = axis_of(grid, axis, Fraction(1)).extent[1]
-            moves: list[Fraction] = []
-            for j in range(len(problem.inputs)) if problem.dynamics.constant else ():
-                back, ahead = moved_bounds(problem, axis, j)
-                moves += [(back + ahead) / 2, (ahead - back) / 2]
-            axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
-        return tuple(axes)
+            cells = ARM_CELLS if is_built(problem) else chosen_cells(problem, self.parts, self.seconds)
+        if len(cells) != problem.grid.ndim:
+            raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
+        return aligned(problem, cells)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The cost of a certified solve: cells, peak memory in bytes without the resulting sets, and time in seconds."""
+    """The cost of a certified solve: cells, peak memory in bytes, and time in seconds."""
 
     cells: int
     nbytes: int

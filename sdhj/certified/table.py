@@ -12,6 +12,7 @@ import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
+from sdhj.certified.explaining import Explanation, explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
@@ -192,8 +193,10 @@ class CertifiedTable(Table):
         pairs, inputs = np.nonzero(safe)
         if pairs.size:
             moves = self.problem.interval(step).displacements(states)
-            moved = self.grid.clipped(states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs])
-            margins[pairs, inputs] = self.steps_to_go(moved, step + 1) - (ahead[pairs] - 1)
+            moved = states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs]
+            after = self.steps_to_go(self.grid.clipped(moved), step + 1)
+            after[self.grid.beyond(moved, "safe")] = 0  # out of danger for good
+            margins[pairs, inputs] = after - (ahead[pairs] - 1)
         batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
         batch.best[rows] = np.where(safe.any(axis=1), margins.argmin(axis=1), NOT_ADMISSIBLE)
 
@@ -232,6 +235,31 @@ class CertifiedTable(Table):
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
+
+    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
+        """Why a state is not certified: which obligation of the proof each input fails, and what may help.
+
+        What is not proved at these cells may be true all the same, and may be proved at others.
+
+        Parameters
+        ----------
+        q : (ndim,)
+            The state, in the units of the grid's axes.
+        step, within : int
+            As `start` and `within` of `contains`.
+
+        Returns
+        -------
+        Explanation
+            `print` shows it. For each input: the unsafe set, or the end of an axis, that its tube may meet, when and
+            how deep; or how many of the cells that it may lead to are not certified.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `step` or `within` does not fit.
+        """
+        return explain(self, q, *self.clipped(step, within))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         cells = {

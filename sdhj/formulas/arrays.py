@@ -25,23 +25,15 @@ MOST_NODES = 200_000  # entries that one function may compute
 HERE = str(Path(__file__).parent)
 PACKAGES = tuple(f"{os.sep}{name}{os.sep}" for name in ("site-packages", "dist-packages"))
 FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
+SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, which constants that are NaN may have set
 
 
 class _State(threading.local):
-    """What is being traced in this thread.
+    """What is being traced in this thread."""
 
-    Attributes
-    ----------
-    trace : int or None
-        The number of the trace: arrays of another one do not belong in it.
-    refused : list of (what, place)
-    made : int
-        How many entries have been computed.
-    """
-
-    trace: int | None = None
-    refused: "list[tuple[str, str]]"
-    made = 0
+    trace: int | None = None  # its number: arrays of another trace do not belong in it
+    refused: list[tuple[str, str]]  # what, and where
+    made = 0  # entries that have been computed
 
 
 state = _State()
@@ -51,12 +43,12 @@ class NotTraced(ValueError):
     """Something in a function that formulas do not know: what, and how to write it."""
 
     def __init__(self, what: str, instead: str = "") -> None:
-        what = what.strip()
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
             state.refused.append((str(self), _place()))
 
 
+@functools.cache
 def installed(file: str) -> bool:
     """Whether a file belongs to Python or an installed package, of this environment or of another on the path."""
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
@@ -100,6 +92,12 @@ ADVICE = {
     "linspace": "np.linspace(0.0, 1.0, count) * end is known",
     "apply_along_axis": "np.array([f(row) for row in points]) is known",
 }  # what to write in place of functions that people use
+DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # options that say what holds without them
+
+
+def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
+    given = f" with {', '.join(sorted(options))}" if options else ""
+    return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 class Traced(NDArrayOperatorsMixin):
@@ -178,8 +176,7 @@ class Traced(NDArrayOperatorsMixin):
         if method == "reduce" and ufunc in REDUCED and out is None:
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
         if method not in ("__call__", "outer") or options:
-            what = f"numpy.{ufunc.__name__}{'' if method == '__call__' else '.' + method} {_listed(options)}"
-            raise NotTraced(what, ADVICE.get(ufunc.__name__, ""))
+            raise _unknown(ufunc.__name__ if method == "__call__" else f"{ufunc.__name__}.{method}", options)
         whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
         if ufunc is np.multiply and whole and any(isinstance(one, list | tuple) for one in inputs):
             raise NotTraced("a list times a whole number, which repeats it", "np.array(list) * number multiplies")
@@ -195,10 +192,9 @@ class Traced(NDArrayOperatorsMixin):
             try:
                 return FUNCTIONS[function](*args, **(options := _given(options)))
             except TypeError as error:
-                raise NotTraced(f"numpy.{function.__name__} {_listed(options)}") from error
+                raise _unknown(function.__name__, options) from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
-            what = f"{function.__module__}.{function.__name__} {_listed(options)}"
-            raise NotTraced(what, ADVICE.get(function.__name__, ""))
+            raise _unknown(function.__name__, options, function.__module__)
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
         return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
@@ -208,18 +204,15 @@ class Traced(NDArrayOperatorsMixin):
         """As NumPy's; a whole number of a number is refused."""
         if not copy and np.dtype(dtype) == self.dtype:
             return self
-        if np.dtype(dtype) == TRUTH:
-            return Traced(_true(self), TRUTH)
-        return Traced(written_as(self, np.dtype(dtype)).entries.copy("K"), np.dtype(dtype))
+        return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
         return Traced(entries_of(self).copy(order), self.dtype)
 
-    def __copy__(self) -> "Traced":
+    def __deepcopy__(self, _: Any = None) -> "Traced":
         return self.copy("K")
 
-    def __deepcopy__(self, _: Any) -> "Traced":
-        return self.copy("K")
+    __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
         if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot"):
@@ -238,20 +231,9 @@ class Traced(NDArrayOperatorsMixin):
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:
-    """Options without those that say what holds without them."""
-    return {name: value for name, value in options.items() if not _default(name, value)}
-
-
-def _default(name: str, value: Any) -> bool:
-    return (
-        value is np._NoValue
-        or (name in ("out", "initial", "dtype") and value is None)
-        or (name == "where" and value is True)
-    )
-
-
-def _listed(options: dict[str, Any]) -> str:
-    return f"with {', '.join(sorted(options))}" if options else ""
+    """Options without `DEFAULTS`."""
+    left = {name: value for name, value in options.items() if value is not np._NoValue}
+    return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
 
 def holds_traced(value: Any) -> bool:
@@ -364,17 +346,13 @@ def _put(answer: Traced, out: Any) -> Traced:
 # ---- operations
 
 
+@SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
-    flags: Any = [["readonly"]] * len(arrays) + [["writeonly", "allocate"]]
-    kinds: Any = [None] * len(arrays) + [np.dtype(object)]
-    with np.nditer([*arrays, None], ["refs_ok", "zerosize_ok"], flags, kinds) as it:
-        out = it.operands[-1]
-    state.made += out.size
+    state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
         raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
-    out.flat[:] = [function(*one) for one in np.broadcast(*arrays)]
-    return out
+    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
 def _each(op: str, *arrays: Any) -> Any:
@@ -389,45 +367,42 @@ def _true(array: Any) -> Any:
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
-    entries, name = [one.entries for one in arrays], f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc is np.matmul:
         return _multiplied(np.matmul, *arrays)
-    if ufunc is np.logical_xor:
-        return _computed(np.not_equal, [one.astype(bool) for one in arrays], TRUTH)
-    if dtype == TRUTH:
-        if ufunc in COMPARED:
-            op, *turned = COMPARED[ufunc].split()
-            answer = _each(op, *(entries[::-1] if "swapped" in turned else entries))
-            return Traced(_each("not", answer) if "not" in turned else answer, TRUTH)
-        if ufunc in LOGICAL:
-            return Traced(_each(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
-    elif ufunc in (np.power, np.float_power) and dtype == FLOAT:
-        return Traced(mapped(power, *entries))
-    elif ufunc in OPERATIONS and (dtype == FLOAT or (dtype == WHOLE and ufunc in EXACT)):
-        return Traced(_each(OPERATIONS[ufunc], *entries), dtype)
-    elif ufunc in MADE and dtype == FLOAT:
-        return MADE[ufunc](*(Traced(one) for one in entries))
-    known = ufunc in COMPARED or ufunc in OPERATIONS or ufunc in MADE or ufunc in LOGICAL or ufunc is np.power
-    raise NotTraced(
-        f"{name} of {', '.join(str(one.dtype) for one in arrays)} with an answer of {dtype}" if known else name,
-        "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1" if known else ADVICE.get(ufunc.__name__, ""),
-    )
+    if dtype == TRUTH and ufunc in LOGICAL:
+        return Traced(mapped(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
+    if dtype == TRUTH and ufunc in COMPARED:
+        return COMPARED[ufunc](*arrays)
+    if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
+        return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
+    if ufunc in MADE and dtype == FLOAT:
+        return MADE[ufunc](*(Traced(one.entries) for one in arrays))
+    name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
+    if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
+        raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
+    kinds = ", ".join(str(one.dtype) for one in arrays)
+    what = f"{name} of {kinds} with an answer of {dtype}"
+    raise NotTraced(what, "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1")
 
 
 ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
 TWO = "add subtract:sub multiply:mul divide:div hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
-OPERATIONS = {getattr(np, name): op or name for name, _, op in (one.partition(":") for one in f"{ONE} {TWO}".split())}
+ORDER = "less less_equal:lesseq equal"
+OPERATIONS: dict[Any, Callable[..., Node]] = {
+    getattr(np, name): functools.partial(make, op or name)
+    for name, _, op in (one.partition(":") for one in f"{ONE} {TWO} {ORDER}".split())
+} | dict.fromkeys((np.power, np.float_power), power)
 EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
-COMPARED: dict[Any, str] = {
-    **{np.less: "less", np.less_equal: "lesseq", np.greater: "less swapped", np.greater_equal: "lesseq swapped"},
-    **{np.equal: "equal", np.not_equal: "equal not"},
-    np.bitwise_xor: "equal not",
-}
-LOGICAL: dict[Any, str] = {
-    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), "and"),
-    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), "or"),
-    **dict.fromkeys((np.logical_not, np.invert), "not"),
+EXACT |= {np.less, np.less_equal, np.equal}  # ... of whole numbers and truth values, too
+LOGICAL: dict[Any, Callable[..., Node]] = {
+    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), functools.partial(make, "and")),
+    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), functools.partial(make, "or")),
+    **dict.fromkeys((np.logical_not, np.invert), functools.partial(make, "not")),
 }  # of truth values
+COMPARED: dict[Any, Callable[..., Any]] = {
+    **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: ~(a == b)},
+    **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
+}
 MADE: dict[Any, Callable[..., Any]] = {
     np.positive: lambda a: a.copy("K"),
     np.ceil: lambda a: -np.floor(-a),
@@ -449,6 +424,7 @@ MADE: dict[Any, Callable[..., Any]] = {
 REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.logical_or, np.logical_and)
 
 
+@SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
     """A sum or the like along one axis, several, or all."""
     array, counts = traced_array(array), ufunc in (np.add, np.multiply)
@@ -457,15 +433,12 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     elif counts and array.dtype == TRUTH:
         array = array.astype(np.int64)  # NumPy counts
     places = range(array.ndim) if axis is None else normalize_axis_tuple(axis, array.ndim)
+    join = (LOGICAL if array.dtype == TRUTH else OPERATIONS)[ufunc]
+    nothing = {np.add: constant(0.0), np.multiply: constant(1.0)}.get(ufunc)
+    joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
-        slices = [_wrapped(one, array.dtype) for one in np.moveaxis(array.entries, place, 0)]
-        if not slices and not counts:
-            raise NotTraced(f"numpy.{ufunc.__name__} of nothing")
-        rest = np.delete(array.shape, place)
-        whole = reduce(ufunc, slices) if slices else np.full(rest, float(ufunc is np.multiply))
-        entries = np.broadcast_to(entries_of(whole), rest)
-        array = Traced(np.expand_dims(entries, place) if keepdims else entries, array.dtype)
-    return _number(array.copy("K"))
+        entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
+    return _number(Traced(entries, array.dtype))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
@@ -529,13 +502,13 @@ def _diff(a: Any, n: int = 1, axis: int = -1) -> Any:
     return a
 
 
+@SILENT
 def _cumsum(a: Any, axis: Any = None) -> Any:
     array = traced_array(a)
     if axis is None and array.ndim != 1:
         raise NotTraced("numpy.cumsum of all", "sum along an axis")
-    columns = np.moveaxis(array.entries, axis or 0, 0)
-    sums = [_reduced(np.add, Traced(columns[: k + 1], array.dtype), 0) for k in range(len(columns))]
-    return np.stack(sums, axis=axis or 0)
+    array = array.astype(np.int64) if array.dtype == TRUTH else array
+    return Traced(np.add.accumulate(array.entries, axis or 0), array.dtype)
 
 
 def _ptp(a: Any, axis: Any = None) -> Any:
@@ -543,17 +516,15 @@ def _ptp(a: Any, axis: Any = None) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    return _like(a, written_as(traced_array(fill_value), np.dtype(dtype or traced_array(a).dtype)))
+    room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
+    fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
+    room[...] = fill.entries if fill.ndim else fill.entries[()]
+    return Traced(room, fill.dtype)
 
 
-def _like(a: Any, fill: Traced) -> Traced:
-    entries = np.empty_like(traced_array(a).entries)
-    entries[...] = fill.entries if fill.ndim else fill.entries[()]
-    return Traced(entries, fill.dtype)
-
-
-def _filled_like(value: float) -> Callable[..., Traced]:
-    return lambda a, dtype=None: _like(a, Traced(entries_of(value), np.dtype(dtype or traced_array(a).dtype)))
+def _empty_like(a: Any, dtype: Any = None) -> Traced:
+    """Of what is undefined until it is written."""
+    return Traced(_full_like(a, np.nan, FLOAT).entries, np.dtype(dtype or traced_array(a).dtype))
 
 
 def _multiplied(function: Any, *args: Any, optimize: Any = False) -> Any:
@@ -573,7 +544,8 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.max, np.amax), _reducing(np.maximum)),
     **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.ptp: _ptp, np.full_like: _full_like},
     **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff, np.cumsum: _cumsum},
-    **{np.zeros_like: _filled_like(0.0), np.ones_like: _filled_like(1.0), np.empty_like: _filled_like(np.nan)},
+    np.zeros_like: lambda a, dtype=None: _full_like(a, 0, dtype),
+    **{np.ones_like: lambda a, dtype=None: _full_like(a, 1, dtype), np.empty_like: _empty_like},
     **{one: functools.partial(_multiplied, one) for one in (np.dot, np.einsum, np.inner, np.outer, np.cross)},
     np.tensordot: lambda a, b, axes=2: _multiplied(functools.partial(np.tensordot, axes=axes), a, b),
     np.broadcast_arrays: lambda *args: tuple(

@@ -17,27 +17,35 @@ TURN = constant(2 * math.pi)
 NEAR = constant(1e-100)  # lengths that are no longer divided by
 DECISIONS = ("less", "lesseq", "equal")
 STEPS = ("floor", "sign", "and", "or", "not", *DECISIONS)
-Found = dict[Node, Node | None]
+Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
     """The derivatives of some nodes by a coordinate or a parameter."""
-    found: Found = {}  # None: it is not read
+    found: Found = {}
     for one in ordered(outputs):
         if one is by:
             found[one] = ONE
         else:
-            found[one] = None if all(found[arg] is None for arg in one.args) else _derived(one, found)
-    return [_slope(one, found) for one in outputs]
+            found[one] = ZERO if all(found[arg] is ZERO for arg in one.args) else _derived(one, found)
+    return [found[one] for one in outputs]
 
 
-def _slope(one: Node, found: Found) -> Node:
-    slope = found[one]
-    return ZERO if slope is None else slope
+def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
+    """For each output [rest, c_0, c_1, ...] with output = rest + sum c_d by_d; None where it is not of that kind.
+
+    The parts do not read `by`, coordinates or parameters.
+    """
+    slopes = [derivative(outputs, one) for one in by]
+    rest = rebuilt(outputs, lambda one: ZERO if one in by else None)
+    read = set(ordered([one for each in slopes for one in each]))
+    if EITHER in read or read.intersection(by):  # a slope that is not known, as of a table, or that changes
+        return None
+    return [list(parts) for parts in zip(rest, *slopes, strict=True)]
 
 
 def _derived(one: Node, found: Found) -> Node:
-    slopes = [_slope(arg, found) for arg in one.args]
+    slopes = [found[arg] for arg in one.args]
     if one.op in STEPS:
         return _settled(one)
     if one.op == "where":
@@ -45,7 +53,7 @@ def _derived(one: Node, found: Found) -> Node:
     if one.op == "gridded":
         return _interpolated(one, slopes)
     if one.op == "sqrt" and (parts := _squares(one.args[0])) is not None:
-        return _sum([_share(part, one) * _slope(part, found) for part in parts])
+        return _sum([_share(part, one) * found[part] for part in parts])
     if one.op in ("sin", "cos"):
         slopes = [_turning(one.args[0], found)]
     return CHAIN[one.op](one, one.args, slopes)
@@ -53,13 +61,13 @@ def _derived(one: Node, found: Found) -> Node:
 
 def _turning(one: Node, found: Found) -> Node:
     """Of an angle of which whole turns do not matter, as those by which `mod` and `arctan2` jump."""
-    if found[one] is not None and one.op in ("add", "sub", "neg"):
+    if found[one] is ZERO:
+        return ZERO
+    if one.op in ("add", "sub", "neg"):
         return make(one.op, *(_turning(arg, found) for arg in one.args))
-    if found[one] is not None and one.op == "mod" and one.args[1] is TURN:
+    if one.op == "mod" and one.args[1] is TURN:
         return _turning(one.args[0], found)
-    if found[one] is not None and one.op == "arctan2":
-        return _turned(one.args, [_slope(arg, found) for arg in one.args])
-    return _slope(one, found)
+    return _turned(one.args, [found[arg] for arg in one.args]) if one.op == "arctan2" else found[one]
 
 
 def _sum(nodes: Sequence[Node]) -> Node:
@@ -100,12 +108,12 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
-    if found[condition] is None:
+    if found[condition] is ZERO:
         return out  # which branch it is does not change along the line
     compared = _compared(condition)
     if not all(_meet(each, branches) for each in compared):
         return out + _settled(condition)
-    return out + _sum([ZERO * _slope(arg, found) for each in compared for arg in each.args])  # they must not jump, too
+    return out + _sum([ZERO * found[arg] for each in compared for arg in each.args])  # they must not jump, too
 
 
 def _compared(condition: Node) -> list[Node]:
@@ -124,6 +132,12 @@ def _meet(compared: Node, branches: Sequence[Node]) -> bool:
         if one is other:
             return True
     return False
+
+
+def _product(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
+    if ZERO in d:  # 0 a would stay where a may be undefined
+        return d[1] * a[0] if d[0] is ZERO else d[0] * a[1]
+    return d[0] * a[1] + a[0] * d[1]
 
 
 def _remainder(_: Node, a: Sequence[Node], d: Sequence[Node]) -> Node:
@@ -150,8 +164,8 @@ CHAIN: dict[str, Callable[[Node, Sequence[Node], Sequence[Node]], Node]] = {
     "add": lambda _, a, d: make("add", *d),
     "sub": lambda _, a, d: make("sub", *d),
     "neg": lambda _, a, d: make("neg", *d),
-    "mul": lambda _, a, d: d[0] * a[1] + a[0] * d[1],
-    "div": lambda f, a, d: make("div", make("sub", d[0], f * d[1]), a[1]),
+    "mul": _product,
+    "div": lambda f, a, d: make("div", d[0] if d[1] is ZERO else make("sub", d[0], f * d[1]), a[1]),
     "sqr": lambda _, a, d: constant(2.0) * a[0] * d[0],
     "sqrt": lambda f, a, d: make("div", d[0], constant(2.0) * f),
     "power": lambda f, a, d: constant(f.value) * make("power", a[0], value=f.value - 1) * d[0],

@@ -6,17 +6,16 @@ over boxes. Of a formula everything is derived from its graph; of a black box it
 
 import inspect
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numba import config
 
-from sdhj.formulas.graph import Node, constant, leaf, leaves, make, ordered, rebuilt
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import Lookup, Node, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
@@ -72,13 +71,34 @@ class Formula:
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
         _check_signature(name, function, "points", *names)
-        rows = rows_for(coordinates)
-        given = [points_of(coordinates, rows), *(parameter(place) for place in range(len(names)))]
-        outputs, _ = read(name, function, rows, given, (), True)
+
+        def arguments(rows: int) -> list[Traced]:
+            return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
+
+        outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
         return cls(tuple(outputs), coordinates, len(names), (), name, function)
 
-    def __call__(self, points: Any, *parameters: Any) -> Any:
-        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values."""
+    @classmethod
+    def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
+        """What a function that is known to treat points alike does with them: formulas are made of formulas so."""
+        found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
+        return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
+
+    @cached_property
+    def entries(self) -> Any:
+        """The results as an array of nodes, (*shape)."""
+        return np.array(self.outputs, dtype=object).reshape(self.shape)
+
+    @cached_property
+    def rows(self) -> "list[Formula]":
+        """A formula for each entry of the first axis of the results."""
+        return [replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries]
+
+    def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
+        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values.
+
+        ValueError where a value is undefined or infinite; NaN is what is undefined where they need not be finite.
+        """
         for one in (points, *parameters):
             if type(one) is Traced:
                 self._fits(np.shape(points), parameters)
@@ -86,8 +106,13 @@ class Formula:
         points = np.ascontiguousarray(points, np.float64)
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
-        if not _play(self.tape, points, np.array(parameters, np.float64), out):
-            self._refuse(out, points, parameters)
+        if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:
+            row = int(np.argmin(np.isfinite(out).all(axis=0)))
+            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
+            raise ValueError(
+                f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
+                "must be finite"
+            )
         if len(points) == 1 or not self.shape:
             return out.reshape(len(points), *self.shape)
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
@@ -99,15 +124,6 @@ class Formula:
                 f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
                 f"first; got points of shape {shape} and {len(parameters)} more"
             )
-
-    def _refuse(self, out: FloatArray, points: FloatArray, parameters: Sequence[float]) -> None:
-        """Raise ValueError for values that are undefined or infinite."""
-        row = int(np.argmin(np.isfinite(out).all(axis=0)))
-        value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
-        raise ValueError(
-            f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value must "
-            "be finite"
-        )
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).
@@ -174,31 +190,22 @@ class Formula:
         """Whether it reads the time, or the begin or end of an interval."""
         return 0 in leaves(self.outputs, "p")
 
-    def of(self, places: Sequence[int], shape: Sequence[int] = ()) -> "Formula":
-        """Some of the results, by their numbers."""
-        outputs = tuple(self.outputs[place] for place in places)
-        return replace(self, outputs=outputs, shape=tuple(shape))
-
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
         """The same function with coordinates clipped at some ends first, infinite where there is none."""
 
-        def put(one: Node) -> Node | None:
-            if one.op != "x":
-                return None
-            for op, end in (("max", lower[one.value[0]]), ("min", upper[one.value[0]])):
-                one = make(op, one, constant(end)) if np.isfinite(end) else one
-            return one
+        def function(points: Any, *given: Any) -> Any:
+            return self(np.minimum(np.maximum(points, lower), upper), *given)
 
-        return replace(self, outputs=tuple(rebuilt(self.outputs, put)))
+        return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The same function of some coordinates, numbered anew; it reads no others."""
-        if (known := self._restricted.get(tuple(axes))) is not None:
-            return known
-        new = {axis: place for place, axis in enumerate(axes)}
-        moved = rebuilt(self.outputs, lambda one: leaf("x", new[one.value[0]]) if one.op == "x" else None)
-        self._restricted[tuple(axes)] = replace(self, outputs=tuple(moved), coordinates=len(axes))
-        return self._restricted[tuple(axes)]
+        known, places = self._restricted, [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
+        if tuple(axes) not in known:
+            known[tuple(axes)] = Formula.traced(
+                self.name, lambda points, *given: self(points[:, places], *given), len(axes), self.parameters
+            )
+        return known[tuple(axes)]
 
     @cached_property
     def _restricted(self) -> "dict[tuple[int, ...], Formula]":
@@ -213,24 +220,15 @@ class Formula:
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
         for row, column in enumerate(columns):
-            put = {("x", k): entry for k, entry in enumerate(column)} | {("p", k): one for k, one in enumerate(given)}
-            out[row] = rebuilt(self.outputs, partial(_put, put=put))
+            put = {leaf("x", k): entry for k, entry in enumerate(column)}
+            put |= {leaf("p", k): one for k, one in enumerate(given)}
+            out[row] = rebuilt(self.outputs, put.get)
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
         tables: list[Lookup] = []
-        return restored, (
-            written(self.outputs, tables),
-            tables,
-            self.coordinates,
-            self.parameters,
-            self.shape,
-            self.name,
-        )
-
-
-def _put(one: Node, put: Mapping[tuple[str, int], Node]) -> Node | None:
-    return put[one.op, one.value[0]] if one.op in ("x", "p") else None
+        lines = written(self.outputs, tables)
+        return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
 def tape_of(outputs: Sequence[Node]) -> Tape:
@@ -275,25 +273,6 @@ def tape_of(outputs: Sequence[Node]) -> Tape:
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """A formula from its text."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
-
-
-def read(
-    name: str,
-    function: Any,
-    rows: int,
-    given: Sequence[Any],
-    shape: Sequence[int] | None,
-    per_point: bool,
-    again: bool = True,
-) -> tuple[list[Node], tuple[int, ...]]:
-    """As `traced`, with advice where it fails."""
-    try:
-        return traced(name, function, rows, given, shape, per_point, again)
-    except NotTraced as error:
-        raise ValueError(
-            f"{error}. What cannot be written so is wrapped, with what is known of it: "
-            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
-        ) from None
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
@@ -405,31 +384,31 @@ class BlackBox:
         def cut(points: FloatArray) -> FloatArray:
             return np.minimum(np.maximum(points, lower), upper)
 
-        def enclosed(low: FloatArray, high: FloatArray, *others: Any) -> Any:
-            assert self.enclosure is not None
-            return self.enclosure(cut(low), cut(high), *others)
-
-        function = self.function
+        function, enclosure = self.function, self.enclosure
         return replace(
             self,
             function=lambda points, *others: function(cut(points), *others),
-            enclosure=enclosed if self.enclosure else None,
+            enclosure=enclosure and (lambda low, high, *others: enclosure(cut(low), cut(high), *others)),
         )
 
-    def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Of a level set, as `Formula.bounds`; ValueError, with the reason, where too little is declared."""
+    def bounds(self, low: FloatArray, high: FloatArray, *given: Any) -> Ends:
+        """As `Formula.bounds`; an interval of time is given, and before it the input to a drift or a gain.
+
+        ValueError, with the reason, where too little is declared.
+        """
+        *u, time = given
         if self.enclosure is not None:
-            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
+            least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *u, *time))
             return least, greatest
         if self.slope is None or (time[0] != time[1] and self.rate is None):
             what = "a slope" if self.slope is None else "a rate"
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        half = (high - low) / 2 * (1 + 1e-9)
-        slope = np.asarray(self.slope, dtype=np.float64)
-        far = slope * np.sqrt((half**2).sum(axis=1)) if slope.ndim == 0 else half @ slope
-        far = far + (time[1] - time[0]) / 2 * float(self.rate or 0.0)
-        value = np.asarray(self((low + high) / 2, (time[0] + time[1]) / 2))
-        far = far + 1e-9 * (1.0 + np.abs(value))
+        value, half = np.asarray(self((low + high) / 2, *u, sum(time) / 2)), (high - low) / 2
+        slope = np.broadcast_to(self.slope, (half.shape[1],) * 2) if self.shape else np.asarray(self.slope)
+        far = half @ slope.T if slope.ndim else slope * np.sqrt((half**2).sum(axis=1))
+        far = far + (time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))
+        far = far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
+        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
         return value - far, value + far
 
     def __call__(self, points: Any, *others: Any) -> Any:
@@ -452,18 +431,14 @@ def union(*functions: Any) -> Any:
     >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
     array([-0.5,  0.5])
     """
-    return lambda points, t: _combined(np.minimum, functions, points, t)
+    return lambda points, t: reduce(np.minimum, [function(points, t) for function in functions])
 
 
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
-    return lambda points, t: _combined(np.maximum, functions, points, t)
+    return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
     """The level-set function of all that is not in a set, from the set's: its negative."""
     return lambda points, t: -function(points, t)
-
-
-def _combined(by: Any, functions: Sequence[Any], points: Any, t: Any) -> Any:
-    return reduce(by, [function(points, t) for function in functions])

@@ -8,15 +8,51 @@ import math
 import operator
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import Any
 from weakref import WeakValueDictionary
 
+import numpy as np
+
 from sdhj.formulas.rules import RULES
+from sdhj.kernels import FloatArray
 
 MOST_EXPONENT = 64  # of `power`, a whole number
+MOST_AXES = 6  # of a table
 MOST_TOTAL = 8  # ... up to which powers are taken not to overflow
 _lock = threading.Lock()
 _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Values at the nodes lower + i * spacing of a grid; two with the same numbers are equal."""
+
+    values: FloatArray = field(compare=False, repr=False)
+    lower: tuple[float, ...]
+    spacing: tuple[float, ...]
+    digest: str
+
+    @classmethod
+    def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
+        """ValueError where they do not fit each other."""
+        array = np.array(values, dtype=np.float64, order="C")
+        low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
+        if not 1 <= array.ndim <= MOST_AXES or min(array.shape) < 2 or not np.isfinite(array).all():
+            raise ValueError(
+                f"values must be finite, on 1 to {MOST_AXES} axes with two nodes at least, got {array.shape}"
+            )
+        if (
+            not len(low) == len(step) == array.ndim
+            or not np.isfinite(low).all()
+            or not (np.isfinite(step).all() and min(step) > 0)
+        ):
+            raise ValueError(
+                f"lower and spacing must be {array.ndim} numbers, the spacing above 0, got {low} and {step}"
+            )
+        array.setflags(write=False)
+        return cls(array, low, step, blake2b(repr(array.shape).encode() + array.tobytes(), digest_size=16).hexdigest())
 
 
 class Node:
@@ -151,43 +187,27 @@ def _mul(a: Node, b: Node) -> Node | None:
     return make("sqr", a) if a is b else None
 
 
-def _div(a: Node, b: Node) -> Node | None:
-    return a if is_constant(b, 1.0) else None
-
-
 def _where(condition: Node, a: Node, b: Node) -> Node | None:
     if is_constant(condition):
         return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
 
 
-def _min(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, math.inf):
-        return a
-    return b if is_constant(a, math.inf) else None
+def _but_for(neutral: float) -> Callable[[Node, Node], Node | None]:
+    """Of an operation that gives a itself for a and a, and for a and `neutral`."""
 
+    def simpler(a: Node, b: Node) -> Node | None:
+        if a is b or is_constant(b, neutral):
+            return a
+        return b if is_constant(a, neutral) else None
 
-def _max(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, -math.inf):
-        return a
-    return b if is_constant(a, -math.inf) else None
-
-
-def _and(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, 1.0):
-        return a
-    return b if is_constant(a, 1.0) else None
-
-
-def _or(a: Node, b: Node) -> Node | None:
-    if a is b or is_constant(b, 0.0):
-        return a
-    return b if is_constant(a, 0.0) else None
+    return simpler
 
 
 SIMPLER: dict[str, Callable[..., Node | None]] = {
-    **{"add": _add, "sub": _sub, "mul": _mul, "div": _div, "where": _where},
-    **{"min": _min, "max": _max, "and": _and, "or": _or},
+    **{"add": _add, "sub": _sub, "mul": _mul, "where": _where},
+    **{"min": _but_for(math.inf), "max": _but_for(-math.inf), "and": _but_for(1.0), "or": _but_for(0.0)},
+    "div": lambda a, b: a if is_constant(b, 1.0) else None,
     "neg": lambda a: a.args[0] if a.op == "neg" else None,
 }
 
@@ -225,54 +245,13 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
     """The graph with some nodes replaced (where `replaced` says by what), simplified anew."""
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
-        put = replaced(one)
-        new[one] = put if put is not None else _remade(one, [new[arg] for arg in one.args])
+        put, args = replaced(one), tuple(new[arg] for arg in one.args)
+        if put is None:
+            put = one if args == one.args else make(one.op, *args, value=one.value)
+        new[one] = put
     return [new[one] for one in outputs]
-
-
-def _remade(one: Node, args: list[Node]) -> Node:
-    if tuple(args) == one.args:
-        return one
-    return make(one.op, *args, value=one.value)
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
     """Which coordinates ("x") or parameters ("p") nodes read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}
-
-
-def linear(outputs: Sequence[Node], first: int, count: int) -> list[list[Node]] | None:
-    """For each output its parts [rest, c_0, c_1, ...] with output = rest + sum c_d p_(first + d), or None.
-
-    `count` parameters from number `first` on are looked for; the parts do not read them.
-    """
-    zero, parts = constant(0.0), dict[Node, "list[Node] | None"]()
-    for one in ordered(outputs):
-        if one.op == "p" and 0 <= (place := one.value[0] - first) < count:
-            parts[one] = [zero, *(constant(float(d == place)) for d in range(count))]
-        else:
-            parts[one] = _linear(one, [parts[arg] for arg in one.args], zero)
-    found = [parts[one] or [one, *[zero] * count] for one in outputs]
-    reads = leaves([part for parts in found for part in parts], "p")
-    return None if reads & set(range(first, first + count)) else found
-
-
-def _linear(one: Node, args: "list[list[Node] | None]", zero: Node) -> "list[Node] | None":
-    """As `linear`, of one operation; None where it reads none of them, or not linearly."""
-    if not any(args):
-        return None
-    full = [
-        part or [arg, *[zero] * (len(next(filter(None, args))) - 1)] for part, arg in zip(args, one.args, strict=True)
-    ]
-    if one.op in ("add", "sub"):
-        return [make(one.op, a, b) for a, b in zip(*full, strict=True)]
-    if one.op == "neg":
-        return [make("neg", a) for a in full[0]]
-    if one.op == "mul" and not all(args):
-        place = 0 if args[0] else 1
-        return [make("mul", a, one.args[1 - place]) for a in full[place]]
-    if one.op == "div" and args[1] is None:
-        return [make("div", a, one.args[1]) for a in full[0]]
-    if one.op == "where" and args[0] is None:
-        return [make("where", one.args[0], a, b) for a, b in zip(full[1], full[2], strict=True)]
-    return None

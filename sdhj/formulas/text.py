@@ -8,8 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sdhj.formulas.graph import MOST_EXPONENT, Node, constant, interned, leaf, ordered
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import MOST_EXPONENT, Lookup, Node, constant, interned, leaf, ordered
 from sdhj.formulas.rules import RULES
 
 FORMAT = 1
@@ -166,31 +165,10 @@ def _near(a: float, b: float) -> bool:
     return math.isclose(a, b, rel_tol=CLOSE, abs_tol=CLOSE)
 
 
-SIGNS = {
-    "add": " + ",
-    "sub": " - ",
-    "mul": " ",
-    "div": " / ",
-    "less": " < ",
-    "lesseq": " <= ",
-    "equal": " = ",
-    "and": " and ",
-    "or": " or ",
-}
-RANK = {
-    "or": 0,
-    "and": 1,
-    "less": 2,
-    "lesseq": 2,
-    "equal": 2,
-    "add": 3,
-    "sub": 3,
-    "mul": 4,
-    "div": 4,
-    "neg": 4,
-    "power": 5,
-    "sqr": 5,
-}
+SIGNS = {"add": " + ", "sub": " - ", "mul": " ", "div": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
+SIGNS |= {"and": " and ", "or": " or "}
+BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div neg", "power sqr")  # the loosest first
+RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
 
 
 def shown(
@@ -226,6 +204,5 @@ def _shown(one: Node, text: Mapping[Node, str], names: Sequence[str], parameters
         return f"{inside(one.args[0], 1)}^{2 if one.op == 'sqr' else one.value}"
     if one.op == "neg":
         return f"-{inside(one.args[0])}"
-    name = {"abs": "|", "where": "where"}.get(one.op, one.op)
     given = ", ".join(text[arg] for arg in one.args)
-    return f"|{given}|" if name == "|" else f"{name}({given})"
+    return f"|{given}|" if one.op == "abs" else f"{one.op}({given})"

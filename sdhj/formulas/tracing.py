@@ -8,13 +8,14 @@ import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas.arrays import (
-    FLOAT,
+    FUNCTIONS,
     REDUCED,
     TRUTH,
     NotTraced,
@@ -22,21 +23,18 @@ from sdhj.formulas.arrays import (
     entries_of,
     holds_traced,
     installed,
-    mapped,
     noted,
     stacked,
     state,
     traced_array,
     weak_type,
-    written_as,
 )
-from sdhj.formulas.graph import Node, interned, leaf
+from sdhj.formulas.graph import Node, leaf, ordered, rebuilt
 
-__all__ = ["NotTraced", "Traced", "entries_of", "gridded_entries", "parameter", "points_of", "rows_for", "traced"]
+__all__ = ["NotTraced", "Traced", "entries_of", "parameter", "points_of", "rows_for", "traced"]
 _numbers = itertools.count(1)
 
 # ---- what is replaced in numpy
-
 
 LISTS = "min max amin amax sum prod mean any all where clip"  # which may be given a list
 
@@ -49,33 +47,13 @@ def _listing(original: Any) -> Callable[..., Any]:
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
-class _Ufunc:
-    """np.minimum and others, whose `reduce` may be given a list."""
-
-    def __init__(self, ufunc: Any) -> None:
-        self.ufunc = ufunc
-
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        return self.ufunc(*args, **options)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.ufunc, name)
-
-    def reduce(self, array: Any, *args: Any, **options: Any) -> Any:
-        return self.ufunc.reduce(_joined(array), *args, **options)
-
-
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
-def _as_array(value: Any, dtype: Any = None) -> Traced:
-    return _array(value, dtype, copy=False)
-
-
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    array: Any = np.atleast_1d(_as_array(value, dtype))
+    array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
@@ -86,25 +64,23 @@ def _making(original: Any, ours: Any) -> Callable[..., Any]:
 
 
 NUMPY = {"np", "numpy"}  # as users' modules call it
-FILLED = {"zeros": 0.0, "ones": 1.0, "empty": np.nan}
+
+
+def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
+    return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(weak_type(fill_value)))
 
 
 def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     """zeros, ones, empty or full, with entries that can be written where a length is that of the points."""
     original = getattr(np, name)
-
-    def traced_room(shape: Any, fill_value: Any, dtype: Any = None) -> Traced:
-        fill = traced_array(fill_value)
-        kind = np.dtype(dtype or (np.result_type(weak_type(fill_value)) if name == "full" else FLOAT))
-        entries = np.broadcast_to(written_as(fill, kind).entries if name == "full" else fill.entries, shape)
-        return Traced(entries.copy(), kind)
+    filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
             return original(shape, *args, **options)
-        return noted(traced_room)(lengths, *(() if name == "full" else (FILLED[name],)), *args, **options)
+        return filled(Traced(np.empty(lengths, object)), *args, **options)
 
     return make_room
 
@@ -121,24 +97,28 @@ class _Chance:
         raise NotTraced(f"numpy.random.{name}", "draw random numbers outside of the function")
 
 
-class _NumPy:
-    """The module numpy, or one within, with other functions in some places."""
+class _Replaced:
+    """The module numpy, or something in it, with other functions in some places."""
 
-    def __init__(self, module: Any, new: dict[str, Any]) -> None:
-        vars(self).update(new, _module=module)
+    def __init__(self, original: Any, new: dict[str, Any]) -> None:
+        vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(vars(self)["_module"], name)
+        return getattr(vars(self)["_original"], name)
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return vars(self)["_original"](*args, **options)
 
 
-def _numpy(rows: int) -> _NumPy:
-    makers = {"array": _array, "asarray": _as_array, "asanyarray": _as_array, "ascontiguousarray": _contiguous}
+def _numpy(rows: int) -> _Replaced:
+    as_array = partial(_array, copy=False)
+    makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
-    new |= {name: _room(name, rows, state.trace) for name in ("full", *FILLED)}
+    new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
-    new |= {one.__name__: _Ufunc(one) for one in REDUCED}
-    new |= {"linalg": _NumPy(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
-    return _NumPy(np, new)
+    new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
+    new |= {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)}), "random": _Chance(state.trace)}
+    return _Replaced(np, new)
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
@@ -150,7 +130,7 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    modules = [one for one in list(sys.modules.items()) if not NUMPY.isdisjoint(getattr(one[1], "__dict__", ()))]
+    modules = [one for one in list(sys.modules.items()) if not getattr(one[1], "__dict__", {}).keys().isdisjoint(NUMPY)]
     users = [vars(module) for name, module in modules if _is_users(name, module)]
     return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *users]
 
@@ -169,7 +149,7 @@ def _replaced(function: Any, rows: int) -> Iterator[None]:
         try:
             for names in _globals_of(function):
                 for name in NUMPY & names.keys():
-                    if names[name] is np or isinstance(names[name], _NumPy):
+                    if names[name] is np or isinstance(names[name], _Replaced):
                         before.append((names, name, names[name]))
                         names[name] = new
             yield
@@ -206,7 +186,7 @@ def traced(
     name: str,
     function: Callable[..., Any],
     rows: int,
-    arguments: Sequence[Any],
+    arguments: Callable[[int], Sequence[Any]],
     shape: Sequence[int] | None,
     per_point: bool,
     again: bool = True,
@@ -218,9 +198,9 @@ def traced(
     name : str
         Of the function, in errors.
     rows : int
-        How many points are among the arguments.
-    arguments : sequence
-        Traced arrays, and numbers or arrays that are given to the function read-only.
+        How many points to call it with.
+    arguments : callable (rows) -> sequence
+        What it is called with: traced arrays, and numbers or read-only arrays.
     shape : of the answer for one point; None where any will do.
     per_point : bool
         Whether the answer has a leading dimension for the points.
@@ -231,11 +211,19 @@ def traced(
     Raises
     ------
     NotTraced
-        Where the function does something that formulas do not know, treats points differently, or has another shape.
+        Where the function does something that formulas do not know, or treats points differently; with advice.
+    ValueError
+        Where its answer has another shape.
     """
-    nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
-    if again and not _alike(nodes, _traced_once(name, function, rows + 1, arguments, shape, per_point)[0], 0):
-        raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
+    try:
+        nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
+        if again and nodes != _traced_once(name, function, rows + 1, arguments, shape, per_point)[0]:
+            raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
+    except NotTraced as error:
+        raise NotTraced(
+            f"{error}. What cannot be written so is wrapped, with what is known of it: "
+            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
+        ) from None
     return nodes, one
 
 
@@ -249,19 +237,19 @@ def _traced_once(
         expected = () if shape is None else tuple(shape)
         raise ValueError(f"{name} must return shape {('M', *expected) if per_point else expected}, got {shown}")
     answer = answer.reshape(rows if per_point else 1, -1)
-    if not all(_alike(answer[0], answer[row], row) for row in range(len(answer) if per_point else 0)):
+    first, *others = (_as_first(list(nodes), row) for row, nodes in enumerate(answer))
+    if any(other != first for other in others) or any(node.op == "x" and node.value[1] for node in ordered(first)):
         raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
-    return list(answer[0]), one
+    return first, one
 
 
-def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Sequence[Any]) -> Any:
+def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Callable[[int], Sequence[Any]]) -> Any:
     """The entries of what a function answers; NotTraced where anything has refused on the way."""
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
-    given = [_argument(one, rows) for one in arguments]
     try:
         with _replaced(function, rows):
-            answer, error = traced_array(function(*given)), None
+            answer, error = traced_array(function(*arguments(rows))), None
     except Exception as failed:
         error = failed
     finally:
@@ -279,34 +267,10 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Seque
     return answer.entries
 
 
-def _argument(given: Any, rows: int) -> Any:
-    """An argument for a trace with so many points, read-only."""
-    if isinstance(given, Traced):
-        points = given.size and given.entries.flat[0].op == "x"
-        return points_of(given.shape[1], rows) if points else Traced(given.entries)
-    if isinstance(given, np.ndarray):
-        given = given.copy()
-        given.setflags(write=False)
-    return given
+def _as_first(nodes: Sequence[Node], row: int) -> list[Node]:
+    """Nodes of a row of points with the coordinates of row 0; other points remain apart, in rows below 0."""
 
+    def put(one: Node) -> Node | None:
+        return leaf("x", one.value[0], 0 if one.value[1] == row else -1 - one.value[1]) if one.op == "x" else None
 
-def _alike(first: Any, other: Any, row: int) -> bool:
-    """Whether the nodes of another row are those of the first with its coordinates."""
-    seen, stack = set(), list(zip(first, other, strict=True))
-    while stack:
-        a, b = pair = stack.pop()
-        if pair in seen:
-            continue
-        seen.add(pair)
-        if a.op == "x":
-            if b.op != "x" or a.value[1] != 0 or b.value != (a.value[0], row):
-                return False
-        elif a.op != b.op or len(a.args) != len(b.args) or (a.value is not b.value and repr(a.value) != repr(b.value)):
-            return False
-        stack.extend(zip(a.args, b.args, strict=True))
-    return True
-
-
-def gridded_entries(columns: Sequence[Any], table: Any) -> Any:
-    """A look-up at traced coordinates."""
-    return Traced(mapped(lambda *entries: interned("gridded", entries, table), *map(entries_of, columns)))
+    return rebuilt(nodes, put)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import BlackBox, Formula, compare, read
-from sdhj.formulas.graph import Node, constant, is_constant, leaf, linear, make, ordered, rebuilt
+from sdhj.formulas.derivative import linear
+from sdhj.formulas.formula import BlackBox, Formula, compare
+from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
-from sdhj.formulas.tracing import parameter, points_of, rows_for
+from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
@@ -113,9 +114,7 @@ class Dynamics:
             If an array does not fit, or a function cannot be read.
         """
         count = len(self.inputs)
-        bounds = Formula((constant(0.0),) * count, ndim, 1, (count, 1), "bounds")
-        if self.bounds is not None:
-            bounds = self._read("bounds", ndim, None)
+        bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
             raise ValueError(
                 "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
@@ -123,17 +122,15 @@ class Dynamics:
         D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
-            parts = linear(velocity.outputs, 1, D) if isinstance(velocity, Formula) else None
+            parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
                 return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
             drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
             gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
             drift = self._read("drift", ndim, (ndim,))
-            gain = Formula((constant(0.0),) * ndim * count, ndim, 1, (count, ndim, 1), "gain")
-            if self.gain is not None:
-                self._check_gain(ndim, D)
-                gain = self._read("gain", ndim, (ndim, D))
+            self._check_gain(ndim, D)
+            gain = self._read("gain", ndim, (ndim, D))
         return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
 
     def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
@@ -141,7 +138,6 @@ class Dynamics:
         for name, formula in self._parts.items():
             function = getattr(self, name)
             takes = arguments(name, function)
-            size = len(formula.outputs) // len(self.inputs)
             for j, u in enumerate(self.inputs):
                 t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
 
@@ -150,11 +146,14 @@ class Dynamics:
                     values = np.asarray(function(*(known[one] for one in takes)))  # noqa: B023
                     return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
 
-                part = formula.of(range(j * size, (j + 1) * size), formula.shape[1:])
-                compare(part, called, states, t, *(v if name == "velocity" else ()))
+                compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _check_gain(self, ndim: int, components: int) -> None:
-        if not callable(self.gain) and self.gain.shape[:1] == (ndim,) and self.gain.shape != (ndim, components):
+        if (
+            isinstance(self.gain, np.ndarray)
+            and self.gain.shape[:1] == (ndim,)
+            and self.gain.shape != (ndim, components)
+        ):
             raise ValueError(
                 f"bounds must have one half-width for each column of the gain, which has shape {self.gain.shape}; "
                 f"got {components}"
@@ -165,6 +164,8 @@ class Dynamics:
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
+        if given is None:  # there is no disturbance
+            given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
             function = partial(_called, given.function, arguments(name, given))
             return replace(given, function=function, name=name, shape=shape or ())
@@ -173,16 +174,19 @@ class Dynamics:
         if not callable(given):
             array = given if shape is None else finite_array(name, given, (count, ndim) if name == "drift" else shape)
             array = array if name == "drift" else np.broadcast_to(array, (count, *array.shape))
-            return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
+            return _constants(name, array, ndim)
         takes, parameters = arguments(name, given), 1 + components
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
-        known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1)}
+
+        def called_with(u: FloatArray, rows: int) -> list[Any]:
+            known = {"points": points_of(ndim, rows), "t": parameter(0), "v": parameter(1, components or 1), "u": u}
+            return [known[each] for each in takes]
+
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
-            values = known | {"u": sealed(u)}
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = read(
-                label, given, rows, [values[each] for each in takes], shape, "points" in takes, again=j == 0
+            found, one = traced(
+                label, given, rows, partial(called_with, sealed(u)), shape, "points" in takes, again=j == 0
             )
             if name == "bounds" and len(one) != 1:
                 raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
@@ -207,34 +211,29 @@ def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
         return gain, bounds
     if isinstance(gain, BlackBox):
         raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
-    count, _, D = gain.shape
-    outputs = np.array(gain.outputs, dtype=object).reshape(gain.shape)
-    each = np.array(bounds.outputs, dtype=object).reshape(count, 1, D)
-    scaled = [
-        make("mul", a, make("abs", b))
-        for a, b in zip(outputs.flat, np.broadcast_to(each, gain.shape).flat, strict=True)
-    ]
-    return replace(gain, outputs=tuple(scaled)), _ones(bounds)
+    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
+
+    def scaled(points: Any, t: Any) -> Any:
+        return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
+
+    return Formula.traced("gain", scaled, ndim), _constants("bounds", ones, ndim)
 
 
 def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula]:
     """As `_scaled`, where v does not enter linearly: each component of v is multiplied by its bound."""
     if not bounds.reads.any():
         return velocity, None, bounds
-    (count, D), out = bounds.shape, []
-    for j in range(count):
-        most = bounds.outputs[j * D : (j + 1) * D]
+    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
 
-        def put(one: Node, most: Sequence[Node] = most) -> Node | None:
-            return make("mul", one, make("abs", most[one.value[0] - 1])) if one.op == "p" and one.value[0] else None
+    def scaled(points: Any, t: Any, *v: Any) -> Any:
+        pairs = zip(velocity.rows, bounds.rows, strict=True)
+        return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
-        size = len(velocity.outputs) // count
-        out += rebuilt(velocity.outputs[j * size : (j + 1) * size], put)
-    return replace(velocity, outputs=tuple(out)), None, _ones(bounds)
+    return Formula.traced("velocity", scaled, ndim, velocity.parameters), None, _constants("bounds", ones, ndim)
 
 
-def _ones(bounds: Formula) -> Formula:
-    return replace(bounds, outputs=(constant(1.0),) * len(bounds.outputs))
+def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
+    return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,11 +262,19 @@ class VectorField:
         """Formulas that were made from those of the dynamics, by what they are."""
         return {}
 
+    def made(
+        self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
+    ) -> Formula:
+        """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
+        if key not in self.derived:
+            self.derived[key] = Formula.traced(key[0], function, coordinates, parameters)
+        return self.derived[key]
+
     @property
     def parts(self) -> list[Any]:
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
-    @property
+    @cached_property
     def formulas(self) -> bool:
         """Whether nothing is a black box."""
         return all(isinstance(part, Formula) for part in self.parts)
@@ -304,19 +311,15 @@ class VectorField:
         """Whether gain and bounds are the same for every input."""
         if not isinstance(self.gain, Formula):
             return False
-        rows = [np.array(part.outputs, object).reshape(len(self.inputs), -1) for part in (self.gain, self.bounds)]
-        return all(one is first for part in rows for row in part for one, first in zip(row, part[0], strict=True))
+        return all(bool((part.entries == part.entries[0]).all()) for part in (self.gain, self.bounds))
 
     @cached_property
     def pushes(self) -> FloatArray:
         """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
         out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         if isinstance(self.gain, Formula):
-            none = [
-                np.array([is_constant(o, 0.0) for o in p.outputs], np.bool_).reshape(p.shape)
-                for p in (self.gain, self.bounds)
-            ]
-            out = ~(none[0] | none[1][:, None])
+            zero = constant(0.0)
+            out = ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
         return out
 
     @cached_property
@@ -350,43 +353,39 @@ class VectorField:
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some axes, which read no others; those are taken at `lower` (ndim,)."""
-        new = {axis: place for place, axis in enumerate(axes)}
+        keep = list(axes)
 
-        def put(one: Node) -> Node | None:
-            if one.op != "x":
-                return None
-            return leaf("x", new[one.value[0]]) if one.value[0] in new else constant(float(lower[one.value[0]]))
+        def full(points: Any) -> Any:
+            elsewhere = 0.0 * points[:, 0]
+            columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
+            return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
             if not isinstance(part, Formula):
-                return part and _black_box_on(part, axes, lower)
-            entries = np.array(part.outputs, dtype=object).reshape(part.shape)[:, list(axes)]
-            outputs = tuple(rebuilt(list(entries.flat), put))
-            return replace(part, outputs=outputs, shape=entries.shape, coordinates=len(axes))
+                return part and _black_box_on(part, keep, full)
+            return Formula.traced(
+                part.name, lambda points, *given: part(full(points), *given)[:, :, keep], len(keep), part.parameters
+            )
 
-        bounds = replace(self.bounds, coordinates=len(axes))
-        return VectorField(self.inputs, len(axes), some(self.drift), some(self.gain), bounds)
+        bounds = replace(self.bounds, coordinates=len(keep))
+        return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds)
 
     def undisturbed(self) -> "VectorField":
         """The same without a disturbance."""
-        none = replace(self.bounds, outputs=(constant(0.0),) * len(self.bounds.outputs))
-        return replace(self, bounds=none)
+        return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
     @cached_property
     def each(self) -> dict[str, list[Formula]]:
         """The formulas under each input, by name."""
-        out = {}
-        for name in ("drift", "gain", "bounds"):
-            if isinstance(part := getattr(self, name), Formula):
-                size = len(part.outputs) // len(self.inputs)
-                out[name] = [part.of(range(j * size, (j + 1) * size), part.shape[1:]) for j in range(len(self.inputs))]
-        return out
+        parts = {name: getattr(self, name) for name in ("drift", "gain", "bounds")}
+        return {name: part.rows for name, part in parts.items() if isinstance(part, Formula)}
 
     def component(self, name: str, j: int, place: int) -> Formula:
         """One number of the drift, the gain or the "extremes" under an input."""
         known, key = self.derived, (name, j, place)
         if key not in known:
-            known[key] = (self.extremes_of if name == "extremes" else self.each[name])[j].of([place])
+            found = (self.extremes_of if name == "extremes" else self.each[name])[j]
+            known[key] = replace(found, outputs=(found.outputs[place],), shape=())
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
@@ -422,13 +421,12 @@ class VectorField:
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
         """Where v does not enter linearly: velocities with v as further coordinates."""
-        ndim, out = self.ndim, []
-        for one in self.each["drift"]:
-            moved = rebuilt(
-                one.outputs, lambda n: leaf("x", ndim + n.value[0] - 1) if n.op == "p" and n.value[0] else None
-            )
-            out.append(replace(one, outputs=tuple(moved), coordinates=ndim + self.adversaries, parameters=1))
-        return out
+        ndim, count = self.ndim, self.ndim + self.adversaries
+
+        def velocity(one: Formula, points: Any, t: Any) -> Any:
+            return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
+
+        return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
         """Half-widths of the box of disturbances under input j at time t, (D,); ValueError where one is below 0."""
@@ -440,18 +438,14 @@ class VectorField:
     @cached_property
     def extremes_of(self) -> list[Formula]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
-        out = []
-        for drift, gain, bounds in zip(self.each["drift"], self.each["gain"], self.each["bounds"], strict=True):
-            pushes = np.array(gain.outputs, dtype=object).reshape(gain.shape)
-            ends: list[Node] = []
-            for op in ("sub", "add"):
-                for one, row in zip(drift.outputs, pushes, strict=True):
-                    terms = [
-                        make("mul", make("abs", a), make("abs", b)) for a, b in zip(row, bounds.outputs, strict=True)
-                    ]
-                    ends.append(make(op, one, reduce(lambda a, b: make("add", a, b), terms, constant(0.0))))
-            out.append(replace(drift, outputs=tuple(ends), shape=(2, self.ndim), name="velocity"))
-        return out
+        count, bounds = len(self.inputs), self.each["bounds"]
+        return [Formula.traced("velocity", partial(self._spread, j, bounds[j]), self.ndim) for j in range(count)]
+
+    def _spread(self, j: int, bounds: Any, points: Any, t: Any) -> Any:
+        """As `extremes`, where the disturbance enters linearly; `bounds` are a function of points and time."""
+        drift = self.drift_at(points, j, t)
+        spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds(points, t))[:, None]).sum(axis=2)
+        return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
@@ -465,9 +459,7 @@ class VectorField:
             return np.stack([low, high], axis=1)
         if self.formulas:
             return self.extremes_of[j](points, t)
-        spread = np.abs(self.gain_at(points, j, t)) @ self.bounds_at(j, t)
-        drift = self.drift_at(points, j, t)
-        return np.stack([drift - spread, drift + spread], axis=1)
+        return self._spread(j, lambda points, t: self.bounds_at(j, t)[None], points, t)
 
     def range(
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
@@ -503,14 +495,12 @@ class VectorField:
         return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
-        drift, gain, bounds = (self.each[name][j] for name in ("drift", "gain", "bounds"))
-        out = []
-        for one, row in zip(drift.outputs, np.array(gain.outputs, dtype=object).reshape(gain.shape), strict=True):
-            terms = [
-                make("mul", make("mul", a, b), constant(s)) for a, b, s in zip(row, bounds.outputs, signs, strict=True)
-            ]
-            out.append(reduce(lambda a, b: make("add", a, b), terms, one))
-        return replace(drift, outputs=tuple(out))
+        def velocity(points: Any, t: Any) -> Any:
+            drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
+            pushes = gain * bounds[:, None] * np.array(signs)
+            return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
+
+        return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
@@ -527,18 +517,7 @@ class VectorField:
         part = getattr(self, name)
         if isinstance(part, Formula):
             return self.each[name][j].bounds(low, high, time)
-        u = self.inputs[j]
-        if part.enclosure is not None:
-            return [np.asarray(end, dtype=np.float64) for end in part.enclosure(low, high, u, *time)]
-        if part.slope is None or (time[0] != time[1] and part.rate is None):
-            what = "a slope" if part.slope is None else "a rate"
-            raise ValueError(f"{name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        value = part((low + high) / 2, u, sum(time) / 2)
-        far = (high - low) / 2 @ np.broadcast_to(part.slope, (self.ndim, self.ndim)).T
-        far = far + np.broadcast_to(part.rate or 0.0, (self.ndim,)) * ((time[1] - time[0]) / 2)
-        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value if name == "drift" else value.sum(axis=2)))
-        far = far if name == "drift" else far[:, :, None]
-        return value - far, value + far
+        return part.bounds(low, high, self.inputs[j], time)
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArray, u: FloatArray, t: float) -> Any:
@@ -547,15 +526,13 @@ def _called(function: Callable[..., Any], takes: Sequence[str], points: FloatArr
     return function(*(known[one] for one in takes))
 
 
-def _black_box_on(part: BlackBox, axes: Sequence[int], lower: FloatArray) -> BlackBox:
-    """A drift or a gain of the axes `axes` alone."""
-    keep, function = list(axes), part.function
+def _black_box_on(part: BlackBox, keep: list[int], full: Callable[[FloatArray], FloatArray]) -> BlackBox:
+    """A drift or a gain of some axes alone; `full` makes states of their coordinates."""
+    ndim, function = part.shape[0], part.function
 
     def some(points: FloatArray, *others: Any) -> FloatArray:
-        full = np.tile(lower, (len(points), 1))
-        full[:, keep] = points
-        return np.asarray(function(full, *others))[:, keep]
+        return np.asarray(function(full(points), *others))[:, keep]
 
     reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (len(lower),) * 2)[np.ix_(keep, keep)]
+    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (ndim, ndim))[np.ix_(keep, keep)]
     return BlackBox(some, reads, slope, part.rate, name=part.name, shape=(len(keep), *part.shape[1:]))

@@ -100,11 +100,10 @@ class Grid:
             if not isinstance(periodic[axis], bool | np.bool_):
                 raise ValueError(f"periodic[{axis}] must be True or False, got {reprlib.repr(periodic[axis])}")
         nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
-        object.__setattr__(self, "lower", tuple(float(x) for x in lower))
-        object.__setattr__(self, "upper", tuple(float(x) for x in upper))
-        object.__setattr__(self, "shape", nodes)
-        object.__setattr__(self, "periodic", tuple(bool(p) for p in periodic))
-        object.__setattr__(self, "names", tuple(str(name) for name in names))
+        checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes}
+        checked |= {"periodic": map(bool, periodic), "names": map(str, names)}
+        for name, values in checked.items():
+            object.__setattr__(self, name, tuple(values))
         given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
         pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
         valid = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
@@ -189,11 +188,8 @@ class Grid:
         return {}
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        def pick(field: tuple[Any, ...]) -> list[Any]:
-            return [field[axis] for axis in axes]
-
         fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
-        return Grid(*(pick(getattr(self, one)) for one in fields))
+        return Grid(*([getattr(self, one)[axis] for axis in axes] for one in fields))
 
     @property
     def inner(self) -> tuple[slice, ...]:

@@ -6,14 +6,13 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.formulas.tracing import parameter, points_of
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
@@ -182,13 +181,11 @@ class Interval:
             return self.grid.clipped(moved) if walls else moved
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
-            if self.dynamics.formulas:
-                out[rows] = self._steps_formula(j, walls)(whole[rows], t, duration)
-            else:
-                out[rows] = self._runge_kutta(whole[rows], j, walls, t, duration)
+            step = self._as_formula(("step", j, walls), partial(self._runge_kutta, j, walls), whole.shape[1], 2)
+            out[rows] = step(whole[rows], t, duration)
         return out
 
-    def _runge_kutta(self, whole: Any, j: int, walls: bool, t: Any, duration: Any) -> Any:
+    def _runge_kutta(self, j: int, walls: bool, whole: Any, t: Any, duration: Any) -> Any:
         """States and disturbances side by side, (M, ndim + D), to states a step later."""
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
@@ -204,15 +201,13 @@ class Interval:
         k4 = velocity(moved(duration, k3), t + duration)
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
-    def _steps_formula(self, j: int, walls: bool) -> Formula:
-        """`_runge_kutta`, read: one tape for a step."""
-        known, grid = self.dynamics.derived, self.grid
-        key = j, walls, grid.lower, grid.upper, grid.periodic, grid.ends
-        if key not in known:
-            count = grid.ndim + self.dynamics.adversaries
-            found = self._runge_kutta(points_of(count, 1), j, walls, parameter(0), parameter(1))
-            known[key] = Formula(tuple(found.entries.flat), count, 2, (grid.ndim,), "where the state moves to")
-        return known[key]
+    def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
+        """A method of points and a time as a formula, one tape for all that it does; itself with black boxes."""
+        if not self.dynamics.formulas:
+            return function
+        grid = self.grid
+        key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
+        return self.dynamics.made(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
@@ -222,9 +217,7 @@ class Interval:
         """
         if self.dynamics.constant:
             return self.delta * self.dynamics.arrays[0][None]
-        if isinstance(self.dynamics.drift, Formula):
-            return self._as_formula("_displaced", (len(self.dynamics.inputs), self.grid.ndim))(states, self.begin)
-        return self._displaced(states, self.begin)
+        return self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
         return self._moves(states, begin)[1]
@@ -237,15 +230,6 @@ class Interval:
             halfway = self.grid.clipped(states + moves[-1] / 2)
             later.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
         return np.stack(moves, axis=1), np.stack(later, axis=1)
-
-    def _as_formula(self, name: str, shape: tuple[int, ...]) -> Formula:
-        """A method of states and the begin, read: one tape for all inputs, which share what is common to them."""
-        known, wider = self.dynamics.derived, tuple(np.ravel(self.wider).tolist())
-        key = name, self.delta, self.early, wider, self.grid.lower, self.grid.upper, self.grid.periodic, self.grid.ends
-        if key not in known:
-            found = getattr(self, name)(points_of(self.grid.ndim, 1), parameter(0))
-            known[key] = Formula(tuple(found.entries.flat), self.grid.ndim, 1, shape, "where the state moves to")
-        return known[key]
 
     def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
@@ -263,7 +247,7 @@ class Interval:
         state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
         """
         if (formula := self.ahead_formula) is not None:
-            return formula(states, self.begin)
+            return np.asarray(formula(states, self.begin))
         return self._alike if self.dynamics.stateless else self._ahead(states, self.begin)
 
     @cached_property
@@ -276,7 +260,9 @@ class Interval:
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
-        return self._as_formula("_ahead", (4, len(dynamics.inputs), self.grid.ndim))
+        what = "ahead", self.delta, self.early, *np.ravel(self.wider).tolist()
+        found: Formula = self._as_formula(what, self._ahead, self.grid.ndim)
+        return found
 
     def _ahead(self, states: Any, begin: Any) -> Any:
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
@@ -462,25 +448,21 @@ class Interval:
         grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
+        bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:
-            self._fill(sampled, j, axes, seen, t)
+            for row, axis in enumerate(axes):
+                sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
+                for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
+                    push = dynamics.component("gain", j, axis * count + d)
+                    sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
         else:
             points = self._points(seen)
-            gain = dynamics.gain_at(points, j, t)[:, axes] * dynamics.bounds_at(j, t)
+            gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]
-
-    def _fill(self, sampled: FloatArray, j: int, axes: list[int], seen: list[int], t: float) -> None:
-        """Write drift and gain times bounds of some axes, each sampled on the axes that it reads."""
-        dynamics, bounds = self.dynamics, self.dynamics.bounds_at(j, t)
-        for row, axis in enumerate(axes):
-            sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
-            for d in np.flatnonzero(dynamics.pushes[j, axis]):
-                place = axis * dynamics.adversaries + int(d)
-                sampled[row, 1 + d] = bounds[d] * self._sampled(dynamics.component("gain", j, place), seen, t)
 
     def velocity_field(
         self, j: int, axes: Sequence[int], *, drift: bool = True

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.graph import Lookup
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
@@ -28,32 +28,8 @@ from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, LARGEST, STEEP, VIEW_TIMES, TargetSet, UnsafeSet
 from sdhj.problem.steepness import rates
 
-
-def half_widths(problem: "ReachAvoidProblem") -> tuple[FloatArray, FloatArray]:
-    """As `boxes`; zeros if nothing is uncertain."""
-    if not problem.sensing:
-        return np.zeros(problem.grid.ndim), np.zeros(problem.grid.ndim)
-    return boxes(problem)
-
-
-def shrunk(problem: "ReachAvoidProblem", values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """As `less_the_box`, on the grid or the subgrid of some axes; `values` if nothing is uncertain."""
-    axes = range(problem.grid.ndim) if axes is None else axes
-    if not problem.half_widths[0][list(axes)].any():
-        return values
-    return less_the_box(problem, values, axes)
-
-
-def worst_around(problem: "ReachAvoidProblem", values: FloatArray, points: FloatArray) -> FloatArray:
-    """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,)."""
-    if not problem.half_widths[0].any():
-        return problem.grid.interpolate(values, points)
-    around = spots_of_the_box(problem, points)
-    found = problem.grid.interpolate(values, around.reshape(-1, problem.grid.ndim))
-    return found.reshape(around.shape[:2]).max(axis=1)
-
-
 SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
+RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
@@ -197,7 +173,15 @@ class ReachAvoidProblem:
         """Earliest start and latest end of the input of step k, s, including jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
-    half_widths = cached_property(half_widths)
+    @cached_property
+    def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
+        sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
+        if not sensing:
+            return nothing, nothing
+        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+        return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
@@ -213,8 +197,23 @@ class ReachAvoidProblem:
 
     @cached_property
     def rimmed(self) -> "ReachAvoidProblem":
-        """This problem on the grid that the games use, extended past safe ends (`sdhj.problem.boxes`)."""
-        return with_rim(self)
+        """The problem on the games' grid, with `RIM` more nodes past each safe end; itself if there is none."""
+        grid = self.grid
+        rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
+        if not rim.any():
+            return self
+        past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
+        ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
+        wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
+
+        def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
+            ends = grid.subgrid(part.axes).faces("safe")
+            return replace(
+                part, level_set=part.level_set.clipped(*ends), swept=part.swept and part.swept.clipped(*ends)
+            )
+
+        dynamics = self.dynamics.clipped(*grid.faces("safe"))
+        return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
     def moves(self, part: UnsafeSet) -> bool:
         """Whether the avoid tubes of an unsafe set differ from step to step."""
@@ -274,10 +273,6 @@ class ReachAvoidProblem:
             )
         return values
 
-    def target_at(self, t: float) -> FloatArray:
-        """Level-set function of the target at time t, on the subgrid of its axes."""
-        return self.sample(self.target.axes, lambda points: self.target.level_set(points, t), self.target.name)
-
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
         samples = [values for one, values in self._static if one is part]
@@ -318,20 +313,19 @@ class ReachAvoidProblem:
     def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
         return []
 
-    def unsafe_when(self, part: UnsafeSet, step: int) -> FloatArray:
-        """As `unsafe_at` at t_k; with jitter over all times at which step k may begin."""
-        t, j = self.time(step), self.sensing.jitter
-        return self.unsafe_over(part, t - j, t + j) if j and part.moving else self.unsafe_at(part, t)
-
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
         Without a target, L(t_k) is the grid up to its unsafe ends.
         """
-        t, grid = self.time(step), self.grid
-        values = np.full((1,) * grid.ndim, -np.inf) if self.stays else grid.lift(self.target_at(t), self.target.axes)
+        t, jitter, grid, target = self.time(step), self.sensing.jitter, self.grid, self.target
+        values = np.full((1,) * grid.ndim, -np.inf)
+        if not self.stays:
+            found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+            values = grid.lift(found, target.axes)
         for part in self.unsafe:
-            values = np.maximum(values, -grid.lift(self.unsafe_when(part, step), part.axes))
+            over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
+            values = np.maximum(values, -grid.lift(over, part.axes))
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
@@ -475,18 +469,12 @@ def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, durati
     return total[:ndim]
 
 
-def boxes(problem: ReachAvoidProblem) -> tuple[FloatArray, FloatArray]:
-    """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
-    sensing, nothing = problem.sensing, np.zeros(problem.grid.ndim)
-    end = problem.time(problem.most_steps)
-    slope, push, jumps = rates(problem.grid, problem.dynamics, end, problem.delta)
-    box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
-    return box, box + carried(slope, jumps, box, problem.delta + 2 * sensing.jitter)
-
-
-def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int]) -> FloatArray:
+def shrunk(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
     """Level-set function of the points around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
+    if not box.any():
+        return values
     ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
     for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
         nodes = grid.nodes(axis)
@@ -495,12 +483,14 @@ def less_the_box(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[
     return out
 
 
-def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArray:
-    """Points (M, V, ndim) in the box E around points (M, ndim), at one of which an interpolated function is largest.
+def worst_around(problem: ReachAvoidProblem, values: FloatArray, points: FloatArray) -> FloatArray:
+    """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
 
-    They combine the ends and the nodes in between on each axis, clipped at walls; the points themselves come first.
+    It is at one of the ends of the box and the nodes in between on each axis, clipped at walls, or at the point.
     """
     grid, columns = problem.grid, []
+    if not problem.half_widths[0].any():
+        return grid.interpolate(values, points)
     for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
         x = points[:, axis, None]
         nodes = lower + h * (np.ceil((x - width - lower) / h) + np.arange(int(2 * width / h) + 1))
@@ -508,31 +498,13 @@ def spots_of_the_box(problem: ReachAvoidProblem, points: FloatArray) -> FloatArr
         columns.append(np.concatenate(between, axis=1) if width else x)
     places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
     found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
-    return np.concatenate([points[:, None], grid.clipped(found)], axis=1)
+    around = np.concatenate([points[:, None], grid.clipped(found)], axis=1)
+    return grid.interpolate(values, around.reshape(-1, grid.ndim)).reshape(around.shape[:2]).max(axis=1)
 
 
-RIM = 4  # nodes past a safe end: the widest stencils use three
 AROUND = 6  # nodes on each side that `closed` depends on
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
 ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
-
-
-def with_rim(problem: "ReachAvoidProblem") -> "ReachAvoidProblem":
-    """The problem on a grid with `RIM` more nodes past each safe end; the problem itself if there is none."""
-    grid = problem.grid
-    rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
-    if not rim.any():
-        return problem
-    past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
-    ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
-    wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
-
-    def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
-        ends = grid.subgrid(part.axes).faces("safe")
-        return replace(part, level_set=part.level_set.clipped(*ends), swept=part.swept and part.swept.clipped(*ends))
-
-    dynamics = problem.dynamics.clipped(*grid.faces("safe"))
-    return replace(problem, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, problem.unsafe)))
 
 
 FINE = 4  # parts of a cell's edge, in the search for the least value in the cell

@@ -1,18 +1,17 @@
 """Problems in files: their formulas as text, and the problem read again from them."""
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import restored
+from sdhj.formulas.formula import Formula, restored
 from sdhj.formulas.text import FORMAT, alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, blackbox_values
 from sdhj.problem.sets import TargetSet, UnsafeSet
-
-SIZES = {"drift": ("L", "ndim"), "velocity": ("L", "ndim"), "gain": ("L", "ndim", "D"), "bounds": ("L", "D")}
 
 
 def described(problem: ReachAvoidProblem) -> dict[str, Any]:
@@ -44,33 +43,22 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
     if opaque := formulas["opaque"]:
         shown = "; ".join(f"{name}: {why}" for name, why in opaque.items())
         raise ValueError(f"it has black boxes ({shown}), which a file cannot contain: use load(path, problem=...)")
-    functions, sizes = formulas["functions"], {"L": len(head["inputs"]), "ndim": head["grid"].ndim}
-
-    def formula(name: str, coordinates: int, parameters: int, shape: Sequence[int] = ()) -> Any:
-        if name not in functions:
-            return None
-        lines = functions[name]["lines"]
-        found = restored(list(lines), tables, coordinates, parameters, tuple(shape), name)
-        if len(found.outputs) != int(np.prod(shape)):
-            raise ValueError(f"the formula {name!r} must have {int(np.prod(shape))} results, got {len(found.outputs)}")
-        return found
-
-    ndim, count = sizes["ndim"], sizes["L"]
-    components = len(functions["bounds"]["lines"][-1].split()) - 1
-    sizes["D"] = components // count
-    parts = {
-        name: formula(name, ndim, 1 + (sizes["D"] if name == "velocity" else 0), [sizes[one] for one in size])
-        for name, size in SIZES.items()
-    }
-    drift = parts["velocity"] if parts["drift"] is None else parts["drift"]
-    if drift is None or (parts["gain"] is None) == (parts["velocity"] is None):
+    found = formulas_in(head, tables)
+    drift = found.get("velocity", found.get("drift"))
+    if drift is None or ("gain" in found) == ("velocity" in found):
         raise ValueError("it must have the formulas drift and gain, or velocity")
-    target, unsafe = _sets(head["sets"], formula)
+    target, unsafe = None, list[UnsafeSet]()
+    for name, entry in sets_in(head).items():
+        if name == "target":
+            target = TargetSet(entry["axes"], found[name], entry["name"])
+        else:
+            swept = found.get(name.replace("unsafe", "swept"))
+            unsafe.append(UnsafeSet(entry["axes"], found[name], swept, entry["name"], entry["sampling"]))
     return ReachAvoidProblem(
         grid=head["grid"],
-        dynamics=VectorField(head["inputs"], ndim, drift, parts["gain"], parts["bounds"]),
+        dynamics=VectorField(head["inputs"], head["grid"].ndim, drift, found.get("gain"), found["bounds"]),
         target=target,
-        unsafe=unsafe,
+        unsafe=tuple(unsafe),
         delta=head["delta"],
         steps=head["steps"],
         view_time=head["view_time"],
@@ -80,19 +68,29 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
     )
 
 
-def _sets(
-    entries: Sequence[Mapping[str, Any]], formula: Callable[[str, int, int], Any]
-) -> tuple[TargetSet | None, tuple[UnsafeSet, ...]]:
-    """The target, None where there is none, and the unsafe sets of a head."""
-    target, unsafe = None, list[UnsafeSet]()
-    for entry in entries:
-        axes = tuple(entry["axes"])
-        if entry["kind"] == "target":
-            target = TargetSet(axes, formula("target", len(axes), 1), entry["name"])
-            continue
-        level, swept = (formula(f"{kind} {len(unsafe)}", len(axes), n) for kind, n in (("unsafe", 1), ("swept", 2)))
-        unsafe.append(UnsafeSet(axes, level, swept, entry["name"], entry["sampling"]))
-    return target, tuple(unsafe)
+def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """What a head says of each set, by the name of its formula."""
+    unsafe = [one for one in head["sets"] if one["kind"] != "target"]
+    target = [one for one in head["sets"] if one["kind"] == "target"]
+    return dict(zip(["target"], target, strict=False)) | {f"unsafe {place}": one for place, one in enumerate(unsafe)}
+
+
+def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
+    """The formulas of a head, by name; ValueError where one is not one of what its name says."""
+    functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
+    components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
+    expected: dict[str, Any] = {"drift": (ndim, 1, (count, ndim)), "velocity": (ndim, 1 + components, (count, ndim))}
+    expected |= {"gain": (ndim, 1, (count, ndim, components)), "bounds": (ndim, 1, (count, components))}
+    for name, entry in sets_in(head).items():
+        expected[name.replace("unsafe", "swept")] = len(entry["axes"]), 2, ()
+        expected[name] = len(entry["axes"]), 1, ()
+    found = {}
+    for name in expected.keys() & functions.keys():
+        coordinates, parameters, shape = expected[name]
+        found[name] = one = restored(functions[name]["lines"], tables, coordinates, parameters, shape, name)
+        if len(one.outputs) != math.prod(one.shape):
+            raise ValueError(f"the formula {name!r} must have {math.prod(one.shape)} results, got {len(one.outputs)}")
+    return found
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:

@@ -153,7 +153,7 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.stays and share <= table.fraction(within=0)):
         warnings.warn(_emptied(table, share), ResolutionWarning, stacklevel=stacklevel + 1)
-    if share < NEARLY_EMPTY or table.proved:
+    if share < NEARLY_EMPTY:
         return {}
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size

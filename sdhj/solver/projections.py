@@ -118,8 +118,8 @@ class ProjectedGames:
         """As `HJIGames.reaches`: on the whole grid, inside the true reach sets."""
         pieces = []
         for axes in self.subspaces:
-            some = self.on(axes).reaches(self.inner_projection(values, axes), step)
-            pieces.append(np.concatenate([one.of() for one in some]))
+            some = [one.of() for one in self.on(axes).reaches(self.inner_projection(values, axes), step)]
+            pieces.append(some[0] if len(some) == 1 else np.concatenate(some))
         yield Pieces(0, self.problem.grid, pieces, self.subspaces)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:

@@ -309,11 +309,6 @@ def _whole(path: Path, stream: BufferedReader) -> bytes:
     """The head of a file, as text, after checking that the file's bytes are those that were written."""
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
-    if version is None and first.startswith(b"\x89HDF"):
-        raise TableFileError(
-            f"{path} is an HDF5 file without the first lines of a table: an older sdhj wrote it, or it is not a "
-            "look-up table; solve it anew"
-        )
     if version and int(version[1]) != FORMAT_VERSION:
         raise TableFileError(
             f"{path} has format version {int(version[1])}; this is sdhj {VERSION}, which reads version "

@@ -35,9 +35,8 @@ from sdhj.table.batches import ANY, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
 QUIET = 5  # steps over which the motion of a boundary is measured
-SETTLED = (
-    0.002  # cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
-)
+# cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
+SETTLED = 0.002
 
 
 def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:

@@ -11,11 +11,11 @@ pytestmark = pytest.mark.slow
 
 CELLS, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "general_proof", "bounds"))
 DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
-LATTICES = GUESSES = GENERAL
+RATE = "(time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))"
+LATTICES = GENERAL
 PACKED, LINKS, CONTACT, STENCILS = (f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils"))
-FARTHER = "test_no_prediction_is_farther"
 SENSED = "test_what_an_interval_does_to_predictions"
-SAMPLES, GROWTH, IMAGES = "test_every_sample_is_inside", "test_general_reach_box", "test_images_and_tubes"
+SAMPLES, GROWTH = "test_every_sample_is_inside", "test_general_reach_box"
 
 # file, what is taken out, what is left, the test that must fail
 MUTATIONS = {
@@ -79,7 +79,7 @@ MUTATIONS = {
         "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
         GROWTH,
     ),
-    "push of the adversary": (DYNAMICS, "ends.append(make(op, one, reduce(", "ends.append(one or (reduce(", GROWTH),
+    "push of the adversary": (DYNAMICS, "np.stack([drift - spread, drift + spread]", "np.stack([drift, drift]", GROWTH),
     "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", GROWTH),
     "tube between the parts": (
         GENERAL,
@@ -93,7 +93,7 @@ MUTATIONS = {
         "velocity[2 + side][:, axis] = least_most[0]",
         "test_damped_motion",
     ),
-    "change with time": (DYNAMICS, "* ((time[1] - time[0]) / 2)", "* 0.0", "test_timed_growth_holds"),
+    "change with time": (BLACK_BOXES, RATE, "0.0", "test_timed_growth_holds"),
     "a box that grows": (
         DYNAMICS,
         "return np.sort(signs * ends, axis=0)",
@@ -106,22 +106,15 @@ MUTATIONS = {
         "[begin, end]",
         "test_timed_growth_holds",
     ),
-    "last cell of an image": (CELLS, "np.ceil((high - DRIFT", "np.floor((high - DRIFT", IMAGES),
     "boxes of a set": (
         LATTICES,
         "corner + pitch + MARGIN_OF_BOXES, t0, t1",
         "corner + MARGIN_OF_BOXES, t0, t1",
         "test_bounds_of_a_lattice",
     ),
-    "times of a set": (
-        LATTICES,
-        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
-        "corner + pitch + MARGIN_OF_BOXES, t0, t0",
-        "test_bounds_of_a_lattice",
-    ),
     "rate of a set": (
         BLACK_BOXES,
-        "(time[1] - time[0]) / 2 * float(self.rate or 0.0)",
+        RATE,
         "0.0",
         "test_general_bounds_hold",
     ),
@@ -148,14 +141,11 @@ MUTATIONS = {
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
-    "push of the adversary meanwhile": (GUESSES, "self._ends(self.any, box)", "self._ends(self.calm, box)", FARTHER),
+    "rounding of what is added": (GENERAL, "np.nextafter(moved + step, way)", "moved + step", "test_what_a_piece_adds"),
+    "the length of a piece": (GENERAL, "(1e-15 if up else -1e-15) * np.abs(step)", "0.0", "test_what_a_piece_adds"),
     "open sides of a jump": (TAPE, "lesser(b[0, m], c[0, m]))", "c[0, m])", SAMPLES),
 }
-COMPILED = {
-    "slack",
-    "cells of the image",
-    "last cell of an image",
-}  # their tests solve a problem
+COMPILED = {"slack", "cells of the image"}  # their tests solve a problem
 
 
 @pytest.fixture(scope="module")

@@ -21,26 +21,35 @@ CELLS = (12, 12, 16)
 
 @pytest.mark.parametrize(
     ("problem", "kind", "cells"),
-    [(unicycle_problem(), GeneralProof, CELLS), (sdhj.arm_case_study(**SMALL), ArmProof, (32, 32, 12, 12))],
+    [(unicycle_problem(), GeneralProof, (60, 60, 63)), (sdhj.arm_case_study(**SMALL), ArmProof, (32, 32, 12, 12))],
 )
-def test_time_is_measured_from_a_few_per_cent_of_the_intervals(monkeypatch, problem, kind, cells):
-    """By a clock that says: 5 s for what is done once, and a second for each piece."""
+def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, kind, cells):
+    """By a clock that says: a second for each thousand cells, to prepare; and the recursion three times as long."""
     now, asked = [0.0], []
     monkeypatch.setattr(sets, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    plain, pieces = kind.prepare, len(problem.inputs)  # the small ones are a slab for each input
+    monkeypatch.setattr(sets, "cost", lambda problem, axes, *_: (count_of(axes), 2 * count_of(axes)))
+    plain, plainly = kind.prepare, sets.recursion
+
+    def count_of(axes):
+        return float(np.prod([axis.count for axis in axes]))
 
     def prepare(self, progress, share=1.0):
-        done = int(np.ceil(share * pieces))
-        asked.append(done)
-        now[0] += 5.0 + done
+        asked.append(count_of(self.axes))
+        now[0] += asked[-1] / 1000
         return plain(self, progress, share)
 
+    def recursion(some, steps, done):
+        now[0] += 3 * count_of(some.proof.axes) / 1000
+        plainly(some, steps, done)
+
     monkeypatch.setattr(kind, "prepare", prepare)
+    monkeypatch.setattr(sets, "recursion", recursion)
     method = sdhj.Certified(cells=cells, parts=4)
     told = method.estimate(problem)
-    assert told.seconds == pytest.approx(2 * (5 + pieces)) and max(asked) <= 0.03 * pieces + 1
+    assert told.seconds == pytest.approx(4 * told.cells / 1000)
+    assert asked[0] < asked[1] / 4 and (asked[1] < told.cells / 2 or told.cells < 200_000)  # few are all timed
     monkeypatch.undo()
-    table = sdhj.solve(problem, method, progress=False)
+    table = sdhj.solve(problem, method, progress=False, play=False)
     assert told.cells == np.prod(table.details["cells"]) and told.nbytes > table.nbytes
     assert f"{told.cells:.1e} cells" in str(told)
 
@@ -64,7 +73,7 @@ def test_memory_is_stated_before_anything_is_made(monkeypatch):
 
 
 def test_nbytes_are_those_of_every_array():
-    table = sdhj.solve(interval_problem(), sdhj.Certified(cells=(80,)), progress=False)
+    table = sdhj.solve(interval_problem(), sdhj.Certified(cells=(80,)), progress=False, play=False)
     parts = [*vars(table).values(), *vars(table.proof).values(), *table.proof.layout]
     arrays = [one.nbytes for one in parts if isinstance(one, np.ndarray)]
     assert len(arrays) > 8 and table.nbytes == sum(arrays)

@@ -13,6 +13,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof, lattice_of
+from sdhj.certified.general_proof import _added as added
 from sdhj.kernels.packed import Cells, to_words
 from sdhj.kernels.stencils import image_inside
 
@@ -72,8 +73,12 @@ def opaque_unicycle():
 @pytest.mark.parametrize("problem", [unicycle_problem(), opaque_unicycle()], ids=["formulas", "black boxes"])
 def test_general_reach_box_holds_every_trajectory(rng, problem):
     proof = proof_of(problem, (30, 30, 40))
-    assert proof.low.shape[2:] == (30 * 30 * 40, 3)  # the axes with walls count
-    edges, places = proof.layout.edges, np.concatenate([rng.integers(0, proof.low.shape[2], 300), [0, 35_999]])
+    turns = 48 if problem.dynamics.formulas else 40  # .4 rad in an interval are 3 cells where that is known
+    assert proof.low.shape[2:] == (30 * 30 * turns, 3)  # the axes with walls count
+    edges, places = (
+        proof.layout.edges,
+        np.concatenate([rng.integers(0, proof.low.shape[2], 300), [0, 30 * 30 * turns - 1]]),
+    )
     cells = np.stack(np.unravel_index(proof.layout.begin[places], proof.layout.counts), axis=1)
     low, high = edges[range(3), cells], edges[range(3), cells + 1]
     for j in range(3):
@@ -103,6 +108,19 @@ def test_damped_motion_shrinks():
     assert found[1] - found[0] < high - low
 
 
+@pytest.mark.parametrize("up", [0, 1])
+def test_what_a_piece_adds_is_rounded_outward(up, rng):
+    """Against fractions, for a piece that is longer by what its length is off."""
+    moved, h, velocity = rng.normal(size=2000), float(rng.uniform(0.01, 0.1)), rng.normal(size=2000)
+    longer = Fraction(h) * (1 + Fraction(5, 10**16))
+    found = added(moved, h, velocity, up)
+    for a, v, b in zip(moved, velocity, found, strict=True):
+        exact = [Fraction(a) + length * Fraction(v) for length in (Fraction(h), longer)]
+        assert max(exact) <= b if up else b <= min(exact)
+    assert (np.abs(found - moved - h * velocity) < 8 * np.spacing(np.abs(moved) + 1.0)).all()
+    assert added(moved, h, 0.0 * velocity, up).tolist() == moved.tolist()
+
+
 def test_what_is_not_read_is_carried_along():
     """A car's velocity depends on its heading alone: so do its images, exactly where nothing moves."""
     problem = unicycle_problem()
@@ -111,7 +129,7 @@ def test_what_is_not_read_is_carried_along():
         [[0.0, 0.0]], lambda q, u: u[0] * np.stack([np.cos(q[:, 2])] * 3, axis=1), np.zeros((3, 1)), [0.0]
     )
     proof = proof_of(dataclasses.replace(problem, grid=grid), (30, 30, 40))
-    assert proof.low.shape == (1, 3, 40, 3) and proof.strides.tolist() == [0, 0, 1]
+    assert proof.low.shape == (1, 3, 48, 3) and proof.strides.tolist() == [0, 0, 1]
     proof = proof_of(dataclasses.replace(problem, grid=grid, dynamics=still), (30, 30, 40))
     proof.prepare(False)
     assert not proof.low.any() and not proof.high.any()

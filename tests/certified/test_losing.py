@@ -50,13 +50,13 @@ def test_closed_form_of_what_cannot_stay():
 
 def test_kernel_does_as_plain_loops_say(rng):
     for stays in (False, True):
-        table = solved(unicycle_problem(), cells=(8, 8, 10), parts=2)
+        table = solved(unicycle_problem(), cells=(8, 8, 16), parts=2)
         counts, cells = table.shape, cells_of(table.axes, 2)
         own, inside, following = (rng.random(counts) < share for share in (0.6, 0.1, 0.8))
-        low = rng.integers(-2, 1, (6, 10, 3)).astype(np.int16)
+        low = rng.integers(-2, 1, (6, 16, 3)).astype(np.int16)
         high = (low + rng.integers(0, 2, low.shape)).astype(np.int16)
         strides, safe = np.array([0, 0, 1]), np.array([[-np.inf] * 3, [np.inf] * 3])
-        packed = [to_words(one.reshape(64, 10)) for one in (own, inside, following)]
+        packed = [to_words(one.reshape(64, 16)) for one in (own, inside, following)]
         lose(*packed, Moves(low, high, strides, safe), 2, cells, stays)
         expected = own.copy()
         for cell in np.ndindex(counts):
@@ -67,13 +67,13 @@ def test_kernel_does_as_plain_loops_say(rng):
                     for v in range(2):
                         begin, end = low[2 * j + v, cell[2]], high[2 * j + v, cell[2]]
                         at = [
-                            [min(max(c + d, 0), 7) if k < 2 else (c + d) % 10 for d in range(begin[k], end[k] + 1)]
+                            [min(max(c + d, 0), 7) if k < 2 else (c + d) % 16 for d in range(begin[k], end[k] + 1)]
                             for k, c in enumerate(cell)
                         ]
                         images.append(following[np.ix_(*at)].all())
                     lost &= any(images)
                 expected[cell] = lost if lost == stays else own[cell] and lost
-        assert np.array_equal(to_bits(packed[0], 10).reshape(counts), expected)
+        assert np.array_equal(to_bits(packed[0], 16).reshape(counts), expected)
         assert (expected != own).any() and expected.any()
 
 

@@ -15,8 +15,7 @@ import sdhj
 from sdhj.cli import main
 from sdhj.formulas.arrays import MOST_NODES
 from sdhj.formulas.formula import tape_of
-from sdhj.formulas.graph import MOST_EXPONENT
-from sdhj.formulas.gridded import MOST_AXES
+from sdhj.formulas.graph import MOST_AXES, MOST_EXPONENT
 from sdhj.formulas.rules import RULES
 from sdhj.formulas.text import MOST_LINES, parsed
 from sdhj.kernels.tape import play

@@ -72,6 +72,7 @@ def test_where_a_proof_says_so_nobody_wins() -> None:
     assert (report.generation == -1).all() and "lost 0 of 100 starts" in str(report)
 
 
+@pytest.mark.slow
 def test_a_proof_against_a_weaker_adversary_is_refuted() -> None:
     """The adversary may do a fifth more than the table was certified for. The search finds more starts that lose
     than the strongest of the named adversaries does, and many more than random play with as many runs."""

@@ -41,6 +41,7 @@ def test_extinction_is_no_reason_to_warn_when_sweeping_projections(recwarn):
     assert sweep.won == (0.0,) and not recwarn.list
 
 
+@pytest.mark.slow
 def test_more_input_levels_never_lose_and_cost_in_proportion():
     """The samples with 3 levels are among those with 5 and with 7, and those with 5 among those with 9."""
     sweep = sweep_input_levels((3, 5, 7, 9), method="lax", nodes=9, steps=2)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import twin_formulas as twin
 
-from sdhj.formulas.graph import Node, constant, interned, leaf, leaves, linear, make, ordered, power, rebuilt
-from sdhj.formulas.gridded import Lookup
+from sdhj.formulas.derivative import linear
+from sdhj.formulas.graph import Lookup, Node, constant, interned, leaf, leaves, make, ordered, power, rebuilt
 from sdhj.formulas.rules import OPCODES, RULES
 from sdhj.formulas.text import MOST_LINES, alike, parsed, shown, written
 from sdhj.kernels.tape import OPERATIONS
@@ -124,7 +124,7 @@ def test_linear_parts():
     drift, gain = make("sin", X), make("cos", Y)
     chosen = make("where", make("less", X, Y), w, v)
     node = make("sub", make("add", drift, make("mul", gain, v)), make("div", chosen, T))
-    parts = linear([node, X, make("neg", v)], 1, 2)
+    parts = linear([node, X, make("neg", v)], [v, w])
     assert parts is not None and not leaves([one for row in parts for one in row], "p") & {1, 2}
     rng = np.random.default_rng(0)
     for x, y, t, *push in rng.uniform(0.5, 2.0, (20, 5)):
@@ -143,16 +143,59 @@ def test_linear_parts():
         make("abs", leaf("p", 1)),
         make("where", make("less", leaf("p", 1), X), X, Y),
         make("add", leaf("p", 2), make("max", leaf("p", 1), X)),
+        make("where", make("less", X, leaf("p", 1)), leaf("p", 1), make("add", leaf("p", 1), X)),
+        make("floor", leaf("p", 1)),
+        make("mod", leaf("p", 1), constant(2.0)),
+        make("hypot", leaf("p", 1), X),
+        make("hypot", leaf("p", 1), constant(0.0)),
+        interned("gridded", (leaf("p", 1), X), TABLE),
     ],
     ids=str,
 )
 def test_what_is_not_linear_has_no_parts(node):
-    assert linear([X, node], 1, 2) is None
+    assert linear([X, node], [leaf("p", 1), leaf("p", 2)]) is None
 
 
 def test_linear_parts_keep_what_may_be_undefined():
-    (parts,) = linear([make("mul", make("log", X), leaf("p", 1))], 1, 1)
+    (parts,) = linear([make("mul", make("log", X), leaf("p", 1))], [leaf("p", 1)])
     assert all(math.isnan(one) for one in twin.values(parts, (-1.0, 0.0), [0.0]))
+
+
+LINES = [
+    "add",
+    "sub",
+    "mul",
+    "div",
+] * 6 + "min max hypot arctan2 mod pow neg abs sqr sqrt exp log sin floor where".split()
+
+
+def random_velocity(rng, v, w):
+    """A random expression that often is linear in v and w."""
+    nodes, chosen = [X, Y, T, v, w, v, w, ZERO, constant(2.0), constant(-0.5)], make("less", X, Y)
+    for _ in range(rng.randint(1, 9)):
+        some = [nodes[max(0, len(nodes) - 1 - int(rng.expovariate(0.25)))] for _ in range(3)]
+        op = rng.choice(LINES)
+        if op == "where":
+            nodes.append(make(op, rng.choice([chosen, make("less", *some[:2])]), *some[1:]))
+        else:
+            nodes.append(make(op, *some[: RULES[op].arity]))
+    return nodes[-1]
+
+
+def test_what_is_linear_is_the_sum_of_its_parts():
+    v, w, count = leaf("p", 1), leaf("p", 2), 0
+    for seed in range(4000):
+        rng = random.Random(seed)
+        node = random_velocity(rng, v, w)
+        found = linear([node], [v, w]) if leaves([node], "p") & {1, 2} else None
+        for _ in range(5 if found else 0):
+            point, (t, *push) = [rng.uniform(-2.0, 2.0) for _ in range(2)], [rng.uniform(-2.0, 2.0) for _ in range(3)]
+            whole, parts = twin.value(node, point, [t, *push]), np.array(twin.values(found[0], point, [t, *push]))
+            terms = parts * [1.0, *push]
+            if math.isfinite(whole) and np.isfinite(terms).all():
+                assert abs(whole - terms.sum()) <= 1e-9 * (1.0 + np.abs(terms).sum()), seed
+                count += 1
+    assert count > 1000
 
 
 def sample():

@@ -39,7 +39,7 @@ MAP = gridded([[0.0, 1.0, 0.5], [2.0, -1.0, 0.25]], [-1.0, -1.0], [2.0, 1.0])
 
 
 def nodes_of(function, axes=2, shape=()):
-    return traced("f", function, 3, [points_of(axes, 3), parameter(0)], shape, True)[0]
+    return traced("f", function, 3, lambda rows: [points_of(axes, rows), parameter(0)], shape, True)[0]
 
 
 def check(function, shape=(), undefined=0.9):
@@ -312,7 +312,7 @@ def test_more_than_one_answer():
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_awkward_functions_are_refused_or_right(name):
     try:
-        nodes, _ = traced(name, FUNCTIONS[name], 3, [points_of(2, 3)], (), True)
+        nodes, _ = traced(name, FUNCTIONS[name], 3, lambda rows: [points_of(2, rows)], (), True)
     except NotTraced as error:
         assert "awkward_functions.py, line" in str(error) or "differently" in str(error)
         return
@@ -480,6 +480,8 @@ REFUSE = {
     "mean of all": (lambda p, t: p[:, 0] - p[:, 0].mean(), LONG),
     "greatest of all": (lambda p, t: p[:, 0] - np.max(p), LONG),
     "rolled": (lambda p, t: np.roll(p[:, 0], 1), LONG),
+    "rolled apart": (lambda p, t: p[:, 0] + (np.roll(p[:, 1], 1) - np.roll(p[:, 1], 2)), LONG),
+    "less the first": (lambda p, t: p[:, 0] - p[0, 0], LONG),
     "backwards": (lambda p, t: p[::-1, 0], LONG),
     "numbered": (lambda p, t: p[:, 0] + np.arange(len(p)), LONG),
     "length": (lambda p, t: p[:, 0] + 1.0 / len(p), LONG),

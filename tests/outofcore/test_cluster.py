@@ -73,6 +73,7 @@ class Deadly:
         os._exit(1)
 
 
+@pytest.mark.slow
 def test_a_slab_that_ends_every_worker_is_told(client):
     with pytest.raises(RuntimeError, match=r"one worker after the other.*resume=True"):
         list(shared_out(client, Deadly(), [Task("goal", 0)]))

@@ -64,7 +64,9 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
 
 
-@pytest.mark.parametrize("name", ["rail", "pendulum", pytest.param("double integrator", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["rail", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pendulum", "double integrator"))]
+)
 def test_for_ever_a_reserve_keeps_what_is_promised(name: str) -> None:
     """Pushed at by all, and driven to the rim by a reckless commander behind the filter."""
     from promises import answer, filtered, judged

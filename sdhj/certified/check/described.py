@@ -73,14 +73,26 @@ class BlackBox:
         self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
     ) -> None:
         self.name, self.given, self.inputs = name, given, inputs
-        self.results, self.components = results, components
+        self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
         """Whether it may read a coordinate, "x", or the time, "p"."""
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """As those of a formula: both (M, results)."""
+        """As those of a formula: both (M, results); ValueError where a value in one of the boxes is beyond them."""
+        least, most = self.stated(low, high, times)
+        for time in times:
+            place = low + self.rng.random(low.shape) * (high - low)
+            value = self.shaped(self.given(place, *self.inputs, time))
+            near = 1e-9 * (1 + np.abs(value))
+            wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]
+            what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
+            expect(not wrong.size, what, value[wrong].tolist())
+        return least, most
+
+    def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
+        """What follows from its enclosure, or from its slope and rate."""
         if self.given.enclosure is not None:
             least, most = self.given.enclosure(low, high, *self.inputs, *times)
             return intervals.sure(self.shaped(least), self.shaped(most))
@@ -101,12 +113,11 @@ class BlackBox:
 
 @dataclass(frozen=True)
 class Part:
-    """The target or an unsafe set, and perhaps a function that is nowhere above its own from a time to another."""
+    """The target or an unsafe set."""
 
     name: str
     axes: tuple[int, ...]
     function: Formula | BlackBox
-    swept: Formula | None
 
     @property
     def moving(self) -> bool:
@@ -151,18 +162,15 @@ class Functions:
         except (AssertionError, AttributeError, LookupError):
             expect(False, "the problem given must have the black box of the file", name)
 
-    def part(self, name: str, number: int, given: Mapping[str, Any], ndim: int) -> Part:
+    def part(self, name: str, given: Mapping[str, Any], ndim: int) -> Part:
         """A set, by its name among the functions and what the head says."""
         axes = given["axes"]
         fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})
         fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)
         expect(fits, "axes of a set must be some of the axes, each once", axes)
         own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
-        sweep = name != "target" and f"swept {number}" in self.told
-        swept = self.formula(f"swept {number}", len(axes), 2) if sweep else None
-        for one in (own, swept):
-            expect(not isinstance(one, Formula) or len(one.results) == 1, f"{name} must have one result", one)
-        return Part(str(given["name"]), tuple(axes), own, swept)
+        expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)
+        return Part(str(given["name"]), tuple(axes), own)
 
     def parts(self, told: Any, ndim: int) -> tuple[Part | None, list[Part]]:
         """The target, if there is one, and the unsafe sets, by what the head says of sets."""
@@ -170,8 +178,8 @@ class Functions:
         first = int("target" in kinds)
         fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)
         expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)
-        target = self.part("target", 0, told[0], ndim) if first else None
-        return target, [self.part(f"unsafe {k}", k, given, ndim) for k, given in enumerate(told[first:])]
+        target = self.part("target", told[0], ndim) if first else None
+        return target, [self.part(f"unsafe {k}", given, ndim) for k, given in enumerate(told[first:])]
 
 
 class Velocity:

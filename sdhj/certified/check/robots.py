@@ -10,7 +10,8 @@
 Of what has wholly left over a safe end nothing more is asked.
 
 A place is the part of a cell that its moves depend on; on the other axes the velocity is bounded wherever the state may
-be. A black box is bounded by what its author states of it (`described`), and the verdict says so.
+be. A black box is bounded by what its author states of it (`described`), which the verdict says; what is not so at some
+state of a box is refused. Nothing that the file itself states of bounds is believed.
 """
 
 import math
@@ -28,7 +29,7 @@ from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, d
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
-DEEPEST = 4
+DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
@@ -126,17 +127,12 @@ class Robot:
     def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
         """Bounds of a level set, both (M,)."""
 
+        if isinstance(part.function, BlackBox):
+            self.trusted.add(part.name)
+
         def bounds(low: Array, high: Array) -> tuple[Array, Array]:
-            least, most = (end[:, 0] for end in part.function.bounds(low, high, times))
-            if isinstance(part.function, BlackBox):
-                self.trusted.add(part.name)
-            if part.swept is not None:
-                begin, end = ((time, time) for time in times)
-                swept = part.swept.bounds(low, high, begin, end)[0][:, 0]
-                if (~(least > 0) & (swept > 0)).any():
-                    self.trusted.add(f"the sweep of {part.name}")
-                least = np.fmax(least, swept)
-            return least, most
+            least, most = part.function.bounds(low, high, times)
+            return least[:, 0], most[:, 0]
 
         return self.cut(part.axes, box, bounds)
 
@@ -237,6 +233,8 @@ class Robot:
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
+        room = box + self.known * (far + OUTWARD * 1e-11)  # all that is reached from the box within the piece
+        out = np.stack(self.velocity(j, room, times))
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
             face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
@@ -261,7 +259,7 @@ class Robot:
         calm = self.velocity(j, boxes + travel, times, False)
         wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
         apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-        out: Array = np.all(apart * self.delay <= room * (1 + 1e-13) + 1e-15, axis=1)
+        out: Array = np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
         left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
         out[left] = bool(depth)
         for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():

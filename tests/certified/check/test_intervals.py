@@ -158,7 +158,19 @@ def test_closed_forms():
     assert of("sqr", (-2, 3))[0] == 0.0 and of("mod", (0, 5), (2, 3)).tolist() == [0.0, 3.0]
     assert of("where", (0, 1), (2, 3), (5, 6)).tolist() == [2.0, 6.0] and of("less", (0, 1), (1, 2)).tolist() == [0, 1]
     assert of("less", (0, 1), (2, 3)).tolist() == [1, 1] and of("less", (1, 2), (0, 1)).tolist() == [0, 0]
+    assert of("equal", (0, 1), (0, 2)).tolist() == [0, 1]
     assert of("equal", (1, 1), (1, 1)).tolist() == [1, 1] and of("equal", (0, 1), (1, 2)).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_hills_far_out_are_met(name, rng):
+    """In narrow boxes about them and about valleys, where an angle is known to few digits of a turn."""
+    turns = np.concatenate([rng.integers(-(10**n), 10**n, 200) for n in range(2, 13)]).tolist()
+    for end, exact in ((1, 1.0), (0, -1.0)):
+        part = (0.25 if name == "sin" else 0.0) + (0.5 if exact < 0 else 0.0)
+        centre = np.array([float(2 * flint.arb.pi() * (flint.arb(k) + part)) for k in turns])
+        half = np.spacing(np.abs(centre)) * rng.choice([1.0, 2.0, 8.0], centre.size)
+        assert (RULES[name][1]((centre - half, centre + half))[end] == exact).all()
 
 
 @pytest.mark.parametrize("name", RULES)

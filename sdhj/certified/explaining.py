@@ -1,0 +1,250 @@
+"""Why a state is not certified: by which obligation of the proof each input fails, by how much, and what would help."""
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sdhj.certified.choosing import losses, speeds_of
+from sdhj.certified.general_proof import FINEST, GeneralProof
+from sdhj.kernels import FloatArray
+from sdhj.kernels.packed import STATE_SLACK, cells_at, held_in_boxes
+from sdhj.problem.checks import states_array
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.methods import HJI
+from sdhj.solver.recursion import recursion
+
+TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
+LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
+SHOWN = 6  # inputs
+SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
+NEGLIGIBLE = 1e-9  # rounding
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why one input is not certified.
+
+    Attributes
+    ----------
+    input : int
+    by : str
+        The unsafe set or the end of an axis that the tube may meet, or "image".
+    short : float
+        By how much: the least that the set's level-set function may be, the way past the end, or the share of the
+        image's cells that are not certified, as a negative number.
+    says : str
+        The same in words, with the time.
+    """
+
+    input: int
+    by: str
+    short: float
+    says: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The answer of `CertifiedTable.explain`; `str()` gives it in words.
+
+    Attributes
+    ----------
+    certified : bool
+    says : str
+        What is true of the state as a whole.
+    failures : tuple of Failure
+        One for each input that is not certified, the nearest to being so first.
+    helps : tuple of str
+        What may let the nearest input be certified.
+    """
+
+    certified: bool
+    says: str
+    failures: tuple[Failure, ...] = ()
+    helps: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
+        rest = len(self.failures) - SHOWN
+        lines += [f"  and {rest} more inputs"] if rest > 0 else []
+        return "\n".join([self.says, *lines, *(["What may help: " + "; ".join(self.helps)] if self.helps else [])])
+
+
+def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
+    """See `CertifiedTable.explain`."""
+    problem, (step, within) = table.problem, table.clipped(step, within)
+    state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
+    asked = f"step {step} with {within} steps to go"
+    if table.contains(state, start=step, within=within)[0]:
+        ways = np.flatnonzero(table.certified_inputs(state, step, within)[0]).tolist()
+        return Explanation(True, f"Certified for {asked}" + (f", by inputs {ways}." if within else "."))
+    found = np.empty((1 << len(table.axes), len(table.axes)), np.int64)
+    if not cells_at(state[0], table.cells, found):
+        return Explanation(False, "The state is off the grid.")
+    for part in problem.unsafe:
+        if (value := problem.value_of(part, state, problem.time(step))[0]) <= 0:
+            return Explanation(
+                False, f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
+            )
+    if within == 0:
+        what = "clear of the unsafe sets" if problem.stays else "in the target and clear of the unsafe sets"
+        return Explanation(False, f"Not proved at these cells for {asked}: not all of the state's cell is {what}.")
+    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells for {asked}:")
+
+
+def scanty(table: Any) -> str:
+    """The message of a warning where a table certifies next to nothing, with what may help; empty where it does not.
+
+    That is no more than the target's share of the state space, or less than a tenth of what `HJI` finds on a few nodes.
+    """
+    problem, share = table.problem, table.fraction()
+    if share > SCANTY:
+        return ""
+    grid, t = problem.grid, problem.time(0)
+    drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
+    free = problem.unsafe_value(drawn, t) > 0
+    target = 0.0 if problem.stays else float(((problem.target_value(drawn, t) <= 0) & free).mean())
+    claimed, inside = _on_few_nodes(problem, drawn)
+    if share > target and claimed <= 10 * share:
+        return ""
+    few = share <= target and not problem.stays
+    than = f"no more than the target, {target:.2g}" if few else f'{claimed:.2g} by "hji" on few nodes'
+    message = (
+        f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
+        f"{' x '.join(map(str, table.shape))} cells, which does not mean that there is no more"
+    )
+    asked = np.flatnonzero(inside & ~table.contains(drawn))
+    if not asked.size:
+        return message
+    q = drawn[asked[0]]
+    at = np.array2string(q, precision=3, separator=", ")
+    return f"{message}. What may help: {'; '.join(explain(table, q, 0, None).helps)}. See table.explain({at})"
+
+
+def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
+    """The share that `HJI` finds on a coarse grid, and which of some states (M, ndim) it has; else nothing."""
+    grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
+    few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            coarse = replace(problem, grid=few, recipe={})
+            sets = HJI().sets(coarse, False)
+            recursion(sets, coarse.most_steps, lambda: None)
+            table = sets.finish({})
+        except ValueError:  # a black box that a grid does not take, say
+            return 0.0, np.zeros(len(states), np.bool_)
+    return table.fraction(), table.contains(states)
+
+
+class _Cell:
+    """The cell of a state, and what its inputs lead to."""
+
+    def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
+        self.table, self.state, self.cell, self.step = table, state, cell, step
+        self.problem: ReachAvoidProblem = table.problem
+        self.place, parts = table.place(step + 1, within - 1), table.proof.parts
+        edges = np.array([axis.edges()[i : i + 2] for axis, i in zip(table.axes, cell, strict=True)])
+        self.box = np.stack([edges[:, 0] - STATE_SLACK, edges[:, 1] + STATE_SLACK])
+        self.cuts = self.problem.time(step) + np.linspace(
+            0.0, self.problem.sensing.hold(self.problem.delta)[0], parts + 1
+        )
+        # Of this proof only bounds are asked, of boxes as they are: all axes are those of a place, and it has no moves.
+        nothing, every = np.zeros((1, 1, 1, 1), np.int16), np.ones(len(cell), np.int64)
+        clear = np.zeros((1, 1, 1), np.uint8)
+        self.proof = GeneralProof(self.problem, table.axes, parts, every, nothing, nothing, clear)
+
+    def explained(self, says: str) -> Explanation:
+        clear = self.table.hazards(self.state[None], self.step)[0] <= 0
+        failures = [self.uncovered(j) if clear[j] else self.met(j) for j in range(len(clear))]
+        failures.sort(key=lambda one: (one.by != "image", -one.short))
+        return Explanation(False, says, tuple(failures), tuple(self.helps(failures[0])))
+
+    # ---- the two obligations
+
+    def uncovered(self, j: int) -> Failure:
+        """Of the cell's image, as the proof has it, the cells that are not certified."""
+        cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
+        counts, lost = self.table.cells.counts, cells[missing]
+        begin, end = lost.min(axis=0) % counts, lost.max(axis=0) % counts + 1
+        edges = [axis.edges()[[a, b]] for axis, a, b in zip(self.table.axes, begin, end, strict=True)]
+        where = ", ".join(
+            f"{name} {a:.4g} to {b:.4g}" for name, (a, b) in zip(self.problem.grid.names, edges, strict=True)
+        )
+        says = f"of {len(cells)} cells that it may lead to {len(lost)} are not certified, within {where}"
+        return Failure(j, "image", -len(lost) / len(cells), says)
+
+    def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The cells from low to high (M, ndim), counted on over the seam; and which are not certified, (M,)."""
+        known, table = self.table.cells, self.table
+        high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
+        low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
+        cells = low + np.indices((high - low + 1).tolist()).reshape(len(low), -1).T
+        at, answer = cells % known.counts, np.empty((2, len(cells)), np.bool_)
+        held_in_boxes(at, at, known, table.index[self.place], table.pool, answer)
+        return cells, ~answer[0]
+
+    def met(self, j: int) -> Failure:
+        """What the tube of the cell may meet first, and when."""
+        depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
+        if not depths:
+            return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
+        name = min(depths, key=lambda one: int(np.argmax(depths[one] <= 0)))
+        at, deep = int(np.argmax(depths[name] <= 0)), float(depths[name].min())
+        says = f"it may meet {name} from {self.cuts[at]:.4g} to {self.cuts[at + 1]:.4g} s, by up to {-deep:.3g}"
+        return Failure(j, name, deep, says)
+
+    def depths(self, j: int, box: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+        """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
+        tubes, _ = self.proof.swept(box[:1], box[1:], j, float(self.cuts[0]), FINEST)
+        low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
+        for k, (name, lower, upper) in enumerate(
+            zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
+        ):
+            yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE
+            yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE
+        late = self.problem.sensing.jitter
+        for part in self.problem.unsafe:
+            own, least = list(part.axes), []
+            pieces = int(TRIED ** (1 / len(own)))
+            corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
+            for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):
+                first = a + corners * (b - a) / pieces
+                ends = self.proof.bounds.level(part, first, first + (b - a) / pieces, begin - late, end + late)
+                least.append(float(ends[0].min()))
+            yield part.name, np.array(least)
+
+    # ---- what would help
+
+    def helps(self, nearest: Failure) -> Iterator[str]:
+        """Along which axis the cell is too wide for the nearest input, and which velocities are bounded loosely."""
+        names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
+        short = [self.shortfall(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
+        if short[-1] >= 0:
+            yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
+        elif nearest.by == "image":
+            lost = losses(self.problem, speeds_of(self.problem)) * [float(axis.width) for axis in self.table.axes]
+            further = f"more cells along {names[int(np.argmax(lost))]}"
+            yield f"{further}, so that where the state alone leads is certified first (that fails too)"
+        else:
+            yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
+        rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
+        states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (TRIED, ndim)))
+        pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.adversaries)) * dynamics.bounds_at(j, t)
+        tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
+        bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
+        for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE):
+            yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
+
+    def shortfall(self, failure: Failure, thin: FloatArray) -> float:
+        """By how much the cell falls short of what a failure is about where it is as thin as the state on some axes."""
+        box, known = np.where(thin, self.state, self.box), self.table.cells
+        if failure.by != "image":
+            return min(
+                (float(deep.min()) for name, deep in self.depths(failure.input, box) if name == failure.by), default=0.0
+            )
+        _, last = self.proof.swept(box[:1], box[1:], failure.input, float(self.cuts[0]), FINEST)
+        first, end = (box + last[0].T - known.lower) / known.width
+        return -float(self.covering(np.floor(first).astype(np.int64), np.ceil(end).astype(np.int64) - 1)[1].sum())

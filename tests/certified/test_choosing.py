@@ -1,0 +1,73 @@
+"""Cells that nobody gave: what the model says of losses that are known by hand, and what a solve makes of it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import car
+from toys import interval_problem
+
+import sdhj
+from sdhj.certified.cells import aligned
+from sdhj.certified.choosing import chosen_cells, cost, losses, speeds_of
+
+
+def plane(spin=0.0, **changed):
+    """x and y; dx = u + spin y, dy = u, a disk of radius 1 to get to in one step of 0.5 s, walls all around."""
+    grid = sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [401, 401], ends="wall")
+    dynamics = sdhj.Dynamics(
+        [[-1.0], [1.0]],
+        lambda q, u: np.stack([u[0] + spin * q[:, 1], u[0] + 0.0 * q[:, 0]], axis=1),
+        np.eye(2),
+        [0.1, 0.1],
+    )
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 1.0)
+    return sdhj.ReachAvoidProblem(grid, dynamics, target, [], **{"delta": 0.5, "steps": 1} | changed)
+
+
+def test_what_widths_lose():
+    """A disk of radius 1 is crossed twice in 2 of 8 m, on pi of 64 m^2: m = 4 / pi. Then by hand, step by step."""
+    m, known = 4 / math.pi, pytest.approx
+    for spin, expected in ((0.0, [m, m]), (2.0, [2 * m, m + 0.5 * 2.0 * m])):  # with spin x is rounded out, y turns x
+        problem = plane(spin)
+        speeds = speeds_of(problem)
+        assert speeds.wider == known(np.array([[0.0, spin], [0.0, 0.0]]), abs=1e-9)
+        assert speeds.widths == known([0.2, 0.2])
+        assert losses(problem, speeds) == known(expected, rel=0.02)
+    problem = plane(2.0, steps=2)  # after a step the boundary is m, m + spin delta m = 2 m
+    assert losses(problem, speeds_of(problem)) == known([3 * m, 3 * m], rel=0.02)
+    ends = replace(problem.grid, ends="unsafe")
+    more = losses(replace(problem, grid=ends), speeds) - losses(problem, speeds)
+    assert more[0] == known(2 / 8 * 3, rel=0.02)
+
+
+def test_the_same_cells_everywhere_and_more_for_more_time():
+    problem = replace(car(), steps=8)
+    method, counts = sdhj.Certified(), chosen_cells(problem, 10, 60.0)
+    assert [axis.count for axis in method.axes(problem)] == [axis.count for axis in aligned(problem, counts)]
+    assert counts == chosen_cells(problem, 10, 60.0) and counts[0] == counts[1] > 1.5 * counts[2]
+    assert 2e7 < math.prod(counts) < 8e7  # README's car: .27 of the states and more
+    paid = [sum(cost(problem, aligned(problem, chosen_cells(problem, 10, s)), 10, speeds_of(problem))) for s in (3, 30)]
+    assert 1.6 * 3 >= paid[0] > 2 and 1.6 * 30 >= paid[1] > 20
+    few = sdhj.Certified(seconds=0.2, parts=4)
+    table = sdhj.solve(problem, few, progress=False, play=False)
+    assert table.details["cells"] == list(table.shape) == [axis.count for axis in few.axes(problem)]
+    again = sdhj.solve(problem, sdhj.Certified(cells=table.details["cells"], parts=4), progress=False, play=False)
+    assert again.shape == table.shape and np.array_equal(again.pool, table.pool)
+
+
+def test_cells_are_worth_their_time():
+    """On a line no more than what is lost asks for; the arm's case study has its own."""
+    cells = sdhj.Certified().axes(interval_problem())
+    assert 50 < cells[0].count <= 4096
+    arm = sdhj.Certified().axes(sdhj.arm_case_study(nodes=5, steps=1))
+    assert [axis.count for axis in arm] == [419, 419, 72, 72]
+    with pytest.raises(ValueError, match="seconds"):
+        sdhj.Certified(seconds=-1.0)
+
+
+def test_an_axis_is_aligned_where_its_velocity_reads_nothing():
+    """Half a rad in a step: a whole number of cells, though x and y depend on the heading."""
+    axes = aligned(car(), (40, 40, 40))
+    assert axes[0].count == 40 and (0.5 / float(axes[2].width)) == pytest.approx(round(0.5 / float(axes[2].width)))

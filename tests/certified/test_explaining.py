@@ -1,0 +1,120 @@
+"""`CertifiedTable.explain` on a line where each answer is known by hand, and what a solve says that proves nothing."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from naive_certified import SMALL
+from robots import car
+
+import sdhj
+from sdhj.solver.resolution import ResolutionWarning
+
+POST, GOAL = (3.0, 0.4), (7.0, 1.1)
+
+
+def line(**changed):
+    """x on a line of 10 m: stands still or moves 1 m in a step, and is pushed by 0.25 m; a post, and a goal behind."""
+    given = {
+        "grid": sdhj.Grid([0.0], [10.0], [41], names=["x"]),
+        "dynamics": sdhj.Dynamics([[0.0], [1.0]], [[0.0], [1.0]], [[1.0]], [0.25]),
+        "target": sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - GOAL[0]) - GOAL[1]),
+        "unsafe": [sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - POST[0]) - POST[1], name="post")],
+        "delta": 1.0,
+        "steps": 1,
+    }
+    return sdhj.ReachAvoidProblem(**given | changed)
+
+
+def table(problem, cells):
+    return sdhj.solve(problem, sdhj.Certified(cells=[cells]), progress=False, play=False)
+
+
+def test_what_is_certified_and_what_cannot_be_asked():
+    fine = table(line(), 40)  # cells of 0.25 m, aligned: nothing is lost
+    told = fine.explain([5.6], 0, 1)
+    assert told.certified and not told.failures and "by inputs [1]" in str(told)
+    assert "off the grid" in fine.explain([11.0], 0).says
+    assert fine.explain([3.1], 0).says == "The state is in the unsafe set 'post', whose level there is -0.3."
+    assert "not all of the state's cell is in the target" in fine.explain([5.6], 0, 0).says
+    assert fine.explain([7.0], 0, 0).certified
+    for wrong, what in (([1.0, 2.0], "shape"), ([np.nan], "NaN")):
+        with pytest.raises(ValueError, match=what):
+            fine.explain(wrong)
+
+
+def test_an_image_that_is_not_covered():
+    """From [5, 5.25] the faster input leads into [5.75, 6.5]: a third of that is short of the goal at 6."""
+    told = table(line(), 40).explain([5.1], 0, 1)
+    first, second = told.failures
+    assert not told.certified and told.says == "Not proved at these cells for step 0 with 1 steps to go:"
+    assert (first.input, first.by, first.short) == (1, "image", pytest.approx(-1 / 3))
+    assert first.says == "of 3 cells that it may lead to 1 are not certified, within x 5.75 to 6"
+    assert (second.input, second.short) == (0, -1.0)
+    assert "the state alone leads is certified first" in told.helps[0]  # it may come to 5.85
+
+
+def test_more_cells_where_the_state_alone_is_won():
+    """In cells of 1 m: all of [5, 6] may come to 5.75, but 5.6 to no less than 6.35."""
+    told = table(line(), 10).explain([5.6], 0, 1)
+    assert told.helps == ("more cells along x",) and told.failures[0].short == pytest.approx(-1 / 3)
+
+
+def test_a_tube_that_may_meet_a_set_or_an_end():
+    """From [2, 2.25] the faster input is at 2.6 after 0.28 s at the earliest, in the third part, and may get to 3."""
+    fine = table(line(), 40)
+    slow, fast = fine.explain([2.1], 0, 1).failures
+    assert (slow.input, slow.by) == (0, "image")
+    assert (fast.input, fast.by, fast.short) == (1, "post", pytest.approx(-0.4, abs=1e-3))
+    assert fast.says == "it may meet post from 0.2 to 0.3 s, by up to 0.4"
+    slow, fast = fine.explain([9.9], 0, 1).failures  # in [9.75, 10]
+    assert slow.by == fast.by == "the upper end of x" and "from 0 to 0.1 s" in slow.says
+    assert (slow.short, fast.short) == (pytest.approx(-0.25, abs=1e-6), pytest.approx(-1.25, abs=1e-6))
+    assert "Not proved" in str(fine.explain([9.9], 0, 1)) and "impossible" not in str(fine.explain([9.9], 0, 1))
+
+
+def test_bounds_that_are_loose():
+    """A drift that is declared to change ten times as much as it does."""
+    drift = sdhj.BlackBox(lambda q, u, t: u[0] + 0.01 * q, slope=0.1, rate=0.0)
+    problem = line(dynamics=sdhj.Dynamics([[0.0], [1.0]], drift, [[1.0]], [0.0]))
+    told = table(problem, 10).explain([4.6], 0, 1)
+    assert any(one.startswith("closer bounds on the velocity along x, 0.1 wide, not 0.0") for one in told.helps)
+
+
+def test_explanations_agree_with_the_table():
+    """An input has a failure where it is not certified; of other robots and the arm, over the seam and with Sensing."""
+    rng = np.random.default_rng(3)
+    sensing = sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01)
+    for problem, cells in (
+        (car(), (20, 20, 20)),
+        (sdhj.arm_case_study(**SMALL), (32, 32, 12, 12)),
+        (replace(sdhj.arm_case_study(**SMALL), sensing=sensing), (32, 32, 12, 12)),
+    ):
+        made = sdhj.solve(problem, sdhj.Certified(cells=cells, parts=4), progress=False, play=False)
+        for q in rng.uniform(made.grid.lower, made.grid.upper, (40, made.grid.ndim)):
+            told = made.explain(q, 1, 2)
+            assert told.certified == made.contains(q[None], start=1, within=2)[0]
+            if told.failures:
+                assert sorted(one.input for one in told.failures) == list(range(len(problem.inputs)))
+                clear = made.hazards(q[None], 1)[0] <= 0
+                assert all((one.by == "image") == clear[one.input] and one.short <= 0 for one in told.failures)
+
+
+def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
+    """Where a coarse grid has ten times as much, or no more than the target is there; and nothing where all is well."""
+    for problem, cells, words in (
+        (replace(car(), steps=8), (12, 12, 12), 'by "hji" on few nodes|no more than the target'),
+        (line(steps=3), (4,), "no more than the target"),
+    ):
+        with pytest.warns(ResolutionWarning, match=words) as seen:
+            made = sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False)
+        message = str(seen[0].message)
+        assert (
+            "does not mean that there is no more" in message and "table.explain" in message and "more cells" in message
+        )
+        assert " x ".join(map(str, made.shape)) in message
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sdhj.solve(line(steps=3), sdhj.Certified(cells=[40]), progress=False)
+        sdhj.solve(replace(car(), steps=8), sdhj.Certified(cells=(12, 12, 12)), progress=False, play=False)

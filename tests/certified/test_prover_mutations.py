@@ -1,0 +1,518 @@
+"""Every obligation of the general proof is needed: without it the checker refuses what is proved of a small robot.
+
+Each case takes one thing out of a copy of the prover, which then solves a robot of `forged_robots`. The judge is the
+checker, which shares no code with it, or plain loops over the cells.
+"""
+
+import mutations
+import numpy as np
+import pytest
+import test_tape
+from forged_robots import CLEAR, COVER, GOAL, MOVES, NEAR, NEARER, save, solved
+from naive_certified import assert_all_that_follows
+
+import sdhj.certified.sets
+import sdhj.certified.table
+from sdhj.certified.check import verify
+from sdhj.kernels import tape
+
+pytestmark = pytest.mark.slow
+
+STENCILS, CELLS, BOUNDS, GENERAL = mutations.PROVER
+INTERVALS, TAPE = mutations.KERNELS
+
+# file, what is taken out, what is left, the robot, the claim that is not proved any more
+FALSE = {
+    # predictions
+    "error of a measurement": (
+        CELLS,
+        "return measured(error) + measured",
+        "return measured",
+        "held",
+        "predictions are off",
+    ),
+    "delay of a measurement": (CELLS, "* (fast - slow) / 2", "* 0", "held", NEAR),
+    "what is unsure grows": (GENERAL, "if (wider <= box).all():", "if True:", "spread", NEAR),
+    "velocities near a prediction": (GENERAL, "self._ends(self.any, box)", "self._ends(self.any, 0.0)", "spread", NEAR),
+    "what a prediction moves by": (
+        GENERAL,
+        "(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest",
+        "(0.0 * a[0], 0.0 * b[0]) for a, b in fastest",
+        "spread",
+        NEAR,
+    ),
+    "an adversary that pushes one way": (
+        GENERAL,
+        "np.maximum(most - slow, fast - least).max",
+        "(most - slow).max",
+        "late",
+        NEAR,
+    ),
+    "predictions at every time": (
+        GENERAL,
+        "range(problem.steps if problem.dynamics.timed else 1)",
+        "range(1)",
+        "gusty",
+        NEAR,
+    ),
+    "predictions under every input": (
+        GENERAL,
+        "product(range(len(self.problem.inputs)), self.strides)",
+        "product([0] * len(self.problem.inputs), self.strides)",
+        "gusty",
+        NEAR,
+    ),
+    # places
+    "cells that are not alike": (GENERAL, "own[place] |= axis.periodic and", "own[place] |= False and", "ring", COVER),
+    "walls that a state leaves again": (
+        GENERAL,
+        'own[place] |= not problem.dynamics.constant and "wall"',
+        'own[place] |= False and "wall"',
+        "walled",
+        COVER,
+    ),
+    # moves
+    "errors before": (
+        GENERAL,
+        "moved = self._held(low, high, before + SIDES * self.unsure)",
+        "moved = before.copy()",
+        "sensed",
+        MOVES,
+    ),
+    "errors after": (GENERAL, "last + SIDES * self.unsure", "last", "sensed", MOVES),
+    "a late end": (
+        GENERAL,
+        "length, early = self.problem.sensing.hold(self.problem.delta)",
+        "length, early = self.problem.delta, 2 * self.problem.sensing.jitter",
+        "sensed",
+        MOVES,
+    ),
+    "an early end": (GENERAL, "if begin >= soonest:", "if False:", "sensed", MOVES),
+    "the time of a piece": (GENERAL, "[start + begin, start + end]", "[begin, end]", "tide", MOVES),
+    "the time of a step": (GENERAL, "self.problem.time(start), min", "self.problem.time(0), min", "tide", MOVES),
+    "room that holds": (
+        GENERAL,
+        "if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():",
+        "if True:",
+        "growing faster",
+        MOVES,
+    ),
+    "the face that the first can be in": (
+        GENERAL,
+        "face[0][:, axis] = ends[side][:, axis]",
+        "face[0][:, axis] = ends[1][:, axis]",
+        "growing",
+        MOVES,
+    ),
+    "the face that the last can be in": (
+        GENERAL,
+        "face[1][:, axis] = ends[side][:, axis]",
+        "face[1][:, axis] = ends[0][:, axis]",
+        "growing slowly",
+        MOVES,
+    ),
+    "the worst in a face": (
+        GENERAL,
+        "velocity[2 + side][:, axis] = least_most[side]",
+        "velocity[2 + side][:, axis] = least_most[0]",
+        "growing",
+        MOVES,
+    ),
+    "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", "walled", MOVES),
+    "the first cell of an image": (
+        CELLS,
+        "np.floor((low + DRIFT) / width)",
+        "np.ceil((low + DRIFT) / width)",
+        "cart",
+        MOVES,
+    ),
+    "the last cell of an image": (
+        CELLS,
+        "np.ceil((high - DRIFT) / width)",
+        "np.floor((high - DRIFT) / width)",
+        "cart",
+        MOVES,
+    ),
+    "a narrower cell": (CELLS, "if not known or not axis.periodic:", "if True:", "ring", MOVES),
+    "states near a cell": (GENERAL, "edges[1] + STATE_SLACK", "edges[1]", "sliding", MOVES),
+    "the adversary": ("certified/bounds.py", "(t0, t1), self.signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
+    # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
+    "boxes of a set": (
+        GENERAL,
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + MARGIN_OF_BOXES, t0, t1",
+        "thin",
+        CLEAR,
+    ),
+    "times of a set": (
+        GENERAL,
+        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
+        "corner + pitch + MARGIN_OF_BOXES, t0, t0",
+        "crossed",
+        CLEAR,
+    ),
+    "a set nearer than rounding": (GENERAL, "MARGIN_OF_BOXES = 4e-10", "MARGIN_OF_BOXES = 0.0", "nearer", CLEAR),
+    "laps of a set": (
+        GENERAL,
+        "meets = np.concatenate([meets, meets], axis=k)",
+        "meets = np.concatenate([meets, meets & False], axis=k)",
+        "past the seam",
+        CLEAR,
+    ),
+    "sets at the time of a step": (
+        GENERAL,
+        "for begin in map(self.problem.time, range(self.problem.steps)):",
+        "for begin in [0.0] * self.problem.steps:",
+        "crossed",
+        CLEAR,
+    ),
+    "sets in all of an interval": (
+        GENERAL,
+        "begin + length * at / self.parts",
+        "begin + 0.0 * at / self.parts",
+        "crossed",
+        CLEAR,
+    ),
+    "a clock that is off": (GENERAL, "(t0 - late, t1 + late)", "(t0, t1)", "sensed", CLEAR),
+    "sets that stand still": (GENERAL, "(one for one in lattices if len(one) == 1)", "()", "line", CLEAR),
+    "sets that move": (GENERAL, "(one for one in lattices if len(one) > 1)", "()", "crossed", CLEAR),
+    "clear in every step": (
+        GENERAL,
+        "self._met(clear, tubes, places, known[step], bit)",
+        "self._met(clear, tubes, places, known[0], bit)",
+        "crossed",
+        CLEAR,
+    ),
+    "unsafe ends": (GENERAL, "if np.isfinite([least, most]).any():", "if False:", "line", CLEAR),
+    "how near past an end": (
+        GENERAL,
+        "np.stack([least - room, most + room])",
+        "np.stack([least - 1, most + 1])",
+        "line",
+        CLEAR,
+    ),
+    "what is between the parts": (
+        GENERAL,
+        "tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]",
+        "tube = [moved[0], moved[1]]",
+        "line",
+        CLEAR,
+    ),
+    "cells that are met alike": (GENERAL, "alike[known.axes] = False", "pass", "line", CLEAR),
+    "boxes that a tube overlaps": (
+        STENCILS,
+        "at[1, k] = min(max(math.ceil(end",
+        "at[1, k] = min(max(math.floor(end",
+        "thin",
+        CLEAR,
+    ),
+    "boxes that a tube begins in": (
+        STENCILS,
+        "at[0, k] = min(max(math.floor(begin / pitch), 0), size - 1)",
+        "at[0, k] = min(max(math.ceil(begin / pitch), 0), size - 1)",
+        "thin",
+        CLEAR,
+    ),
+    "boxes of the next lap": (STENCILS, "if end > length:", "if False:", "past the seam", CLEAR),
+    "laps of a tube": (
+        STENCILS,
+        "begin - length * math.floor(begin / length), end",
+        "begin, end",
+        "before the seam",
+        CLEAR,
+    ),
+    "the lower end of a tube": (STENCILS, "tube[begin:end, axis, 0].min() + narrow", "narrow", "line", CLEAR),
+    "the upper end of a tube": (STENCILS, "tube[begin:end, axis, 1].max() - narrow", "0.0 - narrow", "line", CLEAR),
+    "parts in turn": (
+        STENCILS,
+        "met = boxes_meeting(box, max(part, 0) % kinds",
+        "met = boxes_meeting(box, 0 % kinds",
+        "crossed",
+        CLEAR,
+    ),
+    "out by a lower end": (
+        STENCILS,
+        "tube[:, axis, 0].min() < faces[0, axis]",
+        "tube[:, axis, 0].min() < -1e9",
+        "line",
+        CLEAR,
+    ),
+    "out by an upper end": (
+        STENCILS,
+        "tube[:, axis, 1].max() > faces[1, axis]",
+        "tube[:, axis, 1].max() > 1e9",
+        "line",
+        CLEAR,
+    ),
+    "wholly past an upper end": (
+        STENCILS,
+        "+ tube[part, axis, 0] > layout.safe",
+        "+ 3 * tube[part, axis, 0] > layout.safe",
+        "rock at the upper end",
+        CLEAR,
+    ),
+    "wholly past a lower end": (
+        STENCILS,
+        "+ tube[part, axis, 1] < layout.safe",
+        "+ 3 * tube[part, axis, 1] < layout.safe",
+        "rock at the lower end",
+        CLEAR,
+    ),
+    # goals
+    "all of a goal": (
+        GENERAL,
+        "self._over_cells(problem.target, times)[1] <= 0.0",
+        "self._over_cells(problem.target, times)[0] <= 0.0",
+        "line",
+        GOAL,
+    ),
+    "a goal is clear of what stands still": (
+        GENERAL,
+        "self._over_cells(part, self._always)[0] > 0.0",
+        "True",
+        "post in the target",
+        GOAL,
+    ),
+    "a goal is clear of what moves": (GENERAL, "self._over_cells(part, times)[0] > 0.0", "True", "sensed", GOAL),
+    "the time of a goal": (
+        GENERAL,
+        "problem, t, out = self.problem, self.problem.time(step)",
+        "problem, t, out = self.problem, 0.0",
+        "tide",
+        GOAL,
+    ),
+    "a goal by a clock that is off": (
+        GENERAL,
+        "(t - problem.sensing.jitter, t + problem.sensing.jitter)",
+        "(t, t)",
+        "sensed",
+        GOAL,
+    ),
+    "predictions in a goal": (
+        GENERAL,
+        "more = STATE_SLACK + self.unsure[list(part.axes)]",
+        "more = STATE_SLACK",
+        "sensed",
+        GOAL,
+    ),
+    # sets
+    "every cell of an image": (STENCILS, "at[axis] < number[axis]:", "at[axis] < number[axis] - 1:", "cart", NEARER),
+    "the last cells of a row": (
+        STENCILS,
+        "has_bits(block, begin, min(end, count))",
+        "has_bits(block, begin, begin + 1)",
+        "line",
+        NEARER,
+    ),
+    "past an upper end by a cell": (STENCILS, "begin > count and", "begin >= count and", "out to the right", NEARER),
+    "past a lower end by a cell": (STENCILS, "end < -1 and", "end < 0 and", "out to the left", NEARER),
+    "inputs that are clear": (
+        STENCILS,
+        "if (safe[j >> 3] >> (j & 7)) & 1 and image",
+        "if image",
+        "beside a post",
+        NEARER,
+    ),
+}
+# file, what is taken out, what is left, the robot of which plain loops then say something else
+ANOTHER = {
+    "rows whose images change": (
+        STENCILS,
+        "cell[axis] - reach[1, axis], cell[axis] - reach[0, axis]",
+        "cell[axis], cell[axis]",
+        "cornered",
+    ),
+    "rows at an end": (
+        STENCILS,
+        "begin = 0 if cell[axis] == 0 else max(begin, 0)",
+        "begin = max(begin, 0)",
+        "to the left",
+    ),
+    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != stays:", "if False:", "cart"),
+    "inputs that lead there": (
+        STENCILS,
+        "out[m, j] = pool.size == 0 or image_inside(",
+        "out[m, j] = True or image_inside(",
+        "line",
+    ),
+    "safe inputs": (
+        STENCILS,
+        "if (safe[j >> 3] >> (j & 7)) & 1 and not out[m, j]:",
+        "if not out[m, j]:",
+        "beside a post",
+    ),
+    "all inputs": (STENCILS, "for j in range(out.shape[1]):", "for j in range(1):", "line"),
+}
+
+# file, what is taken out, what is left, the test of tests/test_tape.py that fails with it, and of which operation
+WRONG = {
+    "rounding of sums": (
+        INTERVALS,
+        "return low - (abs(low) * share + less),",
+        "return low,",
+        "hold_what_is_exact",
+        "add",
+    ),
+    "rounding of sums above": (INTERVALS, "high + (abs(high) * share + more)", "high", "hold_what_is_exact", "sub"),
+    "rounding of products": (
+        INTERVALS,
+        "low - (abs(low) * STEP + TINY), high +",
+        "low, high +",
+        "hold_what_is_exact",
+        "mul",
+    ),
+    "what a product loses": (INTERVALS, "TINY = 2.0**-1020", "TINY = 0.0", "hold_what_is_exact", "mul"),
+    "all corners": (INTERVALS, "lesser(lesser(p, q), lesser(r, s))", "lesser(p, s)", "hold_what_is_exact", "mul"),
+    "signs": (
+        INTERVALS,
+        "return low if negative else larger(0.0, low)",
+        "return larger(0.0, low)",
+        "hold_what_is_exact",
+        "mul",
+    ),
+    "a divisor of zero": (INTERVALS, "low if above | below else NAN", "low", "hold_what_is_exact", "div"),
+    "hills": (
+        INTERVALS,
+        "most = 1.0 if _holds_whole(low, high) else larger(p, q)",
+        "most = larger(p, q)",
+        "hold_what_is_exact",
+        "sin",
+    ),
+    "valleys": (INTERVALS, "-1.0 if _holds_whole(low - 0.5, high - 0.5) else", "", "hold_what_is_exact", "cos"),
+    "where hills are": (TAPE, "shift = 0.25 if op == SIN else 0.0", "shift = 0.0", "hold_what_is_exact", "sin"),
+    "poles": (
+        INTERVALS,
+        "NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least",
+        "least",
+        "hold_what_is_exact",
+        "tan",
+    ),
+    "laps of a rest": (
+        INTERVALS,
+        "(larger(low, p) if rises else low) if known",
+        "p if known",
+        "hold_what_is_exact",
+        "mod",
+    ),
+    "a power of zero": (
+        INTERVALS,
+        "return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN,",
+        "return p,",
+        "hold_what_is_exact",
+        "power -1",
+    ),
+    "powers below zero": (
+        TAPE,
+        "p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0],",
+        "p, q = _FALLS[op, 0],",
+        "hold_what_is_exact",
+        "power -1",
+    ),
+    "what falls": (
+        TAPE,
+        '_which("neg not arccos less lesseq")',
+        '_which("not arccos less lesseq")',
+        "hold_what_is_exact",
+        "neg",
+    ),
+    "what is even": (
+        TAPE,
+        '_ABSOLUTE = _which("abs sqr hypot")',
+        '_ABSOLUTE = _which("abs sqr")',
+        "hold_what_is_exact",
+        "hypot",
+    ),
+    "even powers": (TAPE, "(op == POWER and n % 2 == 0):", "False:", "hold_what_is_exact", "power 2"),
+    "other corners": (TAPE, "if op == POW or op == ARCTAN2:  #", "if op == ARCTAN2:  #", "hold_what_is_exact", "pow"),
+    "an angle that jumps": (TAPE, "-PI_UP if cut else", "", "hold_what_is_exact", "arctan2"),
+    "a base of zero": (
+        TAPE,
+        "(a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN",
+        "(a[0, m] == 0.0) else NAN",
+        "hold_what_is_exact",
+        "pow",
+    ),
+    "errors of functions": (
+        TAPE,
+        "(2 * ERRORS.get(op, 0) + 1) * STEP for op",
+        "0.0 for op",
+        "hold_what_is_exact",
+        "exp",
+    ),
+    "what is equal": (
+        TAPE,
+        "(a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0",
+        "(a[0, m] == b[0, m]) else 0.0",
+        "hold_what_is_exact",
+        "equal",
+    ),
+    "an open condition": (
+        TAPE,
+        "(c[0, m] if never else lesser(b[0, m], c[0, m]))",
+        "c[0, m]",
+        "hold_what_is_exact",
+        "where",
+    ),
+    "NaN": (TAPE, "(a[m] == a[m]) & (b[m] == b[m])", "True", "is_undefined_stays_so", "equal"),
+    "endless ends": (TAPE, "(out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) &", "", "is_undefined_stays_so", "exp"),
+    "nodes in a box": (
+        TAPE,
+        "number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if",
+        "number[axis] = 2 if",
+        "gridded",
+        2,
+    ),
+    "rounding of tables": (
+        TAPE,
+        "slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY",
+        "slack = 0.0",
+        "of_tables_hold_what_is_exact",
+        2,
+    ),
+}
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """The prover goes on without something."""
+
+    def change(file, old, new):
+        with mutations.modules(mutations.PROVER, file, old, new) as made:
+            for user in (sdhj.certified.sets, sdhj.certified.table):
+                monkeypatch.setattr(user, "GeneralProof", made[GENERAL].GeneralProof)
+
+    return change
+
+
+@pytest.mark.parametrize("name", FALSE)
+def test_the_checker_refuses_what_is_proved_without_it(name, without, tmp_path):
+    *change, robot, claim = FALSE[name]
+    without(*change)
+    path = save(robot, tmp_path / "false.h5")
+    try:
+        said = [str(one) for one in verify(path, progress=False).claims if one.failed]
+    except ValueError as error:
+        said = [str(error)]
+    assert any(claim in one for one in said)
+
+
+@pytest.mark.parametrize("name", ANOTHER)
+def test_plain_loops_say_something_else_without_it(name, without):
+    *change, robot = ANOTHER[name]
+    without(*change)
+    with pytest.raises(AssertionError):
+        assert_all_that_follows(solved(robot))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_bounds_are_not_bounds_without_it(name, monkeypatch):
+    *change, test, operation = WRONG[name]
+    with mutations.modules(mutations.KERNELS, *change) as made:
+        monkeypatch.setattr(tape, "play_bounds", made[TAPE].play_bounds)
+    given = (operation,)
+    if isinstance(operation, str):
+        op, _, n = operation.partition(" ")
+        given = op, int(n or 0)
+    check = next(getattr(test_tape, one) for one in dir(test_tape) if one.endswith(test))
+    with pytest.raises(AssertionError), np.errstate(all="ignore"):
+        check(*given)

@@ -1,0 +1,772 @@
+"""Small robots with certified tables, and forgeries of their files: what the checker must refuse, with which words.
+
+Of each forgery something is false, or not what the file of such a table may say. Nothing here looks into the checker.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from forging import describe
+
+import sdhj
+from sdhj.kernels import FloatArray
+
+Told = dict[str, Any]
+CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"
+COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as told"
+
+
+# ---- robots
+
+
+def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", upper=4.0, steps=3, **given):
+    """On a line, dx = u + v, past two posts of 0.1 m."""
+    levels = [[-1.0], [0.0], [1.0]]
+    sets = [sdhj.UnsafeSet((0,), lambda p, t, at=at: np.abs(p[:, 0] - at) - wide, name=f"post {at:g}") for at in posts]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-4.0], [upper], [81], ends=ends),
+        sdhj.Dynamics(levels, levels, [[1.0]], [push]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - target) - 1.0),
+        given.pop("unsafe", sets),
+        0.5,
+        steps,
+        **given,
+    )
+
+
+def crossed(*, speed=1.0, begin=2.9, **given):
+    """A line that a post comes along, as fast as the robot."""
+    post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - begin + speed * t) - 0.05, name="post")
+    return line(unsafe=[post], **given)
+
+
+def sensed(*, error=0.1, delay=0.1, jitter=0.05, push=0.0, begin=2.0, **given):
+    return crossed(sensing=sdhj.Sensing(error, delay, jitter), push=push, begin=begin, **given)
+
+
+def ring(*, low=-3.0, high=3.0, push=0.2):
+    """On a circle, where two sets written for plain numbers end at the seam; the last cell is a narrower one."""
+    levels = [[-1.0], [0.0], [1.0]]
+    sets = [
+        sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] - low, name="behind the seam"),
+        sdhj.UnsafeSet((0,), lambda p, t: high - p[:, 0], name="before the seam"),
+    ]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-np.pi], [np.pi], [60], [True]),
+        sdhj.Dynamics(levels, levels, [[1.0]], [push]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
+        sets,
+        0.25,
+        3,
+    )
+
+
+def past_the_seam():
+    """The same, and a little behind the seam a post."""
+    post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 3.05) - 0.03, name="post")
+    return replace(ring(), unsafe=[post])
+
+
+def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
+    """A cart on a rail that has to stay on it: dx = v, dv = u + w; bent: the place counts, too, a little."""
+
+    def drift(q, u):
+        return np.stack([q[:, 1] + bent * np.sin(q[:, 0]), np.full(len(q), u[0])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=[ends, "unsafe"]),
+        sdhj.Dynamics([[-3.0], [0.0], [3.0]], drift, [[0.0], [1.0]], [push]),
+        None,
+        [],
+        delta,
+        steps,
+    )
+
+
+def rail():
+    """The cart of the recipes, for ever: where its speed is from 0 inwards it leaves no end of the rail."""
+    speeds = sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [81, 81])
+    return replace(cart(push=0.3, delta=0.1, steps=None), grid=speeds)
+
+
+def growing(*, rate=24.0, delta=1.0, most=20.0, upper=40.0):
+    """dx = 24 min(x, 20): from 1 it comes to 20 within 0.125 s, and to 440 within 1 s."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.0], [upper], [int(upper) + 1]),
+        sdhj.Dynamics([[0.0]], lambda q, u: u + rate * np.minimum(q, most)),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 10.0) - 9.0),
+        [],
+        delta,
+        1,
+    )
+
+
+def tide(*, phase=0.0, bound=0.05, more=0.0, target=0.0, **given):
+    """A current that turns, a target that drifts, gusts that grow."""
+    levels = [[-1.5], [0.0], [1.5]]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-3.0], [3.0], [31]),
+        sdhj.Dynamics(
+            levels,
+            lambda q, u, t: u + 1.2 * np.sin(5.0 * t + phase) + 0.0 * q,
+            [[1.0]],
+            lambda t: np.stack([bound + more * t]),
+        ),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - target - 0.3 * t) - 0.7),
+        [sdhj.UnsafeSet((0,), lambda p, t: 2.0 - 0.3 * t - p[:, 0], name="wall")],
+        0.4,
+        3,
+        **given,
+    )
+
+
+def blown(*, gain=0.2, bound=0.5):
+    """dx = u + gain x v and gusts that are as strong in the second input only."""
+    levels = [[-1.0], [1.0]]
+    return replace(
+        line(),
+        dynamics=sdhj.Dynamics(
+            levels,
+            lambda q, u: u + 0.0 * q,
+            lambda q: gain * q[:, :, None],
+            lambda u: np.stack([np.where(u[0] > 0, bound, 0.5)]),
+        ),
+    )
+
+
+def pushed(*, share=1.0, **given):
+    """dx = u - |v| share: the adversary enters as it likes."""
+    levels = [[-1.0], [0.0], [1.0]]
+    velocity = lambda q, u, v: u + share * (0.5 * v - np.abs(v)) + 0.0 * q  # noqa: E731
+    return replace(line(**given), dynamics=sdhj.Dynamics(levels, velocity=velocity, bounds=[0.2]))
+
+
+def drone(*, push=(0.1, 0.1)):
+    """dx = u + v_1 + v_2."""
+    return replace(line(), dynamics=sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0, 1.0]], push))
+
+
+def sliding():
+    """dx = v, dv = 0, for 1 s; a cell of places is wider by 5e-11 than what one of speeds lets pass."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-10.0, 0.0], [10.000000002, 2.0], [41, 5]),
+        sdhj.Dynamics([[0.0]], lambda q, u: np.stack([q[:, 1] + u[0], 0.0 * q[:, 1]], axis=1)),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 5.0),
+        [],
+        1.0,
+        1,
+    )
+
+
+def nearer(*, moving=0.0):
+    """A robot that stays where it is, nearer to a set than what a state may be off its cell."""
+    part = sdhj.UnsafeSet((0,), lambda p, t: 3.0 + 1e-10 - p[:, 0] + moving * t, name="wall")
+    return line(push=0.0, unsafe=[part])
+
+
+def pole():
+    """What is unsafe is told by a function that is undefined at -2.03."""
+    part = sdhj.UnsafeSet((0,), lambda p, t: 5.0 + 1.0 / (p[:, 0] + 2.03), name="pole")
+    return line(unsafe=[part])
+
+
+def surge():
+    """dx = 9.9 t + u: by 0.792 in 0.4 s."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-3.0], [3.0], [31]),
+        sdhj.Dynamics([[0.0]], lambda q, u, t: u + 9.9 * t + 0.0 * q),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0),
+        [],
+        0.4,
+        1,
+    )
+
+
+def spread(*, steep=2.0, bounds=lambda u: np.stack([0.1 + 0.0 * u[0]]), **sensing):
+    """dx = u + steep sin(x) + v, measured with an error and late: what is not known grows with itself."""
+    levels = [[0.0], [1.0]]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0], [2.0], [41]),
+        sdhj.Dynamics(levels, lambda q, u: u + steep * np.sin(q), [[1.0]], bounds),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.9),
+        [],
+        0.2,
+        2,
+        sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing)),
+    )
+
+
+def stream(*, ends="safe", speed=3.0, push=0.0, rock=(0.5, 0.5, 0.15), pace=0.0, ways=(-1, 1)):
+    """A stream to the right, some cells a step, past a rock: who leaves with it, or to the left, is out of danger."""
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.0, 0.0], [1.0, 1.0], [11, 11], ends=[ends, "wall"]),
+        sdhj.Dynamics([[way] for way in ways], [[way * speed, 0.0] for way in ways], np.eye(2), [push, push]),
+        None,
+        [
+            sdhj.UnsafeSet(
+                (0, 1), lambda p, t: np.hypot(p[:, 0] - rock[0] - pace * t, p[:, 1] - rock[1]) - rock[2], name="rock"
+            )
+        ],
+        0.1,
+        3,
+    )
+
+
+def hidden(*, pace=0.0, **declared):
+    """A line with a wall that nobody can look into: its author states how steep it is."""
+    wall = sdhj.BlackBox(
+        lambda p, t: [3.0 - pace * t - float(x) for (x,) in p], **({"slope": 1.0, "rate": 0.0} | declared)
+    )
+    return line(unsafe=[sdhj.UnsafeSet((0,), wall, name="wall")])
+
+
+WIND = sdhj.gridded(np.eye(5) * 0.2, [-2.0, -2.0], [1.0, 1.0])
+AWAY = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5)
+
+
+def plane(radius=0.3, **dynamics):
+    """A robot in the plane, beside which a disk passes."""
+    post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 1.2 + 0.4 * t) - radius, name="post")
+    inputs = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    given = {"drift": np.array(inputs), "gain": np.eye(2), "bounds": [0.1, 0.1]} | dynamics
+    grid = sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21])
+    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, [post], 0.25, 3)
+
+
+def windy():
+    """The same in a wind from a table."""
+    return plane(drift=lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1))
+
+
+def cornered(**dynamics):
+    """Walls around, and the target in a corner."""
+    grid = sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], ends="wall")
+    return replace(
+        plane(**dynamics), grid=grid, target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*(p + 2.0).T) - 1.0)
+    )
+
+
+ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
+    "line": (line, (80,), 1),
+    "crossed": (crossed, (80,), 2),
+    "sensed": (sensed, (160,), 2),
+    "held": (lambda: sensed(push=0.1), (160,), 2),
+    "nearer": (nearer, (80,), 1),
+    "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
+    "pole": (pole, (80,), 1),
+    "ring": (ring, (125,), 2),
+    "cart": (cart, (20, 20), 1),
+    "rail": (rail, (80, 80), 10),
+    "endless": (lambda: cart(steps=None), (20, 20), 2),
+    "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
+    "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
+    "growing": (growing, (40,), 1),
+    "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
+    "growing slowly": (lambda: growing(rate=0.5), (40,), 1),
+    "tide": (tide, (120,), 2),
+    "blown": (blown, (160,), 2),
+    "pushed": (pushed, (80,), 1),
+    "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1)), (80,), 1),
+    "drone": (drone, (80,), 1),
+    "sliding": (sliding, (40, 4), 2),
+    "surge": (surge, (120,), 2),
+    "spread": (spread, (200,), 2),
+    "gusty": (lambda: spread(steep=0.0, bounds=lambda u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
+    "stream": (stream, (10, 10), 2),
+    "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
+    "rock at the upper end": (lambda: stream(rock=(0.98, 0.5, 0.02)), (10, 10), 2),
+    "out to the left": (lambda: stream(rock=(-0.13, 0.5, 0.02), pace=1.0, ways=(-1,)), (10, 10), 2),
+    "out to the right": (lambda: stream(rock=(1.13, 0.5, 0.02), pace=-1.0, ways=(1,)), (10, 10), 2),
+    "thin": (lambda: line(push=0.19, posts=(-3.0,), wide=0.006), (80,), 1),
+    "beside a post": (lambda: line(posts=(-1.5, 3.0)), (80,), 1),
+    "past the seam": (past_the_seam, (125,), 2),
+    "before the seam": (lambda: ring(low=-9.0), (125,), 2),
+    "cornered": (cornered, (30, 30), 3),
+    "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
+    "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
+    "hidden": (hidden, (80,), 1),
+    "hidden and moving": (lambda: hidden(pace=0.5, rate=0.5), (80,), 2),
+    "windy": (windy, (30, 30), 3),
+}
+
+
+def solved(name: str) -> Any:
+    """The table of a robot."""
+    problem, cells, parts = ROBOTS[name]
+    return sdhj.solve(problem(), sdhj.Certified(cells=cells, parts=parts), progress=False, play=False)
+
+
+def save(name: str, path: Path) -> Path:
+    """The file of a robot's table."""
+    solved(name).save(path)
+    return path
+
+
+# ---- changing what stands in a file
+
+
+def edit(name: str, change: Callable[[FloatArray], Any]) -> Callable[[Told, Any], None]:
+    """An array of the file, changed in place."""
+
+    def forge(told: Told, arrays: Any) -> None:
+        values = arrays[name][()]
+        change(values)
+        arrays[name][...] = values
+
+    return forge
+
+
+def put(arrays: Any, **given: FloatArray) -> None:
+    """Arrays in place of those that were there."""
+    for name, values in given.items():
+        del arrays[name]
+        arrays[name] = values
+
+
+@contextmanager
+def sets_of(told: Told, arrays: h5py.File) -> Iterator[FloatArray]:
+    """All sets of the file as they count: (entries, *cells) bool, to be changed."""
+    shape = told["cells"]["shape"]
+    blocks = arrays["pool"][()][arrays["index"][()]].view(np.uint8)
+    sets = np.unpackbits(blocks, axis=-1, count=shape[-1], bitorder="little").reshape(-1, *shape).astype(bool)
+    yield sets
+    packed = np.packbits(sets.reshape(-1, shape[-1]), axis=1, bitorder="little")
+    packed = np.pad(packed, [(0, 0), (0, -packed.shape[1] % 8)]).view(np.uint64)
+    pool = np.concatenate([np.zeros_like(packed[:1]), packed])
+    put(arrays, pool=pool, index=np.arange(1, len(pool), dtype=np.uint32).reshape(len(sets), -1))
+
+
+def sets(change: Callable[[FloatArray], Any]) -> Callable[[Told, Any], None]:
+    def forge(told: Told, arrays: Any) -> None:
+        with sets_of(told, arrays) as found:
+            change(found)
+
+    return forge
+
+
+def nothing_in_sets(told: Told, arrays: Any) -> None:
+    """No set has a cell: what is claimed is of moves, and of which inputs are clear."""
+    sets(lambda found: found.fill(False))(told, arrays)
+
+
+def goals_only(told: Told, arrays: Any) -> None:
+    """No input is clear, so sets do not grow: what is claimed is of goals, and of moves."""
+    edit("clear", lambda clear: clear.fill(0))(told, arrays)
+
+    def change(found: FloatArray) -> None:
+        assert len(found) == told["steps"] + 1
+        found[1:] = found[0]
+
+    sets(change)(told, arrays)
+
+
+def clears(j: int, *cells: int, step: int = 0) -> Callable[[Told, Any], None]:
+    """An input is said to be clear from some cells."""
+
+    def change(clear: FloatArray) -> None:
+        assert not (clear[step, list(cells), j // 8] >> (j % 8) & 1).any()
+        clear[step, list(cells), j // 8] |= 1 << (j % 8)
+
+    return edit("clear", change)
+
+
+def shifts(name: str, by: int, *, start: int = 0, j: int = 1, place: int = 0, axis: int = 0) -> Any:
+    def change(moves: FloatArray) -> None:
+        moves[start, j, place, axis] += by
+
+    return edit(name, change)
+
+
+def both(*forges: Callable[[Told, Any], None]) -> Callable[[Told, Any], None]:
+    def forge(told: Told, arrays: Any) -> None:
+        for one in forges:
+            one(told, arrays)
+
+    return forge
+
+
+def head(change: Callable[[Told], Any]) -> Callable[[Told, Any], None]:
+    return lambda told, arrays: change(told)
+
+
+@dataclass(frozen=True)
+class Forgery:
+    """What is changed in the file of a robot, what of it the checker has to say, and the problem given beside it.
+
+    becomes : the problem that the head then describes.
+    """
+
+    robot: str
+    said: str
+    forge: Callable[[Told, Any], None] = lambda told, arrays: None
+    becomes: Callable[[], Any] | None = None
+    beside: Callable[[], Any] | None = None
+
+    def write(self, whole: bytes, path: Path) -> Path:
+        """The forged file, of the bytes of the robot's."""
+        from forging import forged
+
+        path.write_bytes(whole)
+        if self.becomes:
+            describe(path, self.becomes())
+        with forged(path) as (told, arrays):
+            self.forge(told, arrays)
+        return path
+
+
+# ---- forgeries
+
+
+def first_beside(found: FloatArray, entry: int) -> int:
+    """The cell of a line below all those of a set."""
+    return int(np.flatnonzero(found[entry])[0]) - 1
+
+
+def a_cell_more(entry: int) -> Callable[[Told, Any], None]:
+    """The next cell of a line in a set."""
+    return sets(lambda found: found[entry].put(first_beside(found, entry), True))
+
+
+def beside_the_post(j: int, step: int, above: bool = False) -> Callable[[Told, Any], None]:
+    """One input is said to be clear, from the first cell from which it meets something that comes, or the last."""
+
+    def change(clear: FloatArray) -> None:
+        met = np.flatnonzero(clear[step, :, 0] >> j & 1 == 0)
+        inner = met[(met > 20) & (met < len(clear[0]) - 20)]  # not the ends
+        clear.fill(0)
+        clear[step, inner[-1] if above else inner[0], 0] |= 1 << j
+
+    return both(nothing_in_sets, edit("clear", change))
+
+
+def level(name: str, *lines: str) -> Callable[[Told, Any], None]:
+    """A function of the file becomes another."""
+    return head(lambda told: told["formulas"]["functions"][name].update(lines=[*lines, f"return {len(lines) - 1}"]))
+
+
+def unlike_ends(told: Told, arrays: Any) -> None:
+    told["cells"]["extents"] = [["6283/1000", told["cells"]["extents"][0][1]]]
+
+
+def one_place(told: Told, arrays: Any) -> None:
+    told["proof"]["own"] = [False]
+    put(arrays, **{name: arrays[name][()][:, :, 60:61] for name in ("low", "high")})
+
+
+def as_in_the_middle(told: Told, arrays: Any) -> None:
+    for name in ("low", "high"):
+        edit(name, lambda moves: np.copyto(moves, moves[:, :, 60:61]))(told, arrays)
+
+
+def first_moves(told: Told, arrays: Any) -> None:
+    for name in ("low", "high"):
+        edit(name, lambda moves: np.copyto(moves, moves[:1]))(told, arrays)
+
+
+def narrower(low: int, high: int) -> Callable[[Told, Any], None]:
+    """Every move of a file ends in fewer cells."""
+    return both(edit("low", lambda moves: np.add(moves, low, moves)), edit("high", lambda m: np.subtract(m, high, m)))
+
+
+def off_by(least: float) -> Callable[[Told, Any], None]:
+    return head(lambda told: told["proof"].update(unsure=[least]))
+
+
+def only_clear(j: int, *cells: int, step: int = 0) -> Callable[[Told, Any], None]:
+    """One input is said to be clear, from some cells, and nothing else."""
+    return both(nothing_in_sets, edit("clear", lambda clear: clear.fill(0)), clears(j, *cells, step=step))
+
+
+FURTHER = [f"const {(3.0 + 1e-10).hex()}", "x 0", "sub 0 1"]
+FORGERIES: dict[str, Forgery] = {
+    # cells
+    "cells that begin elsewhere": Forgery("line", COVER, head(lambda told: told["cells"].update(lowers=["-39/10"]))),
+    "a longer axis": Forgery("line", COVER, becomes=lambda: line(upper=4.05)),
+    "cells that are too narrow": Forgery("line", COVER, head(lambda told: told["cells"].update(widths=["99/1000"]))),
+    "cells that are too wide": Forgery("line", COVER, head(lambda told: told["cells"].update(widths=["1/9"]))),
+    "a length that is a guess": Forgery(
+        "line", COVER, head(lambda told: told["cells"].update(extents=[["799/100", "8"]]))
+    ),
+    "a period that is a guess": Forgery("ring", COVER, unlike_ends),
+    "cells that are not alike": Forgery("ring", COVER, one_place),
+    "a wall on the way": Forgery("cart", COVER, becomes=lambda: cart(ends="wall")),
+    # moves
+    "a stronger push": Forgery("line", MOVES, becomes=lambda: line(push=0.3)),
+    "a shorter move": Forgery("line", MOVES, shifts("low", 1)),
+    "a move that ends too early": Forgery("line", MOVES, shifts("high", -1)),
+    "a push on the speed": Forgery("cart", MOVES, becomes=lambda: cart(push=0.7)),
+    "a seam like any other edge": Forgery("ring", MOVES, as_in_the_middle),
+    "a wall that holds": Forgery(
+        "bent", MOVES, nothing_in_sets, becomes=lambda: cart(ends="wall", bent=1e-3, delta=0.3)
+    ),
+    "less growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(435))),
+    "hardly any growth": Forgery("growing", MOVES, edit("high", lambda moves: moves[0, 0, 0].fill(1))),
+    "growth from the lower end": Forgery("growing", MOVES, edit("low", lambda moves: moves[0, 0, 0].fill(100))),
+    "the tide of another hour": Forgery("tide", MOVES, first_moves),
+    "another tide": Forgery("tide", MOVES, becomes=lambda: tide(phase=0.5)),
+    "gusts that grow": Forgery("tide", MOVES, becomes=lambda: tide(more=0.3)),
+    "gusts of another input": Forgery("blown", MOVES, becomes=lambda: blown(bound=1.0)),
+    "gusts from the other side": Forgery(
+        "blown", MOVES, both(*(edit(name, lambda moves: moves[0, 0, 10].fill(-10)) for name in ("low", "high")))
+    ),
+    "a stronger gain": Forgery("blown", MOVES, becomes=lambda: blown(gain=0.3)),
+    "an adversary that enters as it likes": Forgery("pushed", MOVES, shifts("low", 1)),
+    "one measurement that errs": Forgery("sensed", MOVES, narrower(2, 2)),
+    "no late end": Forgery(
+        "sensed",
+        MOVES,
+        both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0)),
+    ),
+    "no early end": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 3, j=2))),
+    "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
+    "states near a cell": Forgery("sliding", MOVES, edit("high", lambda moves: moves[0, 0, 0, :1].fill(1))),
+    "a little later": Forgery("surge", MOVES, narrower(-2, 2)),
+    "two that push": Forgery("drone", MOVES, becomes=lambda: drone(push=(0.1, 0.3))),
+    # predictions
+    "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
+    "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),
+    "predictions that move on at once": Forgery("spread", NEAR, off_by(0.078)),
+    "predictions pushed one way": Forgery("late", NEAR, off_by(0.065)),
+    "predictions for the first input": Forgery("gusty", NEAR, off_by(0.068)),
+    "predictions for the first step": Forgery("gusty", NEAR, off_by(0.0735)),
+    # which inputs are clear
+    "a post not met at the end": Forgery("line", CLEAR, clears(0, 12)),
+    "the far half of a tube": Forgery("line", CLEAR, clears(2, 5)),
+    "the second post": Forgery("line", CLEAR, clears(1, 69)),
+    "a set that is closed": Forgery("line", CLEAR, level("unsafe 0", "const 0x0p+0")),
+    "a set nearer than rounding": Forgery(
+        "line", CLEAR, both(level("unsafe 1", *FURTHER), only_clear(1, 69)), becomes=lambda: line(push=0.0)
+    ),
+    "a moving set nearer than rounding": Forgery(
+        "crossed",
+        CLEAR,
+        both(
+            level("unsafe 0", *FURTHER, "p 0", "const 0x1p-50", "mul 3 4", "add 2 5"),
+            only_clear(1, 69),
+        ),
+        becomes=lambda: crossed(push=0.0),
+    ),
+    "out by the upper end": Forgery("line", CLEAR, clears(2, 79)),
+    "out by the lower end": Forgery("line", CLEAR, clears(0, 0)),
+    "a post that comes later": Forgery("crossed", CLEAR, only_clear(1, 56, step=2)),
+    "a post that comes meanwhile": Forgery("crossed", CLEAR, only_clear(2, 50, step=2)),
+    "a post beside an uncertain clock": Forgery("sensed", CLEAR, beside_the_post(1, 2)),
+    "a post behind an uncertain clock": Forgery("sensed", CLEAR, beside_the_post(1, 2, above=True)),
+    "a set behind the seam": Forgery("ring", CLEAR, only_clear(2, 123), becomes=lambda: ring(high=9.0)),
+    "a set before the seam": Forgery("ring", CLEAR, only_clear(0, 2), becomes=lambda: ring(low=-9.0)),
+    "a rock at the end of the way": Forgery("stream", CLEAR, clears(1, 5)),
+    "a rock at a safe end": Forgery("stream", CLEAR, only_clear(0, 5), becomes=lambda: stream(rock=(0.05, 0.5, 0.04))),
+    "a rock at the upper safe end": Forgery(
+        "stream", CLEAR, only_clear(1, 95), becomes=lambda: stream(rock=(0.95, 0.5, 0.04))
+    ),
+    "a sweep that the file states": Forgery(
+        "crossed",
+        CLEAR,
+        both(
+            clears(1, 56, step=2),
+            head(
+                lambda told: told["formulas"]["functions"].update(
+                    {"swept 0": {"coordinates": 1, "parameters": 2, "lines": ["const 0x1p+0", "return 0"]}}
+                )
+            ),
+        ),
+    ),
+    # sets
+    "a goal more": Forgery("line", GOAL, a_cell_more(0)),
+    "a goal in a post": Forgery("line", GOAL, goals_only, becomes=lambda: line(posts=(0.0, 3.0))),
+    "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
+    "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
+    "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
+    "a set that loses a cell": Forgery("line", GROW, sets(lambda found: found[2].put(first_beside(found, 1) + 1, 0))),
+    "a set that wins a cell": Forgery(
+        "cart", GROW, sets(lambda found: found[0].__setitem__(tuple(np.argwhere(found[1])[0]), False))
+    ),
+    "a cell more": Forgery("line", NEARER, a_cell_more(1)),
+    "a cell of which no input is clear": Forgery(
+        "line", NEARER, lambda told, arrays: nothing_clear_from_the_first(told, arrays)
+    ),
+    "a step into sets of another time": Forgery(
+        "crossed", NEARER, lambda told, arrays: later_sets_shrink(told, arrays)
+    ),
+    "a cell that is not safe as long": Forgery("cart", NEARER, lambda told, arrays: safe_for_longer(told, arrays)),
+    "a cell that is not safe for ever": Forgery("endless", NEARER, lambda told, arrays: safe_for_ever(told, arrays)),
+    "past the lower end by less than a cell": Forgery("stream", NEARER, sets(lambda found: found[:, 0, 5].fill(0))),
+    "past the upper end by less than a cell": Forgery("stream", NEARER, sets(lambda found: found[:, 9, 5].fill(0))),
+    "past a wall": Forgery(
+        "stream", NEARER, sets(lambda found: found[:, 0:4:2, 5].fill(0)), becomes=lambda: stream(ends="wall")
+    ),
+    # black boxes
+    "a slope of 0": Forgery("hidden", "must hold at 0 s", beside=lambda: hidden(slope=0.0)),
+    "a rate of 0": Forgery("hidden", "must hold at", beside=lambda: hidden(pace=0.5)),
+    "an enclosure that ends below": Forgery(
+        "hidden",
+        "must hold at 0 s",
+        beside=lambda: hidden(enclosure=lambda low, high, *t: (low - 9.0, 0.0 * low + 1.0)),
+    ),
+    "an enclosure that begins above": Forgery(
+        "hidden",
+        "must hold at 0 s",
+        beside=lambda: hidden(enclosure=lambda low, high, *t: (0.0 * low + 1.0, 0.0 * low + 9.0)),
+    ),
+    "a slope that the file states": Forgery(
+        "hidden",
+        CLEAR,
+        both(
+            clears(1, 70), head(lambda told: told["formulas"]["opaque"].update({"unsafe 0": "a BlackBox with slope 0"}))
+        ),
+        beside=hidden,
+    ),
+    "a steeper wall": Forgery("hidden", CLEAR, beside=lambda: hidden(slope=50.0)),
+    "nobody's black box": Forgery("hidden", "black boxes, whose functions are not in the file"),
+    "the black box of another": Forgery("hidden", "must have the black box", beside=line),
+    "a black box of which nothing is stated": Forgery(
+        "hidden", "must have an enclosure", beside=lambda: hidden(slope=None)
+    ),
+    # arrays
+    "moves of one hour": Forgery(
+        "tide", "low must be kept in the file", lambda told, arrays: put(arrays, low=arrays["low"][()][:1])
+    ),
+    "sets for all times": Forgery(
+        "crossed", "arrays must be of the problem", lambda told, arrays: for_all_times(told, arrays)
+    ),
+    "moves that end before they begin": Forgery("line", "arrays must be of the problem", shifts("low", 9)),
+    "a clock that is off, and a tide": Forgery(
+        "tide", "with jitter the velocity must not", head(lambda told: told.update(sensing={"jitter": 0.05}))
+    ),
+    "predictions nearer than measurements": Forgery("spread", "predictions are off by", off_by(0.04)),
+}
+
+
+def goal_by_the_post(told: Told, arrays: Any) -> None:
+    """The cell of S_2^0 that is next to where the post may be, in S_2^1, too."""
+
+    def change(found: FloatArray) -> None:
+        gap = np.flatnonzero(~found[7] & found[0])[0]
+        found[7:9, gap] = True
+
+    sets(change)(told, arrays)
+
+
+def nothing_clear_from_the_first(told: Told, arrays: Any) -> None:
+    with sets_of(told, arrays) as found:
+        cell = first_beside(found, 1) + 1
+    edit("clear", lambda clear: clear[:, cell].fill(0))(told, arrays)
+
+
+def goals_of_step_0(told: Told, arrays: Any) -> None:
+    """They are told of step 2, and of no other."""
+
+    def change(found: FloatArray) -> None:
+        goals = found[0].copy()
+        found.fill(False)
+        found[7:9] = goals
+
+    sets(change)(told, arrays)
+
+
+def later_sets_shrink(told: Told, arrays: Any) -> None:
+    """Later nothing is in the target; the sets of step 0 are as if it were."""
+
+    def change(found: FloatArray) -> None:
+        found[2:4] = found[1]
+        found[4:] = False
+
+    sets(change)(told, arrays)
+
+
+def safe_for_longer(told: Told, arrays: Any) -> None:
+    sets(lambda found: found[1].__setitem__(tuple(np.argwhere(found[0] & ~found[1])[0]), True))(told, arrays)
+
+
+def safe_for_ever(told: Told, arrays: Any) -> None:
+    def change(found: FloatArray) -> None:
+        outside = np.argwhere(~found[0] & np.roll(found[0], 1, axis=1))
+        found[0][tuple(outside[len(outside) // 2])] = True
+
+    sets(change)(told, arrays)
+
+
+def for_all_times(told: Told, arrays: Any) -> None:
+    index = arrays["index"][()][:4]
+    put(arrays, index=index, pool=arrays["pool"][()][: index.max() + 1])
+
+
+def lines(told: Told, name: str) -> list[str]:
+    return told["formulas"]["functions"][name]["lines"]
+
+
+HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
+    "a function less": (lambda told: told["formulas"]["functions"].pop("gain"), "there must be a formula gain"),
+    "no bounds": (lambda told: told["formulas"]["functions"].pop("bounds"), "there must be a formula bounds"),
+    "bounds of some inputs": (
+        lambda told: lines(told, "bounds").__setitem__(-1, "return 0 0 0"),
+        "as many results for",
+    ),
+    "another format": (lambda told: told["formulas"].update(format=2), "formulas must be of format 1"),
+    "a line": (lambda told: lines(told, "drift").insert(0, "halt 0"), "line 0 of drift: an operation must be one"),
+    "results": (lambda told: lines(told, "drift").__setitem__(-1, "return 0"), "drift must have 8 results"),
+    "two results": (lambda told: lines(told, "target").__setitem__(-1, "return 0 0"), "target must have one result"),
+    "coordinates": (lambda told: told["formulas"]["functions"]["gain"].update(coordinates=3), "gain must have 2 coord"),
+    "both": (lambda told: told["formulas"].update(opaque={"drift": ""}), "black boxes, whose functions are not"),
+    "axes": (lambda told: told["sets"][1].update(axes=[0, 2]), "axes of a set"),
+    "axes twice": (lambda told: told["sets"][1].update(axes=[0, 0]), "axes of a set"),
+    "kinds": (lambda told: told["sets"].reverse(), "sets must be a target, if there is one, and unsafe sets"),
+    "ends": (lambda told: told["grid"].update(ends=[["open", "wall"]] * 2), "ends must be of safe, unsafe, wall"),
+    "order": (lambda told: told["grid"].update(upper=[-3.0, 2.0]), "lower ends must be below"),
+    "seven axes": (lambda told: told["grid"].update(lower=[0.0] * 7), "a grid must have 1 to 6 axes"),
+    "no number": (lambda told: told["grid"].update(lower=["0", 0.0]), "lower must be a number"),
+    "nodes": (lambda told: told["grid"].update(shape=[1, 21]), "shape must be numbers of nodes"),
+    "infinite": (lambda told: told.update(delta=float("inf")), "delta must be a number"),
+    "NaN": (lambda told: told.update(delta=float("nan")), "delta must be a number"),
+    "delay": (lambda told: told.update(sensing={"delay": -1}), "delay must be a number"),
+    "error": (lambda told: told.update(sensing={"error": [0.1]}), "error must be 2 numbers"),
+    "an error below zero": (lambda told: told.update(sensing={"error": -0.1}), "error must be a number from 0"),
+    "no inputs": (lambda told: told.update(inputs=[]), "there must be 1 to"),
+    "steps": (lambda told: told.update(steps=2.5), "steps must be a number"),
+    "parts": (lambda told: told["proof"].update(parts=0), "parts must be a number"),
+    "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
+    "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be told as fractions"),
+    "axes of a place": (lambda told: told["proof"].update(own=[True, True, False]), "the problem has 2 axes"),
+    "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "predictions must be off by 2 numbers"),
+    "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),
+}
+FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (change, said) in HEADS.items()}
+FORGERIES |= {  # a robot that is soon looked through
+    "head: periods": Forgery(
+        "line", "periodic must be true or false", head(lambda told: told["grid"].update(periodic=["no"]))
+    ),
+    "head: jitter": Forgery(
+        "line", "jitter must be a number from 0 to 0.25", head(lambda told: told.update(sensing={"jitter": 0.3}))
+    ),
+}
+
+TEXTS: dict[str, tuple[list[Any], str]] = {
+    "a later line": (["x 0", "neg 2", "return 1"], "line 1 of unsafe 0: an operand must be a number below 1"),
+    "another coordinate": (["x 2", "return 0"], "a coordinate must be a number below 2"),
+    "operands": (["x 0", "add 0", "return 1"], "add must have 2 operands"),
+    "a decimal": (["const 1.5", "return 0"], "a number must be hexadecimal"),
+    "no result": (["x 0", "x 0"], "the last line must be `return`"),
+    "no text": ([7, "return 0"], "a line must be text"),
+    "no list": ("return 0", "a list of at most"),
+    "a truth that is none": (["x 0", "not 0", "return 1"], "must be given truth values"),
+    "a table backwards": (
+        ["x 0", "x 0", "gridded 0 0 1 lower 0x0p+0 0x0p+0 spacing -0x1p+0 0x1p+0", "return 2"],
+        "`spacing` above 0",
+    ),
+    "a table of more axes": (
+        ["x 0", "gridded 0 0 lower 0x0p+0 spacing 0x1p+0", "return 1"],
+        "an axis for each operand",
+    ),
+}
+
+
+def says(text: Any) -> Callable[[Told], Any]:
+    return lambda told: told["formulas"]["functions"]["unsafe 0"].update(lines=text)
+
+
+FORGERIES |= {f"text: {name}": Forgery("windy", said, head(says(text))) for name, (text, said) in TEXTS.items()}
