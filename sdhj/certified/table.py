@@ -182,7 +182,7 @@ class CertifiedTable(Table):
         """
         return super().batch(states, step, within)
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE

@@ -24,7 +24,7 @@ class Lattice(NamedTuple):
     periodic: Any
     least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
     most: Any
-    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2, ndim)
+    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2 ndim,)
     first: Any
     extent: Any
 

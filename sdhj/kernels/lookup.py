@@ -3,8 +3,9 @@
 Serial and without Python's lock (`nogil`): a query may run in a thread beside a solve, and a batch is shared out over
 threads.
 
-The look at the true sets (`notebooks/site/queries.md`) plays their formulas' tapes at some points of what an input
-leads to.
+The look at the true sets (`notebooks/site/queries.md`) goes in rounds: `propose` writes the points at which they are
+evaluated for the input that comes next, and `judge` undoes what their values refute. Where the sets are formulas,
+`decide` plays these and does all rounds in one call; what is a black box, Python evaluates between them.
 
 A *span* is the stretch of consecutive nodes on one axis that an interval of coordinates touches; a *block* holds the
 values at a product of spans.
@@ -16,12 +17,20 @@ import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, turned, weighted
-from sdhj.kernels.tape import BLOCK, Tape, play_part
+from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, part, play_part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
-FAILS, PASSES, UNKNOWN = range(3)  # an input, by the true sets
-LOST, UNDEFINED = 4, 8  # to be added where the state itself is unsafe; a formula has no value
-TUBES, LOOKED, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
+LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
+UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
+TUBES, LOOK, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
+
+# What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
+# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (4, ndim):
+# between what coordinates are clipped, and the ends of the grid; when the interval begins; and three tapes: what inputs
+# lead to, the unsafe sets and the target, the two of points with the time as one more coordinate.
+STATIC, MOVING, ORDER, TIMES, FACES, BEGIN, AHEAD = range(len(Lattice._fields), len(Lattice._fields) + 7)
+UNSAFE = AHEAD + TABLES + 1
+TARGET = UNSAFE + TABLES + 1
 
 
 class Shelf(NamedTuple):
@@ -41,33 +50,6 @@ class Shelf(NamedTuple):
     moving_axes: Any
 
 
-class Ahead(NamedTuple):
-    """What each input can lead to from one step, relative to the state.
-
-    ends (4, L, ndim, 1 or R): the lower and the upper corner of the box that holds all states at the interval's end,
-    and two terms of the path without an adversary: after a share s of the interval it is s ends[2] + s^2 ends[3] away.
-    Or else `tape` gives them for a state, with `begin` (1,), the time. Maxima are taken along the axis order[0] first:
-    where an input's intervals on the leading axes are those of the input before, that is done already.
-    """
-
-    ends: Any
-    order: Any
-    tape: Any
-    begin: Any
-
-
-class Look(NamedTuple):
-    """The true sets at one step: tapes of points with the time as one more coordinate; `times`, at which the path is
-    looked at, the state and the interval's end among them; faces (4, ndim), where coordinates are clipped, and the ends
-    of the grid.
-    """
-
-    times: Any
-    faces: Any
-    unsafe: Any
-    target: Any
-
-
 class Room(NamedTuple):
     """Room to work in.
 
@@ -75,8 +57,7 @@ class Room(NamedTuple):
     nodes around a state; marks (L,): whether they all mark an input. Of a block: the first node on each axis in
     `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,); where they are on the
     grid, offsets (size,). What is left when the maxima along the axes before it are taken begins at values[rest[a]],
-    behind all that is left later: values (2 size,). For the look: points (V, ndim + 1), the time last, past (V,) and
-    level (sets, V); known, hazard (L,) of the inputs.
+    behind all that is left later: values (2 size,).
     """
 
     hull: Any
@@ -88,11 +69,6 @@ class Room(NamedTuple):
     rest: Any
     offsets: Any
     values: Any
-    points: Any
-    past: Any
-    level: Any
-    known: Any
-    hazard: Any
 
 
 @kernel(**UNCOUNTED)
@@ -133,13 +109,13 @@ def _gather(values, state, order, lattice, room):
             stride *= lattice.extent[later]
         begin, _ = locate(state[axis] + room.hull[0, axis], axis, lattice)
         end, _ = locate(state[axis] + room.hull[1, axis], axis, lattice)
-        for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
-            node = among(begin + i - lattice.first[axis], nodes)
-            for c in range(size):
-                offsets[i * size + c] = offsets[c] + node * stride
         room.begin[a], rest[a] = begin, (end + 2 - begin) * size
-    for c in range(rest[0]):
-        room.values[rest[0] + c] = values[offsets[c]]
+        for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
+            shift = among(begin + i - lattice.first[axis], nodes) * stride
+            for c in range(size if a > 0 else 0):
+                offsets[i * size + c] = offsets[c] + shift
+            for c in range(size if a == 0 else 0):
+                room.values[rest[0] + i * size + c] = values[offsets[c] + shift]
 
 
 @kernel(**UNCOUNTED)
@@ -179,8 +155,8 @@ def _worst_values(values, state, ends, own, order, lattice, room, out):
             same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
             lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
             lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
-            left = left or state[axis] + high[j, axis] < lattice.left[0, axis]
-            left = left or state[axis] + low[j, axis] > lattice.left[1, axis]
+            left = left or state[axis] + high[j, axis] < lattice.left[axis]
+            left = left or state[axis] + low[j, axis] > lattice.left[order.size + axis]
             if not same:
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
@@ -198,7 +174,7 @@ def _hazard(shelf, step, j, room, still, moving):
 
 
 @kernel(**UNCOUNTED)
-def _judge(shelf, step, state, lattice, room, margin, safe):
+def _of_tubes(shelf, step, state, lattice, room, margin, safe):
     """safe[j] from marks and margins, and the best input; see the docstring of `sdhj.table.table`."""
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -242,7 +218,7 @@ def _by_tubes(m, own, states, when, shelf, ends, order, lattice, room, out):
     _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
     tube = shelf.tubes[shelf.index[following + n - 1]]
     _worst_values(tube, state, ends, own, order, lattice, room, margins[m])
-    best[m] = _judge(shelf, step, state, lattice, room, margins[m], safe[m])
+    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m])
 
 
 @kernel(**UNCOUNTED)
@@ -259,93 +235,6 @@ def _hull(ends, own, spacing, hull):
 
 
 @kernel(**UNCOUNTED)
-def _place(at, count, state, ends, own, j, lattice, look, room):
-    """Write `count` points at which the true sets are looked at for u_j: the state, its path, the corners of the box.
-
-    past: 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one.
-    """
-    ndim, last, faces, gone = state.size, look.times.size - 1, look.faces, False
-    for v in range(count):
-        out, lost, share = False, False, v / last
-        for axis in range(ndim):
-            x = state[axis]
-            if v > last:
-                x += ends[((v - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, own]
-            elif v > 0:
-                x += share * ends[2, j, axis, own]
-                x += share * share * ends[3, j, axis, own]
-                lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
-            out |= (x < lattice.left[0, axis]) | (x > lattice.left[1, axis])
-            x = min(max(x, faces[0, axis]), faces[1, axis])
-            if lattice.periodic[axis]:
-                x = turned(x, faces[2, axis], faces[3, axis])
-            room.points[at + v, axis] = x
-        gone |= out & (v <= last)
-        room.past[at + v] = 1 if out | (gone & (v <= last)) else -1 if lost else 0
-        room.points[at + v, ndim] = look.times[min(v, last)]
-
-
-@kernel(**UNCOUNTED)
-def _clear(room, sets, at, count):
-    """Whether no set of `level` has one of the points; `LOST` is added where one has the first, the state."""
-    found = PASSES
-    for v in range(at, at + count):
-        fine = room.past[v] >= 0
-        for p in range(sets):
-            fine &= room.level[p, v] > 0.0
-        if not (fine | (room.past[v] > 0)):
-            found = found | LOST if v == at else found & LOST
-    return found
-
-
-@kernel()
-def _verdict(at, count, left, look, room):
-    """What the true sets say of the points of a state and an input, whose unsafe sets have been played.
-
-    left : steps to go after the interval.
-    """
-    found, corner = _clear(room, look.unsafe.outputs.size, at, count), at + look.times.size
-    if not found & PASSES or left != 0 or count == 1 or look.target.outputs.size == 0:
-        return found
-    if play_part(look.target, room.points, look.times, room.level, corner, at + count) != 0.0:
-        return UNDEFINED
-    for v in range(corner, at + count):
-        found = found & LOST if room.level[0, v] > 0.0 else found
-    return found
-
-
-@kernel(**UNCOUNTED)
-def _settled(first, safe, margin, room):
-    """The best input by what is known of them, or the one to look at next; -1 where hazards are wanted."""
-    known, hazard, best, least = room.known, room.hazard, -1, np.inf
-    if known[first] != FAILS:
-        return first
-    for j in range(safe.size):
-        safe[j] = safe[j] and known[j] != FAILS
-        if safe[j] and (best < 0 or margin[j] < least):
-            best, least = j, margin[j]
-    if best >= 0 or not (hazard[0] == hazard[0]):
-        return best
-    for j in range(safe.size):
-        worse = max(margin[j], hazard[j])
-        if known[j] != FAILS and worse < least:
-            best, least = j, worse
-    return best if best >= 0 else first
-
-
-@kernel(**UNCOUNTED)
-def _preferred(scores, safe, margin, known):
-    """The safe input of least score that does not fail, of equals that of least margin; -1: none is safe."""
-    best = -1
-    for j in range(scores.size):
-        if safe[j] and known[j] != FAILS:
-            better = best < 0 or scores[j] < scores[best]
-            if better or (scores[j] == scores[best] and margin[j] < margin[best]):
-                best = j
-    return best
-
-
-@kernel(**UNCOUNTED)
 def _hazards(shelf, step, state, lattice, room, out):
     """out[j] = the interpolated avoid tube of u_j at a state."""
     still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
@@ -354,68 +243,207 @@ def _hazards(shelf, step, state, lattice, room, out):
         out[j] = _hazard(shelf, step, j, room, still, moving)
 
 
-@kernel()
-def _checked(at, count, m, own, states, when, shelf, ends, lattice, look, room, scores, out):
-    """Undo what the true sets refute of the answers for a state in a tube; False where a formula has no value.
+@kernel(inline="always")  # as its caller counts references, or does not
+def lattice_of(ints, floats):
+    """The lattice that is first among packed arrays."""
+    lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
+    periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
+    left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
+    return Lattice(lower, spacing, shape, periodic, least, most, left, first, extent)
 
-    The unsafe sets have been played at the points of its best input.
+
+@kernel(**UNCOUNTED)
+def _place(at, state, ends, own, j, lattice, times, faces, points, past):
+    """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
+    ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
+    for i in range(times.size):  # the state, the path, the corners
+        spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
+        for axis in range(ndim):
+            x = state[axis]
+            if i > last:
+                x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, own]
+            elif i > 0:
+                x += share * ends[2, j, axis, own]
+                x += share * share * ends[3, j, axis, own]
+                lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
+            out |= (x < lattice.left[axis]) | (x > lattice.left[ndim + axis])
+            x = min(max(x, faces[axis]), faces[ndim + axis])
+            if lattice.periodic[axis]:
+                x = turned(x, faces[2 * ndim + axis], faces[3 * ndim + axis])
+            points[spot, axis] = x
+        gone |= out & (i <= last)
+        past[spot] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
+        points[spot, ndim] = times[spot - at]
+
+
+@kernel(**UNCOUNTED)
+def _next(known, safe, scores, margin, hazard, first):
+    """The input to look at next; if it has passed already, or has failed, it is the answer.
+
+    Of the safe ones that of least score, of equals that of least margin; where none is safe, `first`, the best by the
+    tubes; where that fails, the one for which the larger of margin and hazard is least; where none passes, `first`.
     """
-    to_go, safe, margins, best = out
-    state, (step, within), final, first, settled = states[m], when, count == 1, best[m], False
-    left = max(to_go[m], within) - 1
-    room.known[:], room.hazard[0] = UNKNOWN, np.nan
-    found = room.known[first] = _verdict(at, count, left, look, room)
-    while not final and found < LOST:
-        j = _preferred(scores[m], safe[m], margins[m], room.known) if settled else -1
-        best[m] = j = j if j >= 0 else _settled(first, safe[m], margins[m], room)
-        if j < 0:
-            _hazards(shelf, step, state, lattice, room, room.hazard)
-        elif room.known[j] == UNKNOWN:
-            _place(at, count, state, ends, own, j, lattice, look, room)
-            if play_part(look.unsafe, room.points, look.times, room.level, at, at + count) != 0.0:
-                return False
-            found = room.known[j] = _verdict(at, count, left, look, room)
-        elif settled or scores.shape[0] == 0:
-            break
-        else:
-            settled = True
-    if to_go[m] == 0 and found < LOST and look.target.outputs.size > 0:
-        if play_part(look.target, room.points, look.times, room.level, at, at + 1) != 0.0:
+    best, least = -1, np.inf
+    for j in range(safe.size):
+        if safe[j] and known[j] != FAILS:
+            better = best < 0 or scores[j] < scores[best]
+            if better or (scores[j] == scores[best] and margin[j] < margin[best]):
+                best = j
+    if best >= 0 or known[first] != FAILS:
+        return best if best >= 0 else first
+    for j in range(safe.size):
+        worse = max(margin[j], hazard[j])
+        if known[j] != FAILS and worse < least:
+            best, least = j, worse
+    return best if best >= 0 else first
+
+
+@kernel(nogil=True, **UNCOUNTED)
+def propose(waiting, within, states, rows, ints, floats, ends, scores, out, spots):
+    """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
+
+    waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
+    no times), all inputs pass. The other arguments are those of `decide`, and `spots_for`. Returns how many still wait.
+    """
+    (to_go, safe, margins, best), (slots, known, hazard, points, past, _, _) = out, spots
+    lattice, times, faces = lattice_of(ints, floats), part(ints, floats, TIMES), part(ints, floats, FACES)
+    some = 0
+    if waiting < 0:
+        for r in range(rows.size):
+            if to_go[rows[r]] >= 0:
+                slots[0, some], slots[1, r], slots[2, r] = r, best[rows[r]], max(to_go[rows[r]], within) - 1
+                known[r], hazard[r] = UNKNOWN if times.size else PASSES, np.inf
+                some += 1
+        waiting, some = some, 0
+    for k in range(waiting):
+        r, m = slots[0, k], rows[slots[0, k]]
+        j = _next(known[r], safe[m], scores[m], margins[m], hazard[r], slots[1, r])
+        best[m], slots[1, r] = j, j if slots[1, r] < 0 else slots[1, r]
+        if known[r, j] == UNKNOWN:
+            own = r if ends.shape[3] > 1 else 0
+            _place(some * times.size, states[m], ends, own, j, lattice, times, faces, points, past)
+            slots[0, some] = r
+            some += 1
+    return some
+
+
+@kernel(nogil=True, **UNCOUNTED)
+def judge(waiting, rows, looks, count, out, spots):
+    """Undo what the values in `spots`, at `count` points each, refute; returns how many wait for another input.
+
+    What is in an unsafe set is not admissible, with `ONLY_LOOK` just its steps to go say so; what is in no target has
+    one step to go, or none any longer. An input that fails is not safe.
+    """
+    (to_go, safe, margins, best), (slots, known, _, _, past, level, there) = out, spots
+    last, some = LOOKED if count > 1 else 0, 0
+    for k in range(waiting):
+        r, m = slots[0, k], rows[slots[0, k]]
+        at, j, lost, passes = k * count + last, best[m], False, True
+        for v in range(k * count, (k + 1) * count):
+            fine = past[v] >= 0
+            for p in range(level.shape[0]):
+                fine &= level[p, v] > 0.0
+            if v > at and slots[2, r] == 0:
+                fine &= there[0, v] <= 0.0
+            fine |= past[v] > 0
+            lost, passes = lost | ((v == at) & (not fine)), passes & (fine | (v == at))
+        if to_go[m] == 0 and there[0, at] > 0.0:
+            to_go[m], lost = 1, lost | (count == 1)
+        known[r, j] = PASSES if passes else FAILS
+        if lost:
+            to_go[m] = -1
+        if lost and looks != ONLY_LOOK:
+            safe[m], margins[m], best[m] = False, np.inf, -1
+        elif not passes:
+            safe[m, j] = False
+            slots[0, some] = r
+            some += 1
+    return some
+
+
+@kernel(error_model="numpy")
+def _evaluate(waiting, rows, ints, floats, to_go, spots):
+    """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite."""
+    (slots, _, _, points, _, level, there), times = spots, part(ints, floats, TIMES)
+    count, last = times.size, LOOKED if times.size > 1 else 0
+    if play_part(ints, floats, UNSAFE, points, times, level, 0, waiting * count) != 0.0:
+        return False
+    for k in range(waiting if part(ints, ints, TARGET + RESULTS).size else 0):
+        start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
+        stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
+        if start < stop and play_part(ints, floats, TARGET, points, times, there, start, stop) != 0.0:
             return False
-        if room.level[0, at] > 0.0:
-            to_go[m], found = 1, LOST if final else found
-    if found >= LOST:
-        to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
-    return found != UNDEFINED
+    return True
 
 
 @kernel()
-def _room(ndim, inputs, points, sets, size):
-    """A `Room` for so many inputs, points, unsafe sets, and nodes of a block."""
+def _look(rows, when, states, shelf, ints, floats, ends, room, scores, out, spots):
+    """The look at the true sets for some rows, by their tapes; False where they are undefined."""
+    step, within, _, looks = when
+    lattice, count = lattice_of(ints, floats), part(ints, floats, TIMES).size
+    waiting = propose(-1, within, states, rows, ints, floats, ends, scores, out, spots)
+    while waiting > 0:
+        if not _evaluate(waiting, rows, ints, floats, out[0], spots):
+            return False
+        waiting = judge(waiting, rows, looks, count, out, spots)
+        for k in range(waiting if looks == LOOK else 0):
+            r = spots[0][0, k]
+            if not out[1][rows[r]].any():
+                _hazards(shelf, step, states[rows[r]], lattice, room, spots[2][r])
+        waiting = propose(waiting, within, states, rows, ints, floats, ends, scores, out, spots)
+    return True
+
+
+@kernel()
+def _room(ndim, inputs, size):
+    """A `Room` for so many inputs and nodes of a block."""
     around, spans = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64)
     nodes = np.arange(ndim), np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
-    block = spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size)
-    spots = np.empty((points, ndim + 1)), np.empty(points, np.int64), np.empty((max(sets, 1), points))
-    return Room(np.empty((2, ndim)), *nodes, *block, *spots, np.empty(inputs, np.int64), np.empty(inputs))
+    return Room(np.empty((2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, shelf, lattice, ahead, look, looks, scores, out):
+def spots_for(states, inputs, count, ndim, sets):
+    """Room for the look at the true sets: for R states `count` points of each that waits, one behind the other.
+
+    Returns
+    -------
+    slots (3, R)
+        The numbers of those that wait; of each state the best input by the tubes, and the steps to go after the
+        interval.
+    known, hazard (R, L)
+        What is known of the inputs.
+    points (R count, ndim + 1), past (R count,)
+        The time last. 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one.
+    level (sets, R count), there (1, R count)
+        The values of the unsafe sets and, at the state and the corners, of the target.
+    """
+    slots, known, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
+    points, past = np.empty((size, ndim + 1)), np.empty(size, np.int64)
+    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), np.zeros((1, size))
+
+
+@kernel(nogil=True)
+def decide(states, rows, when, ints, floats, stored, ends, scores, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
     ----------
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    when : (step, within)
-        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more.
-    shelf, lattice, ahead, look : tuples
-        The fields of a `Shelf`, a `Lattice`, an `Ahead` and a `Look`, tapes too: plain tuples get into compiled code in
-        half the time of named ones.
-    looks : `TUBES`, `LOOKED` or `ONLY_LOOK`
-        The last judges the inputs `best` with `to_go` steps to go afterwards, and writes what it finds to `to_go`.
-    scores : (M, L) or (0, L)
-        Which safe input is preferred as `best`, if any is: that of least score, of equals that of least margin.
+    when : (step, within, steps, looks)
+        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. looks:
+        `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
+    ints, floats
+        What is packed (above).
+    stored : (index, tubes, masks, static, moving)
+        Of a `Shelf`.
+    ends : (4, L, ndim, 1 or R)
+        What each input can lead to, relative to the state: the lower and the upper corner of the box that holds all
+        states at the interval's end, and two terms of the path without an adversary, which after a share s of the
+        interval is s ends[2] + s^2 ends[3] away. Where there is a tape for it, it is played, and `ends` is not read.
+    scores : (M, L)
+        Which safe input is preferred as `best`: that of least score, of equals that of least margin.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
         To be written. to_go is -1 where no tube holds the state; safe is False, margins inf and best -1 there and at
         the last step.
@@ -425,67 +453,98 @@ def decide(states, rows, when, shelf, lattice, ahead, look, looks, scores, out):
     bool
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    shelf, lattice, ahead = Shelf(*shelf), Lattice(*lattice), Ahead(ahead[0], ahead[1], Tape(*ahead[2]), ahead[3])
-    look, tape = Look(look[0], look[1], Tape(*look[2]), Tape(*look[3])), ahead.tape
-    ndim, inputs, played, sets = states.shape[1], out[1].shape[1], tape.outputs.size > 0, look.unsafe.outputs.size
-    count, size = 1 if when[0] == shelf.steps else look.times.size + (1 << ndim), 64
-    width = max(1, min(BLOCK // count, rows.size))  # states at a time
-    room, slots = _room(ndim, inputs, width * count, sets, size), np.empty(width, np.int64)
-    at, flat = np.empty((width, ndim)), np.empty((tape.outputs.size, width))
-    ends = flat.reshape(4, inputs, ndim, width) if played else ahead.ends
-    shift = 0 if played or ends.shape[3] == 1 else 1
+    (step, within, steps, looks), (index, tubes, masks, static, moving) = when, stored
+    axes, lattice = (part(ints, ints, STATIC), part(ints, ints, MOVING)), lattice_of(ints, floats)
+    shelf = Shelf(steps, index, tubes, masks, static, axes[0], moving, axes[1])
+    order, times = part(ints, ints, ORDER), part(ints, floats, TIMES)
+    ndim, inputs, count = states.shape[1], out[1].shape[1], times.size
+    played, time = part(ints, ints, AHEAD + RESULTS).size, part(ints, floats, BEGIN)
+    width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
+    alike, sets = played == 0 and ends.shape[3] == 1, part(ints, ints, UNSAFE + RESULTS).size
+    room, at = _room(ndim, inputs, size), np.empty((width, ndim))
+    spots = spots_for(width if looks != TUBES else 0, inputs, count, ndim, sets)
+    near = ends if alike else np.empty((4, inputs, ndim, width))
     for begin in range(0, rows.size, width):
-        some, found = rows[begin : begin + width], 0
-        for r in range(some.size if played else 0):
-            at[r] = states[some[r]]
-        if played and play_part(tape, at, ahead.begin, flat, 0, some.size) != 0.0:
-            return False
-        for r in range(some.size):
-            m, own = some[r], r if played else shift * (begin + r)
-            if looks != ONLY_LOOK:
-                if ends.shape[3] > 1 or begin + r == 0:
-                    needed = _hull(ends, own, lattice.spacing, room.hull)
-                    if needed > size:
-                        size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-                        room = Room(*room[:7], *block, *room[9:])  # type: ignore[call-arg]
-                _by_tubes(m, own, states, when, shelf, ends, ahead.order, lattice, room, out)
-            if looks != TUBES and out[0][m] >= 0:
-                _place(found * count, count, states[m], ends, own, max(out[3][m], 0), lattice, look, room)
-                slots[found], found = r, found + 1
-        if found > 0 and play_part(look.unsafe, room.points, look.times, room.level, 0, found * count) != 0.0:
-            return False
-        for k in range(found):
-            m, own = some[slots[k]], slots[k] if played else shift * (begin + slots[k])
-            if looks == ONLY_LOOK:
-                out[0][m] = _verdict(k * count, count, out[0][m], look, room)
-                fine = out[0][m] != UNDEFINED
-            else:
-                fine = _checked(k * count, count, m, own, states, when, shelf, ends, lattice, look, room, scores, out)
-            if not fine:
+        some = rows[begin : begin + width]
+        if played:
+            for r in range(some.size):
+                at[r] = states[some[r]]
+            if play_part(ints, floats, AHEAD, at, time, near.reshape(played, width), 0, some.size) != 0.0:
                 return False
+        elif not alike:
+            near[:, :, :, : some.size] = ends[:, :, :, begin : begin + some.size]
+        for r in range(some.size if looks != ONLY_LOOK else 0):
+            own = 0 if alike else r
+            if not alike or begin + r == 0:
+                needed = _hull(near, own, lattice.spacing, room.hull)
+                if needed > size:
+                    size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+                    room = Room(*room[:7], *block)  # type: ignore[call-arg]
+            _by_tubes(some[r], own, states, (step, within), shelf, near, order, lattice, room, out)
+        if looks != TUBES and not _look(some, when, states, shelf, ints, floats, near, room, scores, out, spots):
+            return False
     return True
 
 
 @kernel(nogil=True)
-def avoid_values(states, step, shelf, lattice, out):
+def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
 
-    states (M, ndim), shelf and lattice as for `decide`, out (M, L). Coordinates must be finite.
+    states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
     """
-    shelf, lattice, room = Shelf(*shelf), Lattice(*lattice), _room(states.shape[1], out.shape[1], 0, 0, 0)
+    axes, lattice = (part(ints, ints, STATIC), part(ints, ints, MOVING)), lattice_of(ints, floats)
+    shelf = Shelf(0, axes[0], static, static, static, axes[0], moving, axes[1])
+    room = _room(states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])
 
 
+@kernel(**UNCOUNTED)
+def _located(where, at, count, axis, lattice, here, there, share):
+    """The nodes around each of the points where[at:] on an axis, and the weight of the right one; as in `corners`."""
+    nodes, first = lattice.shape[axis], lattice.first[axis]
+    for m in range(count):
+        left, right = locate(where[at + m, axis], axis, lattice)
+        on = right >= 1.0 - TINY
+        share[m] = 0.0 if on or right < TINY else right
+        here[m] = among(left + on - first, nodes)
+        there[m] = among(left + on + 1 - first, nodes)
+
+
+@kernel(**UNCOUNTED)
+def _doubled(index, weight, size, extent, here, there, share, count):
+    """The nodes on one more axis: those on the left in their rows, those on the right in as many rows below."""
+    for c in range(size):
+        for m in range(count):
+            start, whole = index[c, m] * extent, weight[c, m]
+            index[c, m], index[c + size, m] = start + here[m], start + there[m]
+            weight[c, m], weight[c + size, m] = whole * (1.0 - share[m]), whole * share[m]
+
+
+@kernel(**UNCOUNTED)
+def _added(found, tubes, row, index, weight):
+    """Add the values of a node each, times their weights."""
+    for m in range(found.size):
+        found[m] += weight[m] * tubes[row[m], index[m]] if weight[m] > 0.0 else 0.0
+
+
 @kernel(nogil=True)
-def tube_values(points, places, tubes, lattice, out):
+def tube_values(points, places, tubes, ints, floats, out):
     """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 
-    points (M, V, ndim), places (M,), tubes (T, size), out (M, V). Coordinates must be finite.
+    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite. As
+    `corners` and `weighted`, for a block of points at a time.
     """
-    ndim = points.shape[2]
-    axes, index, weight = np.arange(ndim), np.empty(1 << ndim, np.int64), np.empty(1 << ndim)
-    for m in range(points.shape[0]):
-        for v in range(points.shape[1]):
-            count = corners(points[m, v], axes, lattice, TINY, index, weight)
-            out[m, v] = weighted(tubes, places[m], index, weight, count)
+    (_, each, ndim), lattice = points.shape, lattice_of(ints, floats)
+    where, found = points.reshape(-1, ndim), out.reshape(-1)
+    index, weight = np.empty((1 << ndim, BLOCK), np.int64), np.empty((1 << ndim, BLOCK))
+    (here, there, row), share = np.empty((3, BLOCK), np.int64), np.empty(BLOCK)
+    for at in range(0, found.size, BLOCK):
+        count = min(BLOCK, found.size - at)
+        for m in range(count):
+            index[0, m], weight[0, m], row[m], found[at + m] = 0, 1.0, places[(at + m) // each], 0.0
+        for axis in range(ndim):
+            _located(where, at, count, axis, lattice, here, there, share)
+            _doubled(index, weight, 1 << axis, lattice.extent[axis], here, there, share, count)
+        for c in range(1 << ndim):
+            _added(found[at : at + count], tubes, row, index[c], weight[c])

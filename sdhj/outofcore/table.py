@@ -136,16 +136,15 @@ class StoredTable(Table):
             out.reshape(-1)[rows] = part._values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
-        assert ends is not None
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         steps, step, states = self.steps, batch.step, batch.states
         following = steps - step if step < steps else 0
         asked = [entry(steps, step, n) for n in range(steps - step + 1)]
         asked += [entry(steps, step + 1, n) for n in range(following)]
         each = len(asked) + 2 * len(self.problem.inputs)
-        boxes = np.array([ends[:, 0].min(axis=1), ends[:, 1].max(axis=1)])
+        boxes = np.array([ends[0].min(axis=0).T, ends[1].max(axis=0).T])
         for some, window in self._windows(states[rows], boxes, each):
-            of = ends[some] if len(ends) > 1 else ends
+            of = ends.take(some, axis=-1) if ends.shape[-1] > 1 else ends
             self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], of)
 
     # ---- windows

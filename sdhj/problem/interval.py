@@ -237,22 +237,23 @@ class Interval:
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
-        ends = self.ahead(states)
-        return ends[:, 0], ends[:, 1]
+        low, high = np.moveaxis(self.ahead(states)[:2], -1, 1)
+        return low, high
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """What each input leads to, relative to the states: (M, 4, L, ndim), or (1, 4, L, ndim) if alike for all.
+        """What each input leads to, relative to the states: (4, L, ndim, M), or (4, L, ndim, 1) if alike for all.
 
         The corners of `reachable`, and two terms of the path without an adversary: a share s of the interval later the
         state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
         """
-        if (formula := self.ahead_formula) is not None:
-            return np.asarray(formula(states, self.begin))
-        return self._alike if self.dynamics.stateless else self._ahead(states, self.begin)
+        if self.dynamics.stateless:
+            return self._alike
+        found = (self.ahead_formula or self._ahead)(states, self.begin)
+        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
     @cached_property
     def _alike(self) -> FloatArray:
-        return self._ahead(np.array([self.grid.lower]), self.begin)
+        return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
     @property
     def ahead_formula(self) -> Formula | None:

@@ -25,13 +25,15 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import LOOKED, ONLY_LOOK, PASSES, TUBES, Shelf, avoid_values, decide, tube_values
+from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
+from sdhj.kernels.tape import RESULTS
 from sdhj.problem.checks import ascending, sealed
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
-from sdhj.table.ahead import NOTHING, look, prepared, tapes
-from sdhj.table.batches import ANY, Batch, Table, entry
+from sdhj.table.ahead import NO_TAPES, tapes_of
+from sdhj.table.batches import NOWHERE, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -253,69 +255,52 @@ class LookupTable(Table):
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         out = np.empty((len(states), len(self.problem.inputs)))
-        avoid_values(states, step, tuple(self._shelf), tuple(self.grid.arrays), out)
+        avoid_values(states, step, *self.known(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
-        tube_values(points, places, self._shelf.tubes, self.grid.arrays, out)
+        tube_values(points, places, self._stored[1], *self.known(step), out)
         return out
 
-    def _decide(self, batch: Batch, scores: FloatArray, rows: FloatArray) -> None:
-        if not (self._readable and self._filled(batch, rows, self._prepared(batch.step), LOOKED, scores)):
-            super()._decide(batch, scores, rows)  # with black boxes, or to say what is undefined
+    def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
+        done, interval, states = False, self.problem.interval(batch.step), batch.states
+        if self._compiled:
+            played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
+            ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
+            done = self._call(batch, rows, ends, scores, looks)
+        if not done:  # with black boxes, or to say what is undefined
+            super()._decide(batch, scores, looks, rows)
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray | None) -> None:
-        interval, sets = self.problem.interval(batch.step), self._prepared(batch.step)[1]
-        self._filled(batch, rows, (prepared(interval, ends), sets), TUBES, ANY)
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+        self._call(batch, rows, ends, batch.margins, TUBES)
 
-    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        if self._readable and len(states):
-            found, safe = np.array(left), np.empty((0, len(self.problem.inputs)), np.bool_)
-            asked = Batch(states, step, 1, found, safe, ANY, inputs)
-            if self._filled(asked, np.arange(len(states)), self._prepared(step), ONLY_LOOK, ANY):
-                return (found & PASSES) != 0
-        return super().passes(states, inputs, step, left)
-
-    def _filled(self, batch: Batch, rows: FloatArray, sets: Any, looks: int, scores: FloatArray) -> bool:
-        """Let `decide` fill in some rows of a batch; False where it met something undefined."""
+    def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> bool:
+        """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
+        when = batch.step, batch.within, self.steps, looks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best
-        return bool(decide(batch.states, rows, (batch.step, batch.within), *self._known, *sets, looks, scores, out))
+        return bool(decide(batch.states, rows, when, *self.known(batch.step), self._stored, ends, scores, out))
 
     @cached_property
-    def _readable(self) -> bool:
-        """Whether compiled code knows what inputs lead to, and the true sets."""
-        dynamics = self.problem.dynamics
-        return not self.problem.opaque and (dynamics.stateless or dynamics.gain is not None)
-
-    def _prepared(self, step: int) -> tuple[Any, Any]:
-        """What compiled code reads of the dynamics and of the true sets at a step."""
-        if step not in self._steps:
-            interval = self.problem.interval(min(step, self.steps - 1))
-            ahead = prepared(interval) if self._readable else ()
-            self._steps[step] = ahead, look(self.problem, step, self._tapes)
-        return self._steps[step]
+    def _compiled(self) -> bool:
+        """Whether the sets are formulas."""
+        return not any(isinstance(part.level_set, BlackBox) for part in (*self.problem.unsafe, self.problem.target))
 
     @cached_property
-    def _steps(self) -> dict[int, Any]:
-        return {}
+    def _tapes(self) -> Any:
+        return tapes_of(self.problem) if self._compiled else NO_TAPES
 
     @cached_property
-    def _tapes(self) -> tuple[Any, Any]:
-        return tapes(self.problem) if self._readable else (NOTHING, NOTHING)
+    def _axes(self) -> Any:
+        return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
     @cached_property
-    def _known(self) -> tuple[Any, Any]:
-        return tuple(self._shelf), tuple(self.grid.arrays)
-
-    @cached_property
-    def _shelf(self) -> Shelf:
-        avoid, inputs = self.avoid, len(self.problem.inputs)
-        static, moving = avoid.static.reshape(inputs, -1), avoid.moving.reshape(self.steps * inputs, -1)
-        axes = [np.array(axes, dtype=np.int64) for axes in (avoid.static_axes, avoid.moving_axes)]
-        tubes = self.tubes.reshape(len(self.tubes), -1)
-        return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
+    def _stored(self) -> tuple[FloatArray, ...]:
+        """What compiled look-ups read, every function on a grid flat (`Shelf`)."""
+        inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
+        static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
+        return self.index, tubes, self.masks, static, moving
 
     # ---- on disk
 
