@@ -391,7 +391,7 @@ class Halves(Table):
     method, details, nbytes = "halves", {}, 0  # type: ignore[assignment]
     problem = FREE
 
-    def _answer(self, batch: Batch, rows: np.ndarray, reach: Any) -> None:
+    def _answer(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
         q = batch.states[rows, 0]
         batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
         batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]

@@ -406,17 +406,10 @@ def _room(ndim, inputs, size):
 def spots_for(states, inputs, count, ndim, sets):
     """Room for the look at the true sets: for R states `count` points of each that waits, one behind the other.
 
-    Returns
-    -------
-    slots (3, R)
-        The numbers of those that wait; of each state the best input by the tubes, and the steps to go after the
-        interval.
-    known, hazard (R, L)
-        What is known of the inputs.
-    points (R count, ndim + 1), past (R count,)
-        The time last. 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one.
-    level (sets, R count), there (1, R count)
-        The values of the unsafe sets and, at the state and the corners, of the target.
+    slots (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
+    the interval. known, hazard (R, L): what is known of the inputs. points (R count, ndim + 1), the time last; past
+    (R count,): 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one; level
+    (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
     """
     slots, known, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past = np.empty((size, ndim + 1)), np.empty(size, np.int64)
@@ -500,51 +493,41 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 
 @kernel(**UNCOUNTED)
-def _located(where, at, count, axis, lattice, here, there, share):
-    """The nodes around each of the points where[at:] on an axis, and the weight of the right one; as in `corners`."""
-    nodes, first = lattice.shape[axis], lattice.first[axis]
-    for m in range(count):
-        left, right = locate(where[at + m, axis], axis, lattice)
-        on = right >= 1.0 - TINY
-        share[m] = 0.0 if on or right < TINY else right
-        here[m] = among(left + on - first, nodes)
-        there[m] = among(left + on + 1 - first, nodes)
-
-
-@kernel(**UNCOUNTED)
-def _doubled(index, weight, size, extent, here, there, share, count):
-    """The nodes on one more axis: those on the left in their rows, those on the right in as many rows below."""
-    for c in range(size):
+def _interpolated(where, row, tubes, lattice, room, found):
+    """found[m] = the interpolated tubes[row[m]] at where[m], as by `corners` and `weighted`: loops that vectorise."""
+    (sides, index), (share, weight) = room
+    here, there, count = sides[0], sides[1], found.size
+    index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
+    for axis in range(where.shape[1]):
         for m in range(count):
-            start, whole = index[c, m] * extent, weight[c, m]
-            index[c, m], index[c + size, m] = start + here[m], start + there[m]
-            weight[c, m], weight[c + size, m] = whole * (1.0 - share[m]), whole * share[m]
-
-
-@kernel(**UNCOUNTED)
-def _added(found, tubes, row, index, weight):
-    """Add the values of a node each, times their weights."""
-    for m in range(found.size):
-        found[m] += weight[m] * tubes[row[m], index[m]] if weight[m] > 0.0 else 0.0
+            left, right = locate(where[m, axis], axis, lattice)
+            left += right >= 1.0 - TINY
+            share[0, m] = right if TINY <= right < 1.0 - TINY else 0.0
+            here[m] = among(left - lattice.first[axis], lattice.shape[axis])
+            there[m] = among(left + 1 - lattice.first[axis], lattice.shape[axis])
+        for c in range(1 << axis):
+            other = c + (1 << axis)
+            for m in range(count):
+                start, whole = index[c, m] * lattice.extent[axis], weight[c, m]
+                index[c, m], index[other, m] = start + here[m], start + there[m]
+                weight[c, m], weight[other, m] = whole * (1.0 - share[0, m]), whole * share[0, m]
+    for c in range(1 << where.shape[1]):
+        for m in range(count):
+            found[m] += weight[c, m] * tubes[row[m], index[c, m]] if weight[c, m] > 0.0 else 0.0
 
 
 @kernel(nogil=True)
 def tube_values(points, places, tubes, ints, floats, out):
     """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 
-    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite. As
-    `corners` and `weighted`, for a block of points at a time.
+    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite.
     """
     (_, each, ndim), lattice = points.shape, lattice_of(ints, floats)
-    where, found = points.reshape(-1, ndim), out.reshape(-1)
-    index, weight = np.empty((1 << ndim, BLOCK), np.int64), np.empty((1 << ndim, BLOCK))
-    (here, there, row), share = np.empty((3, BLOCK), np.int64), np.empty(BLOCK)
+    where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
+    whole, shares = np.empty((2 + (1 << ndim), BLOCK), np.int64), np.empty((1 + (1 << ndim), BLOCK))
+    room = (whole[:2], whole[2:]), (shares[:1], shares[1:])
     for at in range(0, found.size, BLOCK):
-        count = min(BLOCK, found.size - at)
-        for m in range(count):
-            index[0, m], weight[0, m], row[m], found[at + m] = 0, 1.0, places[(at + m) // each], 0.0
-        for axis in range(ndim):
-            _located(where, at, count, axis, lattice, here, there, share)
-            _doubled(index, weight, 1 << axis, lattice.extent[axis], here, there, share, count)
-        for c in range(1 << ndim):
-            _added(found[at : at + count], tubes, row, index[c], weight[c])
+        end = min(at + BLOCK, found.size)
+        for m in range(end - at):
+            row[m] = places[(at + m) // each]
+        _interpolated(where[at:end], row, tubes, lattice, room, found[at:end])

@@ -8,6 +8,7 @@ both questions (`sdhj.table.table` says how), and a rule selects one of the inpu
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from math import isfinite
 from typing import Any
@@ -522,27 +523,32 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     any disturbance can lead to.
     """
     hazards, rows = table._hazards(states, whole("step", step, least=0, most=table.steps - 1)), np.arange(len(states))
-    margins = np.zeros(hazards.shape)
-    tied = np.count_nonzero(hazards == hazards.min(axis=1)[:, None], axis=1) > 1
-    if tied.any():
+    margins, least = np.zeros(hazards.shape), np.sort(hazards, axis=1)
+    if (tied := least[:, 0] == least[:, :2][:, -1]).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
     asked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
     table._decide(asked, hazards, ONLY_LOOK, rows)
     chosen, hazard = asked.best, hazards[rows, asked.best]
     clear = (hazard <= 0.0) & asked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
-    if table.proved or table.grid.has("safe"):  # has not been looked at, or not past such an end
+    if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
         asked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
     return chosen, (clear & (asked.steps_to_go > 0)).astype(np.int64), hazard
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     low, high = table.problem.interval(step).reachable(states)
-    corners = np.array(list(product((False, True), repeat=table.grid.ndim)))
-    ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
+    sides = _sides(table.grid.ndim)
+    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
-    ahead = table.values_at(ends.reshape(len(states), -1, table.grid.ndim), step + 1, left)
-    return ahead.reshape(len(states), -1, len(corners)).max(axis=2)
+    points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
+    ahead = table._values_at(points, step + 1, left)
+    return ahead.reshape(len(states), -1, len(sides)).max(axis=2)
+
+
+@cache
+def _sides(ndim: int) -> FloatArray:
+    return np.array(list(product((False, True), repeat=ndim)))
 
 
 def fallback(table: Table, q: FloatArray, step: int) -> Fallback:

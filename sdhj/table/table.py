@@ -265,8 +265,8 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
-        done, interval, states = False, self.problem.interval(batch.step), batch.states
-        if self._compiled:
+        interval, states, done = self.problem.interval(batch.step), batch.states, False
+        if self._tapes is not NO_TAPES:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
             ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
             done = self._call(batch, rows, ends, scores, looks)
@@ -283,13 +283,9 @@ class LookupTable(Table):
         return bool(decide(batch.states, rows, when, *self.known(batch.step), self._stored, ends, scores, out))
 
     @cached_property
-    def _compiled(self) -> bool:
-        """Whether the sets are formulas."""
-        return not any(isinstance(part.level_set, BlackBox) for part in (*self.problem.unsafe, self.problem.target))
-
-    @cached_property
     def _tapes(self) -> Any:
-        return tapes_of(self.problem) if self._compiled else NO_TAPES
+        sets = (*self.problem.unsafe, self.problem.target)
+        return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
 
     @cached_property
     def _axes(self) -> Any:
