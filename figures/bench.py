@@ -18,6 +18,7 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -295,19 +296,20 @@ def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str
 def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float, float]]:
     """Median and 99% quantile of what one answer takes, in seconds: by what is asked.
 
-    Queries are single calls of `Controller.select` for admissible states; batches have BATCH states.
+    Queries are single calls, of `Controller.fallback` for states that are not admissible; batches have BATCH states.
     """
     table = sdhj.solve(arm_case_study(nodes=nodes), progress=False)
     rng = np.random.default_rng(seed)
-    states = admissible_states(Controller(table), BATCH, rng)
+    controller, found = Controller(table), {}
+    states = admissible_states(controller, BATCH, rng)
     anywhere = rng.uniform(table.grid.lower, table.grid.upper, states.shape)
-    found = {}
-    for rule in RULES:
-        controller = Controller(table, rule)
-        controller.select(states[0], 0)
-        times = [_timed(controller.select, q, 0) for q in states[:QUERIES]]
-        found[f"select, rule {rule}"] = float(np.median(times)), float(np.quantile(times, 0.99))
-    controller = Controller(table)
+    lost = anywhere[controller.batch(anywhere, 0).steps_to_go < 0]
+    calls: dict[str, Any] = {f"select, rule {rule}": (Controller(table, rule).select, states) for rule in RULES}
+    calls |= {"filter": (partial(controller.filter, wanted=0), states), "fallback": (controller.fallback, lost)}
+    for name, (call, points) in calls.items():
+        call(points[0], 0)
+        times = [_timed(call, q, 0) for q in points[:QUERIES]]
+        found[name] = float(np.median(times)), float(np.quantile(times, 0.99))
     for name, points in (("batch, admissible states", states), ("batch, uniform states", anywhere)):
         controller.batch(points, 0)
         times = [_timed(controller.batch, points, 0) / BATCH for _ in range(5)]

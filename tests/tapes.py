@@ -17,12 +17,12 @@ def arity(op):
 def made(rows, outputs, slots=None, lookups=(), places=(), tables=()):
     """A tape of rows (operation, slot, operands, value)."""
     code = [(OPERATIONS.index(op), slot, *operands, *[0] * (3 - len(operands))) for op, slot, operands, _ in rows]
-    return tapes.Tape(
+    return tapes.packed(
         np.array(code, np.int64),
-        np.array([row[3] for row in rows], float),
-        slots or 1 + max(row[1] for row in rows),
+        np.array([slots or 1 + max(row[1] for row in rows)]),
         np.array(outputs, np.int64),
         np.array(lookups, np.int64).reshape(-1, 14),
+        np.array([row[3] for row in rows], float),
         np.array(places, float).reshape(-1, 12),
         np.array(tables, float).ravel(),
     )
@@ -34,16 +34,20 @@ def of_one(op, n=0, slot=0):
     return made([*leaves, (op, slot, tuple(range(arity(op))), n)], [slot])
 
 
+def results(tape):
+    return int(np.diff(tape.ints[2 * tapes.RESULTS :][:2])[0])
+
+
 def values(tape, points, parameters=NONE):
     points = np.ascontiguousarray(points, float)
-    out = np.full((len(tape.outputs), len(points)), -7.0)
+    out = np.full((results(tape), len(points)), -7.0)
     tapes.play(tape, points, np.asarray(parameters, float), out)
     return out
 
 
 def bounds(tape, low, high, parameters_low=NONE, parameters_high=NONE):
     low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
-    out = np.full((2, len(tape.outputs), len(low)), -7.0)
+    out = np.full((2, results(tape), len(low)), -7.0)
     tapes.play_bounds(tape, low, high, np.asarray(parameters_low, float), np.asarray(parameters_high, float), out)
     return out
 

@@ -13,7 +13,9 @@ import toys
 
 import sdhj
 from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.table.ahead import look_ahead
+from sdhj.kernels.lookup import LOOK
+from sdhj.table.batches import Table
+from sdhj.table.table import LookupTable
 
 TORUS = Grid([-np.pi] * 2, [np.pi] * 2, [48, 48], [True] * 2)
 COURSES = 0.6 * np.array([[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)])  # m/s, of a boat
@@ -158,19 +160,14 @@ def test_boxes_are_those_of_the_slow_twin(name: str, rng: np.random.Generator) -
     """Anywhere, on nodes, on walls and whole turns away; and of some rows alone."""
     problem = PROBLEMS[name]()
     for step in range(problem.steps if problem.dynamics.timed else 1):
-        tell, states = look_ahead(problem.interval(step)), states_of(problem, 200, rng)
-        rows = rng.permutation(200)[:60]
-        told, begin = tell(states, rows), problem.delta * step
-        assert told.low.shape == told.high.shape == (60, len(problem.inputs), problem.grid.ndim)
+        states, rows = states_of(problem, 200, rng), rng.permutation(200)[:60]
+        (told_low, told_high), begin = problem.interval(step).reachable(states[rows]), problem.delta * step
+        assert told_low.shape == told_high.shape == (60, len(problem.inputs), problem.grid.ndim)
         for r, m in enumerate(rows):
             for j in range(len(problem.inputs)):
                 low, high = box_of(name, problem, states[m], j, begin)
-                np.testing.assert_allclose(told.low[r, j], low, rtol=0, atol=1e-12)
-                np.testing.assert_allclose(told.high[r, j], high, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(told.lowest, told.low.min(axis=1))
-        np.testing.assert_array_equal(told.highest, told.high.max(axis=1))
-        nodes = np.ceil((told.highest - told.lowest) / problem.grid.spacing) + 1
-        assert nodes.prod(axis=1).max() <= told.size
+                np.testing.assert_allclose(told_low[r, j], low, rtol=0, atol=1e-12)
+                np.testing.assert_allclose(told_high[r, j], high, rtol=0, atol=1e-12)
 
 
 def test_velocities_that_read_nothing_share_one_box() -> None:
@@ -179,13 +176,11 @@ def test_velocities_that_read_nothing_share_one_box() -> None:
     inputs, rest = constant.inputs, (np.eye(2), [0.4, 0.4])
     idle = replace(constant, dynamics=Dynamics(inputs, lambda q, u: np.tile(u, (len(q), 1)), *rest))
     for problem in (constant, idle):
-        tell = look_ahead(problem.interval(0))
-        told = tell(np.zeros((3, 2)), np.arange(3))
-        assert told.low.shape == (1, 9, 2) and tell(np.ones((1, 2)), np.arange(1)) is told
-        np.testing.assert_allclose(told.low[0], 0.2 * (problem.inputs - 0.4), rtol=0, atol=1e-15)
+        low, _ = problem.interval(0).reachable(np.zeros((3, 2)))
+        assert low.shape == (1, 9, 2)
+        np.testing.assert_allclose(low[0], 0.2 * (problem.inputs - 0.4), rtol=0, atol=1e-15)
     tide = replace(constant, dynamics=Dynamics(inputs, lambda u, t: u * t, *rest))
-    looks = [look_ahead(tide.interval(step)) for step in range(3)]
-    moved = [tell(np.zeros((1, 2)), np.arange(1)).high[0, 8, 0] for tell in looks]
+    moved = [tide.interval(step).reachable(np.zeros((1, 2)))[1][0, 8, 0] for step in range(3)]
     np.testing.assert_allclose(moved, [0.2 * (2.0 * (0.2 * k + 0.1) + 0.4) for k in range(3)], rtol=0, atol=1e-12)
 
 
@@ -198,11 +193,10 @@ def test_drifts_that_are_undefined_between_the_nodes_are_evaluated_for_no_other_
         return u / np.sqrt(np.abs(q[:, 1:] - 0.05) - 0.01)  # not a number between y = 0.04 and 0.06
 
     interval = boat(narrow, np.eye(2)).interval(0)
-    tell, states = look_ahead(interval), rng.uniform([-2, -1.5], [2, -1], (50, 2))
-    told = tell(states, np.arange(50))
-    assert np.isfinite(told.low).all() and (told.low < told.high).all()
+    low, high = interval.reachable(rng.uniform([-2, -1.5], [2, -1], (50, 2)))
+    assert np.isfinite(low).all() and (low < high).all()
     with pytest.raises(ValueError, match=r"where the state moves to is undefined or infinite \(nan\) at \[0.0, 0.05\]"):
-        tell(np.array([[0.0, 0.05]]), np.arange(1))
+        interval.reachable(np.array([[0.0, 0.05]]))
 
 
 # ---- what the controller makes of them
@@ -222,6 +216,31 @@ def test_one_state_and_many_get_the_same_answer(name: str, rng: np.random.Genera
     for m in np.flatnonzero(batch.steps_to_go >= 0):
         assert controller.select(states[m], 0) == chosen[m]
         assert controller.safe_inputs(states[m], 0).tolist() == np.flatnonzero(batch.safe[m]).tolist()
+
+
+@pytest.mark.parametrize("name", ["car", "tide", "walls", "slip"])
+def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
+    name: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For the filter's scores, too; at the last step, and one input at a time."""
+    table = controller_of(name).table
+    for step, within in ((0, 1), (0, table.steps), (table.steps - 1, 1), (table.steps, 1)):
+        states = states_of(table.problem, 2000, rng)
+        scores = rng.integers(0, 3, (2000, len(table.problem.inputs))).astype(float)
+        for one in (scores, None):
+            fast, slow = (table.answers(states, step, within, one) for _ in range(2))
+            Table._decide(
+                table, slow, slow.margins if one is None else one, LOOK, np.arange(2000)
+            )  # into the same arrays
+            for field in ("steps_to_go", "safe", "margins", "best"):
+                np.testing.assert_array_equal(getattr(fast, field), getattr(slow, field))
+        if step < table.steps:
+            inputs, left = rng.integers(0, len(table.problem.inputs), 2000), rng.integers(0, 2, 2000)
+            found = table.passes(states, inputs, step, left)
+            monkeypatch.setattr(LookupTable, "_decide", Table._decide)
+            np.testing.assert_array_equal(found, table.passes(states, inputs, step, left))
+            monkeypatch.undo()
+            assert found.any() and not found.all()
 
 
 def test_boats_arrive(rng: np.random.Generator) -> None:

@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import naive_controller
@@ -14,8 +15,8 @@ import toys
 
 import sdhj
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import LOOKED
-from sdhj.table.batches import CHUNK, Batch, Table, take_least
+from sdhj.table.ahead import LOOKED, settle
+from sdhj.table.batches import CHUNK, Batch, Table
 from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
 from sdhj.table.table import AvoidTubes, LookupTable
 
@@ -396,7 +397,7 @@ class Halves(Table):
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]
         return free_problem()
 
-    def _answer(self, batch: Batch, rows: np.ndarray, reach: Any) -> None:
+    def _answer(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
         q = batch.states[rows, 0]
         batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
         batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
@@ -470,15 +471,20 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
     best = np.array([(np.flatnonzero(row & ~bad).tolist() or [-1])[0] for row, bad in zip(safe, failing, strict=True)])
     safe[best < 0] = False
     to_go = np.where(safe.any(axis=1), 1, -1)
-    batch = Batch(np.arange(300.0)[:, None], 0, 1, to_go, safe, margins, best)
-
-    class Looking(Table):
-        def passes(self, states: Any, inputs: Any, step: int, left: Any) -> Any:
-            return ~failing[states[:, 0].astype(int), inputs]
-
     ranked = np.full(safe.shape, np.nan)
     ranked[safe] = scores[: safe.sum()]
-    chosen = take_least(Looking(), batch, ranked[safe])
+    apart, ends = 1.8 / failing.size, np.zeros((4, 9, 1, 1))  # no state comes by where another one does
+    states = -0.9 + apart * 9 * np.arange(300.0)[:, None]
+    ends[2, :, 0, 0] = apart * np.arange(9)
+
+    def unsafe_along(points: Any, times: Any) -> Any:
+        met = failing.ravel()[np.rint((points[:, LOOKED - 1, 0] + 0.9) / apart).astype(int)]
+        return np.where(met[:, None] & (np.arange(len(times)) == LOOKED - 1), -1.0, 1.0)
+
+    problem: Any = SimpleNamespace(inputs=np.zeros((9, 1)), grid=FREE.grid, stays=True, unsafe_along=unsafe_along)
+    table: Any = SimpleNamespace(problem=problem, known=solved(FREE).known)
+    table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)
+    chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing
     assert chosen.tolist() == naive_controller.best(kept.tolist(), ranked[kept].tolist(), margins.tolist())
     assert (chosen < 0).any() and np.isinf(scores).any() and (safe & failing).any()

@@ -23,8 +23,8 @@ from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import CellAxis, aligned
 from sdhj.certified.general_proof import BOXES_OF_A_SET, EVALUATED, FINEST, peak, place_axes, shapes
 from sdhj.formulas.formula import BlackBox
+from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
-from sdhj.kernels.tape import GRIDDED
 from sdhj.problem.problem import ReachAvoidProblem
 
 SPEED_STATES = 256  # states around which velocities are bounded
@@ -146,5 +146,5 @@ def _operations(function: Any) -> int:
     """How many operations a formula takes for a point."""
     if isinstance(function, BlackBox):
         return BLACK_BOX
-    code = function.tape.code[:, 0]
-    return len(code) + LOOK_UP * int((code == GRIDDED).sum())
+    operations = [one.op for one in ordered(function.outputs)]
+    return len(operations) + LOOK_UP * operations.count("gridded")

@@ -17,7 +17,6 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
 from sdhj.kernels.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.problem.checks import real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
@@ -183,7 +182,7 @@ class CertifiedTable(Table):
         """
         return super().batch(states, step, within)
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE

@@ -21,7 +21,7 @@ from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels import tape as tapes
-from sdhj.kernels.tape import Tape
+from sdhj.kernels.tape import Tape, packed
 
 MOST_WRAPS = 4  # jumps of one function that are taken apart
 Ends = tuple[FloatArray, FloatArray]
@@ -82,10 +82,9 @@ class Formula:
 
         ValueError where a value is undefined or infinite; NaN is what is undefined where they need not be finite.
         """
-        for one in (points, *parameters):
-            if type(one) is Traced:
-                self._fits(np.shape(points), parameters)
-                return self._inlined(points, parameters)
+        if Traced in map(type, (points, *parameters)):
+            self._fits(np.shape(points), parameters)
+            return self._inlined(points, parameters)
         points = np.ascontiguousarray(points, np.float64)
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
@@ -96,8 +95,8 @@ class Formula:
                 f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
                 "must be finite"
             )
-        if len(points) == 1 or not self.shape:
-            return out.reshape(len(points), *self.shape)
+        if not self.shape:
+            return out[0]
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def _fits(self, shape: tuple[int, ...], parameters: Sequence[Any]) -> None:
@@ -196,7 +195,7 @@ class Formula:
 
     @cached_property
     def tape(self) -> Tape:
-        return tape_of(self.outputs)
+        return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
         columns = entries_of(points).reshape(-1, self.coordinates)
@@ -214,8 +213,8 @@ class Formula:
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
-def tape_of(outputs: Sequence[Node]) -> Tape:
-    """The program that computes some nodes; a slot is used again once nothing more reads it."""
+def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
+    """The arrays of a `Tape` that computes some nodes; a slot is used again once nothing more reads it."""
     order = ordered(outputs)
     last = {arg: place for place, one in enumerate(order) for arg in one.args}
     last |= dict.fromkeys(outputs, len(order))
@@ -250,7 +249,8 @@ def tape_of(outputs: Sequence[Node]) -> Tape:
         found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
         found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table], table.lower, table.spacing
     numbers = np.concatenate([table.values.ravel() for table in tables]) if tables else np.zeros(1)
-    return Tape(code, value, top, np.array([slots[one] for one in outputs], np.int64), found, places, numbers)
+    results = np.array([slots[one] for one in outputs], np.int64)
+    return code, np.array([top]), results, found, value, places, numbers
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:

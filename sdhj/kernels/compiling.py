@@ -18,6 +18,7 @@ import numba
 from numba import get_num_threads, njit, set_num_threads, threading_layer  # type: ignore[attr-defined]
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
+from numba.core.options import DefaultOptions
 from numba.extending import overload
 from tqdm import tqdm
 
@@ -30,6 +31,10 @@ LINE = "compiling for this machine, up to half a minute; later runs read it from
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 _listening: list[Listener] = []
+# Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
+# share, and many loops here are shorter. Without the counts the compiler also refuses whatever would allocate.
+# The option is not among Numba's documented ones: a version without it counts, and takes twice as long.
+UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -24,9 +24,15 @@ class Lattice(NamedTuple):
     periodic: Any
     least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
     most: Any
-    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2, ndim)
+    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2 ndim,)
     first: Any
     extent: Any
+
+
+@kernel()
+def among(node, count):
+    """A node of a periodic axis with so many: whole turns do not matter. A division costs as much as all the rest."""
+    return node if 0 <= node < count else node % count
 
 
 @kernel()
@@ -74,8 +80,8 @@ def corners(point, axes, lattice, tiny, index, weight):
             right = 0.0
         elif right < tiny:
             right = 0.0
-        here = (left - lattice.first[axis]) % nodes
-        there = (left + 1 - lattice.first[axis]) % nodes
+        here = among(left - lattice.first[axis], nodes)
+        there = among(left + 1 - lattice.first[axis], nodes)
         more = count
         for c in range(count):
             start = index[c] * lattice.extent[axis]
@@ -117,11 +123,19 @@ def interpolate(values, points, lattice):
     return out
 
 
+@kernel()
+def turned(x, lower, upper):
+    """A coordinate of a periodic axis, turned to where it is between the ends, upper left out."""
+    past = x - lower
+    if not 0.0 <= past < upper - lower:  # a division costs as much as all the rest
+        past %= upper - lower
+    return lower + past if lower + past < upper else lower  # rounding may reach the end
+
+
 @kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
-    """Turn the coordinates of periodic axes to where they are between the ends, upper left out; `points` is written."""
+    """As `turned`, all coordinates of periodic axes; `points` is written."""
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):
             if periodic[axis]:
-                turned = lower[axis] + (points[m, axis] - lower[axis]) % (upper[axis] - lower[axis])
-                points[m, axis] = turned if turned < upper[axis] else lower[axis]  # rounding may reach the end
+                points[m, axis] = turned(points[m, axis], lower[axis], upper[axis])

@@ -13,7 +13,7 @@ import numpy as np
 from numba import get_num_threads
 
 from sdhj.kernels import FloatArray, elementary, intervals
-from sdhj.kernels.compiling import kernel
+from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.elementary import ERRORS, INF, NAN
 from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
 
@@ -26,7 +26,7 @@ ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MIN, MAX, FLOOR, MOD, SIGN, LESS, LESSEQ, 
 AND, OR, NOT, WHERE, GRIDDED = range(32, 37)
 
 BLOCK = 128  # points played at a time: rows of all slots stay in the first-level cache
-MANY = 2**21  # operations of all points; fewer are not shared out to threads
+MANY = 2**23  # numbers in the program times points; fewer are not shared out to threads
 LARGEST = np.finfo(np.float64).max
 
 
@@ -53,26 +53,43 @@ _RANGES[_which("arctan arcsin")] = [-PI_UP / 2, PI_UP / 2]
 
 
 class Tape(NamedTuple):
-    """A formula, ready to be played. A result may be in the slot of an operand.
+    """A formula, ready to be played: seven arrays, `packed`. A result may be in the slot of an operand.
 
     code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands; of `x` and `p` a is the number of
-    the coordinate or parameter, of `gridded` a row of `lookups`. value (n,): of `const`; the exponent of `power`.
-    slots: how many. outputs (K,) int64: slots of the results. lookups (G, 14) int64: number of axes, 6 slots, 6
-    numbers of nodes, place of the first entry in `tables`. places (G, 12): 6 times lower, 6 times spacing. tables (T,)
-
-    All these arrays and those that are played are contiguous and may be written to: for others Numba compiles anew.
+    the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many. outputs (K,): slots of the
+    results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first entry in `tables`. value
+    (n,) float64: of `const`; the exponent of `power`. places (G, 12): 6 times lower, 6 times spacing. tables (T,)
     """
 
-    code: FloatArray
-    value: FloatArray
-    slots: int
-    outputs: FloatArray
-    lookups: FloatArray
-    places: FloatArray
-    tables: FloatArray
+    ints: FloatArray
+    floats: FloatArray
 
 
-@kernel(nogil=True, error_model="numpy")
+CODE, SLOTS, RESULTS, LOOKUPS, VALUE, PLACES, TABLES = range(7)
+
+
+def packed(*arrays: FloatArray) -> Tape:
+    """Arrays one behind the other, in one of whole numbers and one of others: Python hands over few arrays sooner.
+
+    Where the k-th begins and ends stands before the whole numbers; `part` finds it.
+    """
+    where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
+    parts: tuple[list[FloatArray], list[FloatArray]] = ([where.ravel()], [np.zeros(0)])
+    for row, one in zip(where, arrays, strict=True):
+        sort = int(one.dtype.kind == "f")
+        parts[sort].append(one.ravel())
+        row[:] = ends[sort], ends[sort] + one.size
+        ends[sort] += one.size
+    return Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1]))
+
+
+@kernel(inline="always")  # as its caller counts references, or does not
+def part(ints, array, k):
+    """The k-th of packed arrays, as one row; array: those of its sort."""
+    return array[ints[2 * k] : ints[2 * k + 1]]
+
+
+@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
 def _arithmetic(op, room, i, j, k, count):
     a, b, out = room[i], room[j], room[k]
     if op == ADD:
@@ -107,7 +124,7 @@ def _arithmetic(op, room, i, j, k, count):
             out[m] = np.floor(a[m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, room, i, j, k, count):
     a, b, out = room[i], room[j], room[k]
     if op == POW:
@@ -148,7 +165,7 @@ def _elementary(op, room, i, j, k, count):
             out[m] = elementary.mod(a[m], b[m])
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _power(room, i, n, k, count):
     """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
     a, out = room[i], room[k]
@@ -166,7 +183,7 @@ def _power(room, i, n, k, count):
             out[m] = 1.0 / out[m] if a[m] != 0.0 else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, room, i, j, k, last, count):
     a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
@@ -189,7 +206,7 @@ def _truths(op, room, i, j, k, last, count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
 def _values(op, room, i, j, k, n, last, count):
     """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
     op = _PLAYED_AS[op]
@@ -203,7 +220,7 @@ def _values(op, room, i, j, k, n, last, count):
         _truths(op, room, i, j, k, last, count)
 
 
-@kernel(nogil=True, error_model="numpy")
+@kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
     """(value at a position, in nodes; how large what it was made of is); corner (64,): overwritten."""
     axes, most = lookup[0], 0.0
@@ -223,9 +240,9 @@ def _interpolated(tables, first, lookup, position, corner):
     return corner[0], most
 
 
-@kernel(nogil=True, error_model="numpy")
-def _gridded(lookup, places, tables, room, place, out, count):
-    position, corner = np.empty(6), np.empty(64)
+@kernel(error_model="numpy", **UNCOUNTED)
+def _gridded(lookup, places, tables, room, place, out, count, spots):
+    position, corner = spots
     for m in range(count):
         fine = True
         for axis in range(lookup[0]):
@@ -235,46 +252,57 @@ def _gridded(lookup, places, tables, room, place, out, count):
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
-@kernel(nogil=True, error_model="numpy")
-def play_part(tape, points, parameters, out, start, stop):
-    """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
-
-    A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
-    """
-    code, value, slots, outputs, lookups, places, tables = tape
-    width, total = min(BLOCK, stop - start), 0.0
-    room, place, spare = np.empty((slots + 1, width)), np.arange(slots), slots
+@kernel(error_model="numpy", **UNCOUNTED)
+def _play(ints, floats, first, points, parameters, out, start, stop, room, place, spots):
+    code, outputs = part(ints, ints, first + CODE), part(ints, ints, first + RESULTS)
+    lookups, places = part(ints, ints, first + LOOKUPS), part(ints, floats, first + PLACES)
+    value, tables = part(ints, floats, first + VALUE), part(ints, floats, first + TABLES)
+    spare, total = place.size, 0.0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
-        for k in range(code.shape[0]):
-            op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result = room[spare]
+        for k in range(value.size):
+            op, slot, a = code[5 * k], code[5 * k + 1], code[5 * k + 2]
             if op == X:
                 for m in range(count):
-                    result[m] = points[at + m, first]
+                    room[spare, m] = points[at + m, a]
             elif op == P or op == CONST:
-                number = parameters[first] if op == P else value[k]
+                number = parameters[a] if op == P else value[k]
                 for m in range(count):
-                    result[m] = number
+                    room[spare, m] = number
             elif op == GRIDDED:
-                _gridded(lookups[first], places[first], tables, room, place, result, count)
+                lookup, there = lookups[14 * a : 14 * a + 14], places[12 * a : 12 * a + 12]
+                _gridded(lookup, there, tables, room, place, room[spare], count, spots)
             else:
-                i, last = place[first], place[code[k, 4]] if op == WHERE else 0
-                _values(op, room, i, place[code[k, 3]] if _BINARY[op] else i, spare, int(value[k]), last, count)
+                i, last = place[a], place[code[5 * k + 4]] if op == WHERE else 0
+                j = place[code[5 * k + 3]] if _BINARY[op] else i
+                _values(op, room, i, j, spare, int(value[k]), last, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
-            result = room[place[outputs[i]]]
             for m in range(count):
-                out[i, at + m] = result[m]
-                total += 0.0 * result[m]
+                result = room[place[outputs[i]], m]
+                out[i, at + m] = result
+                total += 0.0 * result
     return total
+
+
+@kernel(nogil=True, error_model="numpy")
+def play_part(ints, floats, first, points, parameters, out, start, stop):
+    """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
+
+    first : the place of the tape's code among the packed arrays. A result is written to a row that no slot has, which
+    then is the row of its slot: operands are never overwritten.
+    """
+    slots, spots = part(ints, ints, first + SLOTS)[0], (np.empty(6), np.empty(64))
+    room = np.empty((slots + 1, min(BLOCK, stop - start)))
+    return _play(ints, floats, first, points, parameters, out, start, stop, room, np.arange(slots), spots)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
     """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
-    if len(points) * len(tape.code) < MANY:  # a plain tuple is handed over in half the time of a named one
-        return bool(play_part(tuple(tape), points, parameters, out, 0, len(points)) == 0.0)
-    return sum(_share_out(play_part, len(points), tuple(tape), points, parameters, out)) == 0.0
+    ints, floats = tape
+    if len(points) * len(ints) < MANY:
+        return bool(play_part(ints, floats, 0, points, parameters, out, 0, len(points)) == 0.0)
+    return sum(_share_out(play_part, len(points), ints, floats, 0, points, parameters, out)) == 0.0
 
 
 def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
@@ -422,10 +450,12 @@ def _or_nothing(room, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, start, stop):
+def play_bounds_part(ints, floats, low, high, parameters_low, parameters_high, out, start, stop):
     """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
-    code, value, slots, outputs, lookups, places, tables = tape
-    width = min(BLOCK, stop - start)
+    code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
+    slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, PLACES)
+    value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
+    places = places.reshape(-1, 12)
     room, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
@@ -472,8 +502,8 @@ def play_bounds(
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
     """
-    arguments = (tuple(tape), low, high, parameters_low, parameters_high, out)
-    if len(low) * len(tape.code) < MANY // 4:
+    arguments = (*tape, low, high, parameters_low, parameters_high, out)
+    if len(low) * len(tape.ints) < MANY // 4:
         play_bounds_part(*arguments, 0, len(low))
     else:
         _share_out(play_bounds_part, len(low), *arguments)

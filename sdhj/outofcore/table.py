@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
 from sdhj.outofcore.slabs import KINDS, read_window
 from sdhj.outofcore.store import Runs, TableStore, blocks, functions_of
 from sdhj.problem.grid import Grid
@@ -120,22 +119,16 @@ class StoredTable(Table):
             out.reshape(-1)[rows] = part._values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        assert reach is not None
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         steps, step, states = self.steps, batch.step, batch.states
         following = steps - step if step < steps else 0
         asked = [entry(steps, step, n) for n in range(steps - step + 1)]
         asked += [entry(steps, step + 1, n) for n in range(following)]
         each = len(asked) + 2 * len(self.problem.inputs)
-        for some, window in self._windows(states[rows], np.array([reach.lowest, reach.highest]), each):
-            part = (
-                reach
-                if len(reach.low) == 1
-                else reach._replace(
-                    **{name: getattr(reach, name)[some] for name in ("low", "high", "lowest", "highest")}
-                )
-            )
-            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], part)
+        boxes = np.array([ends[0].min(axis=0).T, ends[1].max(axis=0).T])
+        for some, window in self._windows(states[rows], boxes, each):
+            of = ends.take(some, axis=-1) if ends.shape[-1] > 1 else ends
+            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], of)
 
     # ---- windows
 

@@ -49,6 +49,8 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
+    if type(value) is int and least <= value and (most is None or value <= most):  # at once
+        return value
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
     fits = fits and not isinstance(value, bool | np.timedelta64)  # integers to Python and NumPy
     if not fits or value < least or (most is not None and value > most):

@@ -255,7 +255,7 @@ class Grid:
             np.array(self.periodic, dtype=np.bool_),
             least - slack,
             most + slack,
-            np.array([low - slack, high + slack]),
+            np.concatenate([low - slack, high + slack]),
             np.zeros(self.ndim, np.int64),
             np.array(self.shape, dtype=np.int64),
         )
@@ -276,7 +276,7 @@ class Grid:
         return bool(np.isfinite(self.faces(kind)).any())
 
     @cached_property
-    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+    def _faces(self) -> dict[Any, tuple[FloatArray, FloatArray]]:
         return {}
 
     def to_ends(self, kind: str) -> FloatArray:
@@ -294,9 +294,11 @@ class Grid:
 
     def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
         """Whether states (..., ndim) are past an end of these kinds by more than rounding: bool (...)."""
-        low, high = self.faces(*kinds)
-        slack = SLACK * np.array(self.spacing)
-        return np.any((states < low - slack) | (states > high + slack), axis=-1)
+        if (kinds, SLACK) not in self._faces:
+            (low, high), slack = self.faces(*kinds), SLACK * np.array(self.spacing)
+            self._faces[kinds, SLACK] = low - slack, high + slack
+        low, high = self._faces[kinds, SLACK]
+        return np.asarray(((states < low) | (states > high)).any(axis=-1))
 
     @cached_property
     def weights(self) -> FloatArray:

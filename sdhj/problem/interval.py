@@ -220,24 +220,16 @@ class Interval:
         return self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)(states, self.begin)
 
     def _displaced(self, states: Any, begin: Any) -> Any:
-        moves = []
+        return self._moves(states, begin)[1]
+
+    def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
+        """Where every input takes the states by the velocity at the begin, and by that halfway: both (M, L, ndim)."""
+        moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
-            halfway = self.grid.clipped(states + self.delta / 2 * self.drift(states, j, begin))
-            moves.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
-        return np.stack(moves, axis=1)
-
-    def path(self, states: FloatArray, inputs: FloatArray, parts: int) -> FloatArray:
-        """Where each state (M, ndim) is under its own input (M,) after 1, ..., `parts` parts, without an adversary.
-
-        Shape (M, parts, ndim); held at walls. Exact for a constant drift, else to second order.
-        """
-        shares, slope = np.arange(1, parts + 1)[:, None] / parts, self.undisturbed(states, inputs, self.begin)
-        moved = self.delta * slope
-        bent = 0.0 * moved
-        if not self.dynamics.constant:
-            halfway = self.grid.clipped(states + moved / 2)
-            bent = self.delta * self.undisturbed(halfway, inputs, self.begin + self.delta / 2) - moved
-        return self.grid.clipped(states[:, None] + shares * moved[:, None] + shares**2 * bent[:, None])
+            moves.append(self.delta * self.drift(states, j, begin))
+            halfway = self.grid.clipped(states + moves[-1] / 2)
+            later.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
+        return np.stack(moves, axis=1), np.stack(later, axis=1)
 
     def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
@@ -245,23 +237,48 @@ class Interval:
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
+        low, high = np.moveaxis(self.ahead(states)[:2], -1, 1)
+        return low, high
+
+    def ahead(self, states: FloatArray) -> FloatArray:
+        """What each input leads to, relative to the states: (4, L, ndim, M), or (4, L, ndim, 1) if alike for all.
+
+        The corners of `reachable`, and two terms of the path without an adversary: a share s of the interval later the
+        state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
+        """
+        if self.dynamics.stateless:
+            return self._alike
+        found = (self.ahead_formula or self._ahead)(states, self.begin)
+        return np.ascontiguousarray(np.moveaxis(found, 0, -1))
+
+    @cached_property
+    def _alike(self) -> FloatArray:
+        return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
+
+    @property
+    def ahead_formula(self) -> Formula | None:
+        """`ahead` of states and the time of its begin; None where it is the same for all states, or cannot be read."""
         dynamics = self.dynamics
-        if self.early:
-            sooner = [replace(self, delta=self.delta - by * self.early, early=0.0) for by in (0.0, 0.5, 1.0)]
-            lows, highs = zip(*(interval.reachable(states) for interval in sooner), strict=True)
-            return np.min(lows, axis=0), np.max(highs, axis=0)
+        if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
+            return None
+        what = "ahead", self.delta, self.early, *np.ravel(self.wider).tolist()
+        found: Formula = self._as_formula(what, self._ahead, self.grid.ndim)
+        return found
+
+    def _ahead(self, states: Any, begin: Any) -> Any:
+        lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
+        corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
+        low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
+        moved, later = self._moves(states, begin)
+        return np.stack([low - self.wider, high + self.wider, moved, later - moved], axis=1)
+
+    def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
+        """Lower and upper corners at the end, both (M, L, ndim)."""
+        dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
-            return low[None] - self.wider, high[None] + self.wider
-        corners: Any = self._reach_of
-        if dynamics.gain is not None:
-            corners = self._as_formula(("reached", self.delta), corners, self.grid.ndim)
-        ends = corners(states, self.begin)
-        return ends[:, 0] - self.wider, ends[:, 1] + self.wider
-
-    def _reach_of(self, states: Any, begin: Any) -> Any:
-        """Lower and upper corners of `reachable`, (M, 2, L, ndim)."""
-        dynamics, centre, points = self.dynamics, self._displaced(states, begin), self.grid.wrapped(states)
+            return low[None], high[None]
+        centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
@@ -270,7 +287,7 @@ class Interval:
             lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
             highs.append(reduce(np.maximum, [end[:, 1] - one for one, end in zip(middle, ends, strict=True)]))
         below, above = (self.delta * np.stack(one, axis=1) for one in (lows, highs))
-        return np.stack([centre - below, centre + above], axis=1)
+        return centre - below, centre + above
 
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula
 

@@ -214,9 +214,7 @@ def monte_carlo(
     sensing: Sensing | None = None,
     progress: bool | None = None,
 ) -> Report:
-    """Simulate many runs of the closed loop, and count how they end.
-
-    Runs begin at step 0, in states drawn uniformly from the tube of all steps.
+    """Simulate many runs of the closed loop from states drawn uniformly from the tube of step 0; count how they end.
 
     Parameters
     ----------
@@ -261,18 +259,9 @@ def monte_carlo(
             bar.update(len(result[0]))
             results.append(result)
     starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
-    return Report(
-        runs=runs,
-        adversary=named(adversary),
-        rule=named(controller.rule),
-        method=controller.table.method,
-        seed=seed,
-        counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
-        starts=starts,
-        outcomes=outcomes,
-        steps=taken,
-        seconds=time.perf_counter() - began,
-    )
+    counts = {outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)}
+    asked = runs, named(adversary), named(controller.rule), controller.table.method, seed
+    return Report(*asked, counts, starts, outcomes, taken, time.perf_counter() - began)
 
 
 def play_length(controller: Controller, steps: int | None) -> int | None:

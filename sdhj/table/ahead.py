@@ -1,105 +1,79 @@
-"""What an input can lead to in one interval, and a look at the true sets at a few places of that."""
+"""What an input can lead to in one interval, and the look at the true sets at a few places of that."""
 
-from collections.abc import Callable
-from functools import cache
-from itertools import product
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.formula import program
+from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
-from sdhj.problem.grid import Grid
-from sdhj.problem.interval import Interval
+from sdhj.kernels.lookup import LOOK, LOOKED, TIMES, judge, propose, spots_for
+from sdhj.kernels.tape import Tape, packed
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
-LookAhead = Callable[[FloatArray, FloatArray], Reach]  # of states (M, ndim), the boxes of some rows (R,)
-
-
-def look_ahead(interval: Interval) -> LookAhead:
-    """What tells the boxes of an interval."""
-    grid, order = interval.grid, np.arange(interval.grid.ndim)
-    if not interval.dynamics.stateless:
-        return lambda states, rows: _reach(grid, *interval.reachable(states[rows]), order)
-    # one box for all states: the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
-    low, high = interval.reachable(np.array([grid.lower]))
-    different = [len(np.unique([low[0, :, axis], high[0, :, axis]], axis=1).T) for axis in order]
-    shared = _reach(grid, low, high, np.argsort(different, kind="stable"))
-    return lambda states, rows: shared
+NO_TAPES = program(()) * 3
 
 
-def _reach(grid: Grid, low: FloatArray, high: FloatArray, order: FloatArray) -> Reach:
-    lowest, highest = low.min(axis=1), high.max(axis=1)
-    nodes = np.ceil((highest - lowest) / grid.spacing + 1e-6) + 2  # that it can touch, and one more along each axis
-    return Reach(low, high, lowest, highest, order, int(nodes.prod(axis=1).max(initial=0)))
+def prepared(
+    problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[FloatArray], looks: bool
+) -> Tape:
+    """What `sdhj.kernels.lookup` reads of a problem at a step, packed.
 
-
-LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
-
-
-def nothing_met(
-    problem: ReachAvoidProblem,
-    states: FloatArray,
-    inputs: FloatArray,
-    step: int,
-    left: FloatArray,
-    reach: Reach,
-    rows: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Whether the true sets refute nothing of a state, and nothing of an input in it, at the places looked at.
-
-    Looked at are the state, `LOOKED` instants of its path without an adversary, and the corners of the box that the
-    input can lead to at the interval's end. It is a check at these places, no proof. What is past a safe end no longer
-    matters.
-
-    Parameters
-    ----------
-    states, inputs : (M, ndim), (M,) int
-    left : (M,) int
-        Steps to go after the interval. With 0 the corners have to be in the true target.
-    reach, rows : Reach, (M,) int
-        What the inputs can lead to, and which of its rows the states have.
-
-    Returns
-    -------
-    two (M,) bool
+    axes : those of the avoid tubes. tapes : `tapes_of` the problem, or `NO_TAPES`. looks : whether at the true sets.
     """
-    grid, sides = problem.grid, _sides(problem.grid.ndim)
-    begin, end = problem.time(step), problem.time(step + 1)
-    times = [begin + (end - begin) * part / LOOKED for part in range(LOOKED)] + [end] * (1 + len(sides))
-    of = rows if len(reach.low) > 1 else 0
-    low, high = reach.low[of, inputs], reach.high[of, inputs]
-    corners = states[:, None] + np.where(sides, high[:, None], low[:, None])
-    path = problem.interval(step).path(states, inputs, LOOKED)
-    met = np.concatenate([states[:, None], path, corners], axis=1)
-    clear = problem.unsafe_along(grid.clipped(met, "wall", "safe"), times) > 0
-    if grid.has("unsafe"):
-        clear[:, 1 : LOOKED + 1] &= ~grid.beyond(path, "unsafe")
-    if not problem.stays and (last := left == 0).any():
-        there = problem.target_value(grid.clipped(corners[last]).reshape(-1, grid.ndim), end) <= 0
-        clear[last, LOOKED + 1 :] &= there.reshape(-1, len(sides))
-    if grid.has("safe"):
-        gone = grid.beyond(met, "safe")
-        gone[:, : LOOKED + 1] = np.logical_or.accumulate(gone[:, : LOOKED + 1], axis=1)
-        clear |= gone
-    return clear[:, 0], np.logical_and.reduce(clear[:, 1:], axis=1)
+    grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
+    interval, order = problem.interval(step), np.arange(grid.ndim)
+    if problem.dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
+        ends = interval.ahead(np.array([grid.lower]))[:2, :, :, 0]
+        order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
+    path = [begin + (end - begin) * part / LOOKED for part in range(1, LOOKED)]
+    times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
+    faces = np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper])
+    return packed(*grid.arrays, *axes, order, times if looks else times[:0], faces, np.array([interval.begin]), *tapes)
 
 
-@cache
-def _sides(ndim: int) -> FloatArray:
-    return np.array(list(product((False, True), repeat=ndim)))
+def tapes_of(problem: ReachAvoidProblem) -> tuple[FloatArray, ...]:
+    """What inputs lead to as a tape, and the unsafe sets and the target, of the whole state and the time after it."""
+    ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
+    sets = (problem.unsafe, () if problem.stays else (problem.target,))
+    unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
+    return *program(ahead.outputs if ahead else ()), *unsafe, *target
 
 
-def first_passing(scores: FloatArray, passes: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-    """For each row of scores (M, L) the place of the least one below +inf that passes, of equals the first; else -1.
+def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
+    def put(one: Node) -> Node | None:
+        return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
-    `passes(rows, places)` is asked for one place of a row at a time, the least first. What fails becomes +inf.
+    return rebuilt(part.level_set.outputs, put)[0]
+
+
+def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> None:
+    """The look at the true sets as in `sdhj.kernels.lookup.decide`, for some rows of a batch and sets of any kind.
+
+    ends (4, L, ndim, 1 or R), scores (M, L) and looks are those of `decide`.
     """
-    chosen = np.full(len(scores), -1)
-    rows = np.arange(len(scores))
-    while (rows := rows[(scores[rows] < np.inf).any(axis=1)]).size:
-        best = scores[rows].argmin(axis=1)
-        good = passes(rows, best)
-        chosen[rows[good]] = best[good]
-        scores[rows[~good], best[~good]] = np.inf
-        rows = rows[~good]
-    return chosen
+    problem, (ints, floats) = table.problem, table.known(batch.step)
+    times = floats[slice(*ints[2 * TIMES : 2 * TIMES + 2])]
+    count, here = len(times), LOOKED if len(times) > 1 else 0  # the place of the state among the points
+    out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+    spots = spots_for(len(rows), len(problem.inputs), count, problem.grid.ndim, 1)
+    slots, _, hazard, points, _, level, there = spots
+    given = batch.within, batch.states, rows, ints, floats, ends, scores, out, spots
+    waiting = propose(-1, *given)
+    while waiting:
+        some, at = slots[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]
+        level[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
+        inside = there[0, : waiting * count].reshape(waiting, count)
+        for near, first, end in ((slots[2, some] == 0, here + 1, count), (out[0][rows[some]] == 0, here, here + 1)):
+            if near.any() and not problem.stays:
+                met = at[near, first:end]
+                found = problem.target_value(met.reshape(-1, problem.grid.ndim), times[first])
+                inside[near, first:end] = found.reshape(met.shape[:2])
+        waiting = judge(waiting, rows, looks, count, out, spots)
+        some = slots[0, :waiting]
+        none = some[~batch.safe[rows[some]].any(axis=1)]
+        if none.size and looks == LOOK:
+            hazard[none] = table._hazards(batch.states[rows[none]], batch.step)
+        waiting = propose(waiting, *given)

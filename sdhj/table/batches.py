@@ -7,26 +7,26 @@
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach
+from sdhj.kernels.lookup import LOOK, ONLY_LOOK
+from sdhj.kernels.tape import Tape
 from sdhj.problem.checks import real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import LookAhead, first_passing, look_ahead, nothing_met
+from sdhj.table.ahead import NO_TAPES, prepared, settle
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
+NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
 
-@dataclass(frozen=True)
-class Batch:
+class Batch(NamedTuple):
     """The answers of a table for M states at one step, made by `Table.batch`.
 
     Attributes
@@ -72,26 +72,6 @@ def entry(steps: int, start: int, within: int) -> int:
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
-def take_least(table: "Table", batch: Batch, scores: FloatArray) -> FloatArray:
-    """For each state the safe input of least score that passes `Table.passes`; among equals that of least margin: (M,).
-
-    scores : one for each True in `batch.safe`, row after row. If no input is safe, `Batch.best` is returned.
-    """
-    chosen, rows = batch.best.copy(), np.flatnonzero(batch.promised)
-    ranks = np.full(batch.safe.shape, np.inf)
-    ranks[batch.safe] = np.argsort(np.lexsort((batch.margins[batch.safe], scores)))  # of equals the first
-
-    def passes(some: FloatArray, inputs: FloatArray) -> FloatArray:
-        at = rows[some]
-        good = inputs == chosen[at]
-        rest = at[~good]
-        good[~good] = table.passes(batch.states[rest], inputs[~good], batch.step, batch.left[rest])
-        return good
-
-    chosen[rows] = first_passing(ranks[rows], passes)
-    return chosen
-
-
 class Table:
     """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
 
@@ -107,6 +87,8 @@ class Table:
     details: Mapping[str, Any]
     index: FloatArray
     proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
+    _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
+    _tapes: Any = NO_TAPES
 
     @property
     def grid(self) -> Grid:
@@ -217,99 +199,71 @@ class Table:
         ValueError
             If a state has a NaN or an infinity, or if shape or step do not fit.
         """
-        step = whole("step", step, least=0, most=self.steps)
-        states = states_array("states", states, self.grid.ndim)  # a copy: rules read it later
-        within = self.steps - step if self.problem.stays else min(within, self.steps - step)
-        count, shape = len(states), (len(states), len(self.problem.inputs))
-        batch = Batch(
-            states,
-            step,
-            within,
-            np.empty(count, np.int64),
-            np.empty(shape, np.bool_),
-            np.empty(shape),
-            np.empty(count, np.int64),
-        )
-        share_out(self.grid, states, lambda rows: self._decide(batch, rows))
+        return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
+
+    def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
+        """As `batch`, of states that have been checked, and that nobody writes.
+
+        scores (M, L): `best` is the safe input of least score that passes, of equals that of least margin, if any does.
+        """
+        problem, steps = self.problem, self.steps
+        step = whole("step", step, least=0, most=steps)
+        within = steps - step if problem.stays else min(within, steps - step)
+        count, shape = len(states), (len(states), len(problem.inputs))
+        to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
+        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best)
+        scores = batch.margins if scores is None else scores
+        share_out(self.grid, states, lambda rows: self._decide(batch, scores, LOOK, rows))
+        if problem.stays:
+            batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
         return batch
 
-    def _decide(self, batch: Batch, rows: FloatArray) -> None:
-        reach = None if self.proved else self.ahead(batch.step)(batch.states, rows)
-        self._answer(batch, rows, reach)
-        if reach is not None:
-            self._look(batch, rows, reach)
-        if self.problem.stays:
-            batch.steps_to_go[rows[batch.steps_to_go[rows] >= 0]] = self.steps - batch.step
+    def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
+        """Fill in some rows of a batch, as `sdhj.kernels.lookup.decide` does; looks: `LOOK` or `ONLY_LOOK`."""
+        ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
+        if looks == LOOK:
+            self._answer(batch, rows, ends)
+        settle(self, batch, rows, ends, scores, looks)
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        """To be implemented: fill in some rows of a batch from the tubes; `reach` is what inputs lead to there.
+    def known(self, step: int) -> Tape:
+        """What compiled look-ups read of the problem at a step (`prepared`)."""
+        if step not in self._known:
+            self._known[step] = prepared(self.problem, step, self._axes, self._tapes, not self.proved)
+        return self._known[step]
+
+    @cached_property
+    def _known(self) -> dict[int, Tape]:
+        return {}
+
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+        """To be implemented: fill in some rows of a batch from the tubes; `ends` (`Interval.ahead`) of those rows.
 
         Without a target steps_to_go is 0 for states in the tube.
         """
         raise NotImplementedError
 
-    def _look(self, batch: Batch, rows: FloatArray, reach: Reach) -> None:
-        """Undo what the true sets refute: all answers for states in the unsafe set; else inputs, from the best on."""
-        step, to_go = batch.step, batch.steps_to_go
-        admissible = np.flatnonzero(to_go[rows] >= 0)
-        if not (rows := rows[admissible]).size:
-            return
-        states, lost = batch.states[rows], np.zeros(len(rows), np.bool_)
-        if not self.problem.stays and (near := np.flatnonzero(to_go[rows] == 0)).size:
-            off = self.problem.target_value(states[near], self.problem.time(step)) > 0.0
-            to_go[rows[near[off]]], lost[near[off]] = 1, step == self.steps
-        if step == self.steps:
-            lost |= self.problem.refuted(states, step, 1)
-            again = rows[:0]
-        else:
-            clear, good = nothing_met(self.problem, states, batch.best[rows], step, batch.left[rows], reach, admissible)
-            lost |= ~clear
-            again = rows[clear & ~good]
-        to_go[rows[lost]], batch.best[rows[lost]] = NOT_ADMISSIBLE, NOT_ADMISSIBLE
-        batch.safe[rows[lost]], batch.margins[rows[lost]] = False, np.inf
-        if again.size:
-            self._next_best(batch, again)
+    def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
+        """For each state the safe input of least score (M, L) that `passes`, of equals that of least margin: (M,).
 
-    def _next_best(self, batch: Batch, rows: FloatArray) -> None:
-        """Remove a best input that the true sets refute, and all others up to the next that passes."""
-        states, best, margins = batch.states[rows], batch.best[rows], batch.margins[rows]
-        batch.safe[rows, best] = False
-
-        def passes(some: FloatArray, inputs: FloatArray) -> FloatArray:
-            return self.passes(states[some], inputs, batch.step, batch.left[rows[some]])
-
-        scores = np.where(batch.safe[rows], margins, np.inf)
-        chosen = first_passing(scores, passes)
-        batch.safe[rows] &= scores < np.inf
-        if (none := np.flatnonzero(chosen < 0)).size:  # is safe: the best that passes; where none does, the best
-            worst = np.maximum(margins[none], self._hazards(states[none], batch.step))
-            worst[np.arange(len(none)), best[none]] = np.inf
-            other = first_passing(worst, lambda some, inputs: passes(none[some], inputs))
-            chosen[none] = np.where(other < 0, best[none], other)
-        batch.best[rows] = chosen
+        If no input is safe, it is `Batch.best`.
+        """
+        to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.left + 1)
+        asked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
+        self._decide(asked, scores, ONLY_LOOK, np.arange(len(to_go)))
+        return asked.best
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
-        Some points of the path without a disturbance must be safe, and the corners of the box that the input can lead
-        to, with `left` (M,) steps to go then: see `sdhj.table.ahead.nothing_met`. Proved tables pass every input.
+        Looked at are `sdhj.kernels.lookup.LOOKED` instants of the path without a disturbance, which must be safe, and
+        the corners of the box that the input can lead to; these must be in the true target if `left` (M,), the steps to
+        go then, is 0. What is past a safe end no longer matters. It is a check at these places, no proof. Proved tables
+        pass every input.
         """
-        if self.proved or not len(states):
-            return np.ones(len(states), np.bool_)
-        rows = np.arange(len(states))
-        return nothing_met(self.problem, states, inputs, step, left, self.ahead(step)(states, rows), rows)[1]
-
-    def ahead(self, step: int) -> LookAhead:
-        """The function that returns the boxes of states to which inputs can lead from a step."""
-        steps = self.steps if self.problem.dynamics.timed else 1
-        if (step := min(step, steps - 1)) not in self._ahead:
-            self._ahead[step] = look_ahead(self.problem.interval(step))
-        return self._ahead[step]
-
-    @cached_property
-    def _ahead(self) -> dict[int, LookAhead]:
-        """The results of `ahead` so far, by step; only step 0 if the dynamics do not depend on time."""
-        return {}
+        safe = inputs[:, None] == np.arange(len(self.problem.inputs))
+        asked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
+        self._decide(asked, asked.margins, ONLY_LOOK, np.arange(len(safe)))
+        return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
         """Which inputs stay clear of the unsafe sets over the interval from a step, as level-set values.

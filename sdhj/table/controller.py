@@ -8,16 +8,18 @@ both questions (`sdhj.table.table` says how), and a rule selects one of the inpu
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import first_passing
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, take_least
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 CLOCK = 1e-9  # rounding of times, s
@@ -305,10 +307,12 @@ class Controller:
         return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None) -> Batch:
-        state, shape = real_array("a state", q), (self.problem.grid.ndim,)
-        if state.shape != shape:
-            raise ValueError(f"a state must have shape {shape}, got {state.shape}; for many states use batch()")
-        return self.batch(state[None], step)
+        state, ndim = real_array("a state", q), self.problem.dynamics.ndim
+        if state.shape != (ndim,):
+            raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
+        if not all(map(isfinite, state.tolist())):  # in a fourth of NumPy's time
+            finite_array("a state", q)
+        return self.table.answers(state[None], self._at(step))
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
         batch = self._query(q, step)
@@ -442,8 +446,9 @@ class Controller:
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
-        candidates = Candidates(self.problem, batch, *np.nonzero(batch.safe))
-        return take_least(self.table, batch, self._scores(candidates))
+        scores = np.zeros(batch.safe.shape)
+        scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
+        return self.table.preferred(batch, scores)
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
@@ -454,8 +459,7 @@ class Controller:
 
     def _scores(self, candidates: Candidates) -> FloatArray:
         if callable(self.rule):
-            batch = replace(candidates.batch, **{name: sealed(value) for name, value in vars(candidates.batch).items()})
-            answer = self.rule(replace(candidates, batch=batch))
+            answer = self.rule(replace(candidates, batch=Batch(*map(sealed, candidates.batch))))
         else:
             answer = RULES[self.rule](candidates)
         scores, shape = real_array(f"the answer of rule {self.rule!r}", answer), candidates.rows.shape
@@ -518,32 +522,33 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     least margin is chosen: the largest value of the tube with all steps left, over the corners of the box that it and
     any disturbance can lead to.
     """
-    hazards = table.hazards(states, step)
-    margins = np.zeros(hazards.shape)
-    tied = (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1
-    if tied.any():
+    hazards, rows = table._hazards(states, whole("step", step, least=0, most=table.steps - 1)), np.arange(len(states))
+    margins, least = np.zeros(hazards.shape), np.sort(hazards, axis=1)
+    if (tied := least[:, 0] == least[:, :2][:, -1]).any():
         margins[tied] = _margins(table, states[tied], step)
-    order = np.lexsort((margins, hazards))
-
-    def passes(rows: FloatArray, inputs: FloatArray) -> FloatArray:
-        some_way = np.ones(len(rows), np.int64)  # is to go afterwards: the target does not matter
-        return table.passes(states[rows], inputs, step, some_way)
-
-    passing = first_passing(np.argsort(order, axis=1).astype(np.float64), passes)
-    chosen = np.where(passing == NOT_ADMISSIBLE, order[:, 0], passing)
-    hazard = hazards[np.arange(len(states)), chosen]
-    clear = (hazard <= 0.0) & ~table.grid.beyond(table.grid.wrapped(states), "unsafe", "wall")
-    clear &= (passing >= 0) & ~table.problem.refuted(states, step, 1)
-    return chosen, clear.astype(np.int64), hazard
+    some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
+    asked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
+    table._decide(asked, hazards, ONLY_LOOK, rows)
+    chosen, hazard = asked.best, hazards[rows, asked.best]
+    clear = (hazard <= 0.0) & asked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
+    if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
+        asked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
+    return chosen, (clear & (asked.steps_to_go > 0)).astype(np.int64), hazard
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
     low, high = table.problem.interval(step).reachable(states)
-    corners = np.array(list(product((False, True), repeat=table.grid.ndim)))
-    ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
+    sides = _sides(table.grid.ndim)
+    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
-    ahead = table.values_at(ends.reshape(len(states), -1, table.grid.ndim), step + 1, left)
-    return ahead.reshape(len(states), -1, len(corners)).max(axis=2)
+    points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
+    ahead = table._values_at(points, step + 1, left)
+    return ahead.reshape(len(states), -1, len(sides)).max(axis=2)
+
+
+@cache
+def _sides(ndim: int) -> FloatArray:
+    return np.array(list(product((False, True), repeat=ndim)))
 
 
 def fallback(table: Table, q: FloatArray, step: int) -> Fallback:
@@ -560,13 +565,14 @@ def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
     wanted = plain_array("wanted", wanted)
     if single := q.ndim == 1:
         q, wanted = q[None], wanted[None]
-    batch = table.batch(q, step, table.steps - step)
-    inputs, rows = table.problem.inputs, np.arange(len(batch.states))
+    states = states_array("states", q, table.grid.ndim)
+    inputs, rows = table.problem.inputs, np.arange(len(states))
     commands, index = _commands(inputs, wanted, len(rows))
-    distances = np.linalg.norm(inputs - commands[:, None], axis=2)  # (M, L)
+    distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
     if index is not None:
         distances[rows, index] = -1.0  # before another input of the same command
-    chosen, promised = take_least(table, batch, distances[batch.safe]), batch.promised
+    batch = table.answers(states, step, table.steps - step, distances)
+    chosen, promised = batch.best, batch.promised
     if (lost := chosen == NOT_ADMISSIBLE).any():
         chosen[lost] = fallbacks(table, batch.states[lost], step)[0]
     changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)

@@ -25,12 +25,15 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import Reach, Shelf, avoid_values, decide, tube_values
+from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
+from sdhj.kernels.tape import RESULTS
 from sdhj.problem.checks import ascending, sealed
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
-from sdhj.table.batches import Batch, Table, entry
+from sdhj.table.ahead import NO_TAPES, tapes_of
+from sdhj.table.batches import NOWHERE, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -252,28 +255,48 @@ class LookupTable(Table):
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         out = np.empty((len(states), len(self.problem.inputs)))
-        avoid_values(states, step, tuple(self._shelf), tuple(self.grid.arrays), out)
+        avoid_values(states, step, *self.known(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
-        tube_values(points, places, self._shelf.tubes, self.grid.arrays, out)
+        tube_values(points, places, self._stored[1], *self.known(step), out)
         return out
 
-    def _answer(self, batch: Batch, rows: FloatArray, reach: Reach | None) -> None:
-        assert reach is not None
-        out = (batch.steps_to_go, batch.safe, batch.margins, batch.best)
-        when = batch.step, batch.within
-        decide(batch.states, rows, when, tuple(self._shelf), tuple(reach), tuple(self.grid.arrays), out)
+    def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
+        interval, states, done = self.problem.interval(batch.step), batch.states, False
+        if self._tapes is not NO_TAPES:
+            played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
+            ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
+            done = self._call(batch, rows, ends, scores, looks)
+        if not done:  # with black boxes, or to say what is undefined
+            super()._decide(batch, scores, looks, rows)
+
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+        self._call(batch, rows, ends, batch.margins, TUBES)
+
+    def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> bool:
+        """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
+        when = batch.step, batch.within, self.steps, looks
+        out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+        return bool(decide(batch.states, rows, when, *self.known(batch.step), self._stored, ends, scores, out))
 
     @cached_property
-    def _shelf(self) -> Shelf:
-        avoid, inputs = self.avoid, len(self.problem.inputs)
-        static, moving = avoid.static.reshape(inputs, -1), avoid.moving.reshape(self.steps * inputs, -1)
-        axes = [np.array(axes, dtype=np.int64) for axes in (avoid.static_axes, avoid.moving_axes)]
-        tubes = self.tubes.reshape(len(self.tubes), -1)
-        return Shelf(self.steps, self.index, tubes, self.masks, static, axes[0], moving, axes[1])
+    def _tapes(self) -> Any:
+        sets = (*self.problem.unsafe, self.problem.target)
+        return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
+
+    @cached_property
+    def _axes(self) -> Any:
+        return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
+
+    @cached_property
+    def _stored(self) -> tuple[FloatArray, ...]:
+        """What compiled look-ups read, every function on a grid flat (`Shelf`)."""
+        inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
+        static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
+        return self.index, tubes, self.masks, static, moving
 
     # ---- on disk
 

@@ -14,11 +14,11 @@ from documents import ROOT, blocks, named_files
 import sdhj
 from sdhj.cli import main
 from sdhj.formulas.arrays import MOST_NODES
-from sdhj.formulas.formula import tape_of
+from sdhj.formulas.formula import program
 from sdhj.formulas.graph import MOST_AXES, MOST_EXPONENT
 from sdhj.formulas.rules import RULES
 from sdhj.formulas.text import MOST_LINES, parsed
-from sdhj.kernels.tape import play
+from sdhj.kernels.tape import packed, play
 from sdhj.problem.problem import COMPARED_STATES
 
 SITE = ROOT / "notebooks" / "site"
@@ -186,7 +186,7 @@ def test_every_rule_is_on_the_page_and_the_lines_are_read_again() -> None:
     assert lines is not None
     (disk,) = parsed(lines[1].splitlines(), [], 2, 1)
     states, found = np.array([[1.0, 0.5], [0.3, 0.0]]), np.empty((1, 2))
-    play(tape_of([disk]), states, np.array([2.0]), found)
+    play(packed(*program([disk])), states, np.array([2.0]), found)
     np.testing.assert_allclose(found[0], np.hypot(states[:, 0] - 0.4, states[:, 1]) - 0.5, atol=1e-12)
 
 
