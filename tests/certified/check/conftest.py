@@ -8,7 +8,7 @@ import pytest
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check.reading import Scene
+from sdhj.certified.check.arm import Scene
 from sdhj.certified.check.separation import World
 
 
