@@ -92,7 +92,16 @@ def checker(folder, file, old, new):
 
 
 KERNELS = ("kernels/intervals.py", "kernels/tape.py")
-PROVER = ("kernels/stencils.py", "certified/cells.py", "certified/bounds.py", "certified/general_proof.py")
+PROVER = tuple(
+    f"{name}.py"
+    for name in (
+        "kernels/stencils",
+        "certified/cells",
+        "certified/bounds",
+        "certified/images",
+        "certified/general_proof",
+    )
+)
 
 
 @contextmanager

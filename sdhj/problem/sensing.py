@@ -36,7 +36,7 @@ On a grid, shrinking a set by a box is the maximum of its level-set function ove
 in W if the interpolated M contains the whole box around it.
 
 Certified sets consist of cells: M_k^n contains a cell y if the image of y + E, widened by E, is in M_{k+1}^{n-1}, which
-for a cell of one point is the same. Their E is proved, by intervals of the velocities (`sdhj.certified.general_proof`).
+for a cell of one point is the same. Their E is proved, by intervals of the velocities (`sdhj.certified.images`).
 
 *In closed form.* dq = u + v, u in {-1, 0, 1}, |v| <= b < 1, target |q| <= r; T = delta + 2 j, S = delta - 2 j. Here
 E = e + d b, and the sets are intervals around 0. M^0 has the half-width r - E; W^n has E less than M^n. u = 1 leads

@@ -259,6 +259,7 @@ def test_cells_that_do_not_cover_are_found(recipe):
     for axis, changes in (
         (0, {2: Fraction(22, 7) * 2, 3: Fraction(22, 7) * 2}),
         (1, {2: 2 * PI[1]}),
+        (1, {2: 2 * PI[0] - Fraction(1, 10**12)}),
         (1, {3: 2 * PI[0]}),
         (0, {1: PI[0] / 16}),
         (3, {1: box / 4 * Fraction(99, 100)}),
