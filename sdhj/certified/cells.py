@@ -5,8 +5,8 @@ they are written as, and cells, velocities and moves are `Fraction`s. Where cell
 disturbance moves the state in one interval, the image of a cell is a whole number of cells and nothing is lost to
 rounding it outward: `aligned_width` picks such cells. An image counts as in cells that it exceeds by `DRIFT`.
 
-A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval narrower than
-`DRIFT`, the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.
+A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, narrow against
+`DRIFT`; the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.
 """
 
 import math

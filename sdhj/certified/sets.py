@@ -15,8 +15,8 @@ The obligations of the proof, where each is met, and the test in tests/certified
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
 2.  *The image is outside what can be reached.* For the arm: `moved_bounds`, in fractions, with the adversary's worst
     velocities, and `CellAxis.image`, clipped at walls. [test_image_holds_the_worst_adversary] For the others:
-    `Images.reached`, by intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside,
-    test_what_a_piece_adds_is_rounded_outward]
+    `Images.reached`, by intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory,
+    test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
     [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
