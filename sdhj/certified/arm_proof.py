@@ -35,11 +35,6 @@ LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
 MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 
-def is_arm(problem: ReachAvoidProblem) -> bool:
-    """Whether a case study built the problem."""
-    return bool(problem.recipe)
-
-
 @dataclass(frozen=True)
 class ArmProof(Proof):
     """What one interval does to the cells, for the recursion and for questions about states; `parts` under the fastest

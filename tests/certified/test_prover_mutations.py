@@ -480,6 +480,8 @@ def without(monkeypatch):
         with mutations.modules(mutations.PROVER, file, old, new) as made:
             for user in (sdhj.certified.sets, sdhj.certified.table):
                 monkeypatch.setattr(user, "GeneralProof", made[GENERAL].GeneralProof)
+            if CELLS in made:
+                monkeypatch.setattr(sdhj.certified.sets, "aligned", made[CELLS].aligned)
 
     return change
 

@@ -43,6 +43,20 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
 
 
+def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, depth: int) -> Array:
+    """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
+    out = holds(boxes)
+    left = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
+    some, good = boxes[:, left], np.ones(left.size, np.bool_)
+    centre = np.where(along, some.mean(axis=0), some[1])
+    for upper in product(*((False, True) if one else (False,) for one in along)):
+        if good.any():
+            half = np.stack([np.where(upper, centre, some[0]), np.where(upper, some[1], centre)])
+            good[good] = everywhere(holds, half[:, good], along, depth - 1)
+    out[left] = good
+    return out
+
+
 class Robot(Sets):
     """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
 
@@ -242,38 +256,23 @@ class Robot(Sets):
             fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
-    def stays_near(self, j: int, boxes: Array, times: Any, room: Array, travel: Array, depth: int = NEAREST) -> Array:
+    def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
-        calm = self.velocity(j, boxes + travel, times, False)
-        wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
-        apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-        out: Array = np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
-        left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
-        out[left] = bool(depth)
-        for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():
-            left = left[out[left]]
-            if not left.size:
-                break
-            (least, most), centre = boxes[:, left], np.where(self.known, middle[left], boxes[1, left])
-            half = np.stack([np.where(upper, centre, least), np.where(upper, most, centre)])
-            out[left] = self.stays_near(j, half, times, room, travel, depth - 1)
-        return out
+
+        def near(box: Array) -> Array:
+            calm = self.velocity(j, box + travel, times, False)
+            wild = self.velocity(j, box + travel + OUTWARD * self.off, times)
+            apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
+            return np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
+
+        return everywhere(near, boxes, self.known, NEAREST)
 
     # ---- tubes and sets
 
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
         """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
-        out = self.value(part, box, times)[0] > 0
-        open_ = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
-        if open_.size:
-            good, middle = np.ones(open_.size, np.bool_), box[:, open_].mean(axis=0)
-            for upper in product((False, True), repeat=box.shape[2]):
-                left = np.flatnonzero(good)
-                (a, b), centre = box[:, open_[left]], middle[left]
-                half = np.stack([np.where(upper, centre, a), np.where(upper, b, centre)])
-                good[left] = self.outside(part, half, times, depth - 1)
-            out[open_] = good
-        return out
+        along = np.ones(box.shape[2], np.bool_)
+        return everywhere(lambda some: self.value(part, some, times)[0] > 0, box, along, depth)
 
     def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
         """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""

@@ -217,11 +217,16 @@ MUTATIONS = {
         "room, wrong, stride = self.off,",
         "predictions as near as measurements",
     ),
-    "halving ends": (ROBOTS_PY, "out[left] = bool(depth)", "out[left] = True", "predictions as near as measurements"),
+    "halving ends": (
+        ROBOTS_PY,
+        "out = holds(boxes)",
+        "out = holds(boxes) | (depth == 0)",
+        "predictions as near as measurements",
+    ),
     "predictions of the next": (
         ROBOTS_PY,
-        "boxes + travel + OUTWARD * self.off, times)",
-        "boxes + travel, times)",
+        "box + travel + OUTWARD * self.off, times)",
+        "box + travel, times)",
         "predictions that begin where the state is",
     ),
     "how far a prediction moves": (
@@ -257,8 +262,8 @@ MUTATIONS = {
     ),
     "both halves of a box": (
         ROBOTS_PY,
-        "product((False, True), repeat=box.shape[2])",
-        "product((False,), repeat=box.shape[2])",
+        "(False, True) if one else (False,)",
+        "(False,)",
         "the far half of a tube",
     ),
     "every unsafe set": (
@@ -269,8 +274,8 @@ MUTATIONS = {
     ),
     "a set is closed": (
         ROBOTS_PY,
-        "self.value(part, box, times)[0] > 0",
-        "self.value(part, box, times)[0] >= 0",
+        "self.value(part, some, times)[0] > 0",
+        "self.value(part, some, times)[0] >= 0",
         "a set that is closed",
     ),
     "states near a tube": (
