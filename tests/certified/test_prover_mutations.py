@@ -308,8 +308,8 @@ FALSE = {
     "past a lower end by a cell": (STENCILS, "end < -1 and", "end < 0 and", "out to the left", NEARER),
     "inputs that are clear": (
         STENCILS,
-        "if (safe[j >> 3] >> (j & 7)) & 1 and image",
-        "if image",
+        "(clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image",
+        "True and image",
         "beside a post",
         NEARER,
     ),
@@ -328,7 +328,7 @@ ANOTHER = {
         "begin = max(begin, 0)",
         "to the left",
     ),
-    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != stays:", "if False:", "cart"),
+    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != keep:", "if False:", "cart"),
     "inputs that lead there": (
         STENCILS,
         "out[m, j] = pool.size == 0 or image_inside(",
