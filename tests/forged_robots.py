@@ -723,7 +723,7 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
     "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be told as fractions"),
     "axes of a place": (lambda told: told["proof"].update(own=[True, True, False]), "the problem has 2 axes"),
-    "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "predictions must be off by 2 numbers"),
+    "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),
 }
 FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (change, said) in HEADS.items()}

@@ -83,7 +83,7 @@ def checker(folder, file, old, new):
     compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1  # what is compiled there is of arms
     sys.path.insert(0, str(folder))
     try:
-        yield importlib.import_module(f"{name}.claims").verify
+        yield importlib.import_module(name).verify
     finally:
         numba.config.DISABLE_JIT = compiles
         sys.path.remove(str(folder))
@@ -92,7 +92,16 @@ def checker(folder, file, old, new):
 
 
 KERNELS = ("kernels/intervals.py", "kernels/tape.py")
-PROVER = ("kernels/stencils.py", "certified/cells.py", "certified/bounds.py", "certified/general_proof.py")
+PROVER = tuple(
+    f"{name}.py"
+    for name in (
+        "kernels/stencils",
+        "certified/cells",
+        "certified/bounds",
+        "certified/images",
+        "certified/general_proof",
+    )
+)
 
 
 @contextmanager

@@ -17,13 +17,14 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import MOST_PIECES, CellAxis, CellTable, moved_bounds, unknown, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
+from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.links import Agent, joint_moves
-from sdhj.kernels.packed import FULL, TOUCHING, add_certified, erode_packed, erode_rows, to_words
+from sdhj.kernels.packed import FULL, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -34,30 +35,16 @@ LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
 MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 
-def is_arm(problem: ReachAvoidProblem) -> bool:
-    """Whether a case study built the problem."""
-    return bool(problem.recipe)
-
-
 @dataclass(frozen=True)
-class ArmProof:
-    """What one interval does to the cells, for the recursion and for questions about states.
-
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    axes : tuple of CellAxis
-    parts : int
-        Parts of the interval under the fastest input.
-    motion : ArmMotion
+class ArmProof(Proof):
+    """What one interval does to the cells, for the recursion and for questions about states; `parts` under the fastest
+    input.
     """
 
-    problem: ReachAvoidProblem
-    axes: tuple[CellAxis, ...]
-    parts: int
     motion: ArmMotion
     kind = "arm"
     rows = 2
+    timeless = False  # a set is kept for each start
 
     @classmethod
     def of(
@@ -118,11 +105,6 @@ class ArmProof:
         return sum(part.nbytes for part in self.motion if isinstance(part, np.ndarray))
 
     @cached_property
-    def unsure(self) -> FloatArray:
-        """By how much a prediction may be off, (4,)."""
-        return np.array([float(unknown(self.problem, axis)) for axis in range(4)])
-
-    @cached_property
     def shape(self) -> tuple[int, int, int]:
         """Of a set: cells of the joints, words."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
@@ -133,26 +115,20 @@ class ArmProof:
         at = np.arange(len(cell)), j, cell
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
-    def inputs(self, table: CellTable, states: FloatArray, step: int, places: tuple[int, int]) -> FloatArray:
-        """Which inputs are certified for states (M, 4), bool (M, L); places of S_k^n and S_{k+1}^{n-1} in the index."""
-        out = np.empty((len(states), self.motion.parts.size), np.bool_)
-        index, following = (table.index[place] for place in places)
-        arm_inputs(states, step, table.cells, self.motion, index, following, table.pool, out)
-        return out
-
-    def hazards(self, table: CellTable, states: FloatArray, step: int) -> FloatArray:
-        """As `GeneralProof.hazards`: < 0 where an input is proved to stay clear from the cell of a state.
-
-        How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.
-        """
+    def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
+        """See `GeneralProof.clear_inputs`."""
         # asked about sets that hold every cell, so that what is left is whether the tube is clear
-        full, shown = np.ones(table.index.shape[1], np.uint32), np.full((2, table.pool.shape[1]), FULL)
+        n1, n2, words = self.shape
+        full = np.ones(n1 * n2, np.uint32)
+        return self.inputs(states, step, full, full, np.full((2, words), FULL))
+
+    def inputs(
+        self, states: FloatArray, step: int, index: FloatArray, following: FloatArray, pool: FloatArray
+    ) -> FloatArray:
+        """See `GeneralProof.inputs`."""
         out = np.empty((len(states), self.motion.parts.size), np.bool_)
-        arm_inputs(states, step, table.cells, self.motion, full, full, shown, out)
-        moved = states[:, None] + self.problem.interval(step).displacements(states)
-        ends = self.problem.grid.clipped(moved.reshape(-1, 4))
-        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(out.shape)
-        return np.where(out, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
+        arm_inputs(states, step, self.cells, self.motion, index, following, pool, out)
+        return out
 
     @property
     def told(self) -> dict[str, Any]:

@@ -1,13 +1,12 @@
 """Cells of a certified set, axis by axis, in exact arithmetic.
 
 A certificate must not depend on how a machine rounds 0.3 * 0.1. So the numbers of a problem are read as the decimals
-they are written as, and cells, velocities and images are `Fraction`s. Where cells are a whole fraction of what the
+they are written as, and cells, velocities and moves are `Fraction`s. Where cells are a whole fraction of what the
 disturbance moves the state in one interval, the image of a cell is a whole number of cells and nothing is lost to
-rounding it outward: `aligned_width` picks such cells.
+rounding it outward: `aligned_width` picks such cells. An image counts as in cells that it exceeds by `DRIFT`.
 
-A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, the cells are whole
-from the lower end on, and the last one, the *seam cell*, is what is left. Comparisons that the interval leaves open are
-answered outward.
+A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, narrow against
+`DRIFT`; the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.
 """
 
 import math
@@ -16,12 +15,11 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import Cells
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -32,17 +30,6 @@ MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
 DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
-
-
-class CellTable(Protocol):
-    """What a proof reads of the table that it answers for: see `sdhj.certified.table.CertifiedTable`."""
-
-    @property
-    def index(self) -> FloatArray: ...
-    @property
-    def pool(self) -> FloatArray: ...
-    @property
-    def cells(self) -> Cells: ...
 
 
 def exact(value: float) -> Fraction:
@@ -106,40 +93,28 @@ class CellAxis:
             Cell i ends up inside the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`. At
             the ends of a bounded axis it is clipped.
         """
-        covers = np.array([self._cover(i, back, ahead) for i in range(self.count)], dtype=np.int64)
-        first, stop = covers.T
-        return first % self.count, np.minimum(stop - first, self.count)
+        cell = np.arange(self.count)
+        first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
+        if not self.periodic:
+            first, last = (np.clip(end, 0, self.count - 1) for end in (first, last))
+        return first % self.count, np.minimum(last - first + 1, self.count)
 
-    def _cover(self, cell: int, back: Fraction, ahead: Fraction) -> tuple[int, int]:
-        """First and last + 1 of the cells, counted on over laps, that cover cell + [back, ahead]."""
-        low, high, length = cell * self.width + back, (cell + 1) * self.width + ahead, self.extent[0]
-        if self.periodic:
-            # the seam cell ends at the period, that is at 0 of the next lap
-            end = (ahead, 1) if cell == self.count - 1 else (high, 0)
-            return self._edge_below(low), self._edge_above(*end)
-        high = min(high, length + ahead)
-        low, high = (min(max(end, Fraction(0)), length) for end in (low, high))
-        start = min(math.floor(low / self.width), self.count - 1)
-        return start, max(math.ceil(high / self.width), start + 1)
+    def moved(self, cell: IndexArray, low: Any, high: Any, known: bool) -> tuple[IndexArray, IndexArray]:
+        """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
 
-    def _most(self, laps: int) -> Fraction:
-        """The greatest length of some laps, which may be negative."""
-        return max(laps * self.extent[0], laps * self.extent[1])
-
-    def _edge_below(self, offset: Fraction) -> int:
-        """The greatest edge that is surely not above `offset`, counted on over laps of `count` edges."""
-        lap = math.floor(offset / self.extent[0]) + 1
-        while self._most(lap) > offset:
-            lap -= 1
-        return lap * self.count + min(math.floor((offset - self._most(lap)) / self.width), self.count - 1)
-
-    def _edge_above(self, offset: Fraction, lap_of_offset: int) -> int:
-        """The least edge that is surely not below `offset` on a lap, counted on over laps of `count` edges."""
-        lap = lap_of_offset + math.floor(offset / self.extent[0]) - 1
-        while offset + self._most(lap_of_offset - lap - 1) > 0:
-            lap += 1
-        inside = math.ceil((offset + self._most(lap_of_offset - lap)) / self.width)
-        return lap * self.count + min(max(inside, 0), self.count)
+        low, high : how far the ends of each cell moved, (M,) or alike for all
+        known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width
+        """
+        width = float(self.width)
+        if not known or not self.periodic:
+            first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
+            return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
+        length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
+        begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
+        laps = np.floor(begin / length), np.floor(end / length)
+        first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
+        last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
+        return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:
@@ -239,22 +214,3 @@ def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis,
             moves += [(back + ahead) / 2, (ahead - back) / 2]
         axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
     return tuple(axes)
-
-
-def moved_cells(
-    axis: CellAxis, cell: IndexArray, low: FloatArray, high: FloatArray, known: bool
-) -> tuple[IndexArray, IndexArray]:
-    """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
-
-    known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width.
-    """
-    width = float(axis.width)
-    if not known or not axis.periodic:
-        first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
-        return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
-    length, edges = float(sum(axis.extent) / 2), axis.edges() - float(axis.lower)
-    begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
-    laps = np.floor(begin / length), np.floor(end / length)
-    first = laps[0] * axis.count + np.minimum(np.floor((begin - laps[0] * length) / width), axis.count - 1)
-    last = laps[1] * axis.count + np.minimum(np.ceil((end - laps[1] * length) / width), axis.count) - 1
-    return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)

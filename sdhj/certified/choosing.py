@@ -21,7 +21,8 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import CellAxis, aligned
-from sdhj.certified.general_proof import BOXES_OF_A_SET, EVALUATED, FINEST, peak, place_axes, shapes
+from sdhj.certified.general_proof import BOXES_OF_A_SET, EVALUATED, FINEST, peak, shapes
+from sdhj.certified.images import place_axes
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
@@ -70,7 +71,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         factor = math.sqrt(least * most)
         axes = aligned(problem, counts(factor))
         wide = float((lost * [float(axis.width) for axis in axes]).sum())
-        large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes, Bounds(problem)))[1:])
+        large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         if wide < WORTH or large > MOST_BYTES or sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
             most = factor
         else:
@@ -122,7 +123,7 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
     """Seconds of one core that preparing and the recursion take."""
-    own = place_axes(problem, axes, Bounds(problem))
+    own = place_axes(problem, axes)
     _, moves, clear = shapes(problem, axes, own)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
     entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)

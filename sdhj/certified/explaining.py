@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.choosing import losses, speeds_of
-from sdhj.certified.general_proof import FINEST, GeneralProof
+from sdhj.certified.general_proof import FINEST
+from sdhj.certified.images import Images
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import STATE_SLACK, cells_at, held_in_boxes
 from sdhj.problem.checks import states_array
@@ -153,8 +154,7 @@ class _Cell:
         )
         # Of this proof only bounds are asked, of boxes as they are: all axes are those of a place, and it has no moves.
         nothing, every = np.zeros((1, 1, 1, 1), np.int16), np.ones(len(cell), np.int64)
-        clear = np.zeros((1, 1, 1), np.uint8)
-        self.proof = GeneralProof(self.problem, table.axes, parts, every, nothing, nothing, clear)
+        self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
     def explained(self, says: str) -> Explanation:
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0

@@ -28,12 +28,13 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
-from sdhj.certified.general_proof import PLACES, GeneralProof, place_axes, shapes
+from sdhj.certified.general_proof import PLACES
+from sdhj.certified.images import Images, moves_of, place_axes
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import lose
+from sdhj.kernels.stencils import grow
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
 
@@ -41,10 +42,10 @@ MOST_VERTICES = 64
 
 
 @dataclass(frozen=True)
-class LosingProof(GeneralProof):
+class LosingProof(Images):
     """What one interval does to the cells where the adversary plays; the recursion asks it what it asks of a proof.
 
-    Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v; `clear` is not used.
+    Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v.
     """
 
     vertices: FloatArray  # (V, D), the signs of the adversary's components; one row for an image
@@ -60,12 +61,11 @@ class LosingProof(GeneralProof):
         vertices = np.array(list(itertools.product(*((1.0,) if none else (-1.0, 1.0) for none in still))))
         if len(vertices) > MOST_VERTICES:
             raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
-        own = place_axes(problem, axes, Bounds(problem))
-        strides, (starts, count, *rest), _ = shapes(problem, axes, own)
+        strides, (starts, count, *rest) = moves_of(problem, axes, place_axes(problem, axes))
         room = (starts, count * len(vertices), *rest)
         require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *room), np.int16)
-        return cls(problem, axes, parts, strides, low, high, np.zeros((1, 1, 1), np.uint8), vertices)
+        return cls(problem, axes, parts, strides, low, high, vertices)
 
     @cached_property
     def bounds(self) -> Bounds:
@@ -79,10 +79,10 @@ class LosingProof(GeneralProof):
             for start, j, begin in itertools.product(
                 range(starts), range(many // len(self.vertices)), range(0, size, PLACES)
             ):
-                places = begin, min(begin + PLACES, size)
-                _, last = alone.reached(np.arange(*places), j, self.problem.time(start), 1)
-                cells, at = alone._in_cells(places, last), (start, j * len(self.vertices) + v, slice(*places))
-                self.low[at], self.high[at] = cells
+                places = np.arange(begin, min(begin + PLACES, size))
+                _, last = alone.reached(places, j, self.problem.time(start), 1)
+                at = start, j * len(self.vertices) + v, places
+                self.low[at], self.high[at] = self.in_cells(places, last)
 
     @cached_property
     def inside(self) -> list[FloatArray]:
@@ -90,10 +90,10 @@ class LosingProof(GeneralProof):
         moving = [part for part in self.problem.unsafe if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
         for part in self.problem.unsafe:
-            still |= False if part.moving else self._over_cells(part, self._always)[1] <= 0.0
+            still |= False if part.moving else self.over_cells(part, self._always)[1] <= 0.0
         out = []
         for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
-            met = [self._over_cells(part, (t, t))[1] <= 0.0 for part in moving]
+            met = [self.over_cells(part, (t, t))[1] <= 0.0 for part in moving]
             out.append(to_words(reduce(np.logical_or, met, still).reshape(-1, self.axes[-1].count)))
         return out
 
@@ -102,7 +102,7 @@ class LosingProof(GeneralProof):
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.stays:
             return inside
-        outside = self._over_cells(self.problem.target, self._always if self.timeless else (t, t))[0] > 0.0
+        outside = self.over_cells(self.problem.target, self._always if self.timeless else (t, t))[0] > 0.0
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 
@@ -110,8 +110,9 @@ class LosingProof(GeneralProof):
         self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
     ) -> None:
         """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}."""
-        (moves, _), inside = self._at(step), self.inside[min(step, len(self.inside) - 1)]
-        moves = moves._replace(
-            safe=np.stack(self.problem.grid.faces("unsafe"))
-        )  # past these nothing is asked of an image
-        lose(cells, inside, following, moves, len(self.vertices), self.cells, self.problem.stays)
+        inside, keep = self.inside[min(step, len(self.inside) - 1)], not self.problem.stays
+        if keep:
+            cells &= ~inside  # is lost wherever it is led
+        moves, groups, every = self.moves(step, "unsafe"), len(self.problem.inputs), np.zeros((0, 0), np.uint8)
+        grow(np.arange(len(cells)), cells, following, every, moves, groups, self.cells, keep)
+        cells |= inside

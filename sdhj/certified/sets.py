@@ -13,10 +13,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
 
 1.  *The cells cover the state space, and their edges are exact.* `CellAxis`; numbers are the decimals they are written
     as, the period of an angle is an interval around 2 pi. [test_cells_partition_the_axis]
-2.  *The image is outside what can be reached.* For the arm: `CellAxis.image`, in fractions, with the adversary's worst
-    velocities, clipped at walls. [test_image_holds_the_worst_adversary] For the others: `GeneralProof.reached`, by
-    intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory, test_every_sample_is_inside,
-    test_what_a_piece_adds_is_rounded_outward]
+2.  *The image is outside what can be reached.* For the arm: `moved_bounds`, in fractions, with the adversary's worst
+    velocities, and `CellAxis.image`, clipped at walls. [test_image_holds_the_worst_adversary] For the others:
+    `Images.reached`, by intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory,
+    test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
     [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
@@ -85,7 +85,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from sdhj.certified.arm_proof import ArmProof, is_arm
+from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
@@ -99,11 +99,6 @@ from sdhj.solver.recursion import recursion
 ARM_CELLS = (419, 419, 72, 72)
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
-
-
-def is_built(problem: ReachAvoidProblem) -> bool:
-    """Whether a problem is the arm's as a case study builds it; the arm with another set is a robot like any other."""
-    return is_arm(problem) and as_built(problem)
 
 
 @dataclass(frozen=True)
@@ -195,7 +190,7 @@ class Certified:
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
         axes = self.axes(problem)
-        if is_built(problem):
+        if as_built(problem):  # the arm with another set is a robot like any other
             return ArmProof.of(problem, axes, self.parts)
         return GeneralProof.of(problem, axes, self.parts)
 
@@ -203,7 +198,7 @@ class Certified:
         """The cells of each axis: about `cells`, or as many as are chosen."""
         cells = self.cells
         if cells is None:
-            cells = ARM_CELLS if is_built(problem) else chosen_cells(problem, self.parts, self.seconds)
+            cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)

@@ -11,13 +11,13 @@ import h5py
 import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, told_axis
+from sdhj.certified.cells import DRIFT, CellAxis, told_axis
 from sdhj.certified.explaining import Explanation, explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import STATE_SLACK, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.kernels.packed import STATE_SLACK, TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.problem.checks import real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
@@ -64,10 +64,10 @@ class CertifiedTable(Table):
     def axes(self) -> tuple[CellAxis, ...]:
         return self.proof.axes
 
-    @cached_property
+    @property
     def cells(self) -> Cells:
         """The edges and the layout of the cells, as arrays for compiled code."""
-        return cells_of(self.axes, self.proof.rows)
+        return self.proof.cells
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -152,7 +152,8 @@ class CertifiedTable(Table):
         place, within = self.place(step, within), min(within, self.steps - step)
         if within == 0:
             return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
-        return self.proof.inputs(self, states, step, (place, self.place(step + 1, within - 1)))
+        following = self.index[self.place(step + 1, within - 1)]
+        return self.proof.inputs(states, step, self.index[place], following, self.pool)
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 inside."""
@@ -171,7 +172,15 @@ class CertifiedTable(Table):
         return (to_go - within[:, None]).astype(np.float64)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        return self.proof.hazards(self, states, step)
+        """< 0 where an input is proved to stay clear from the cell of a state, else > 0.
+
+        How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.
+        """
+        clear = self.proof.clear_inputs(states, step)
+        moved = states[:, None] + self.problem.interval(step).displacements(states)
+        ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
+        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
+        return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
         """As `Table.batch`; only certified inputs are safe.
@@ -312,10 +321,9 @@ class CellSets:
     a step less.
     """
 
-    def __init__(self, proof: ArmProof | GeneralProof, progress: bool | None) -> None:
+    def __init__(self, proof: Any, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
-        self.timeless = isinstance(proof, GeneralProof) and proof.timeless
-        self.filled, self.changing, self.settled = 0, 1.0, False
+        self.filled, self.changing, self.settled, self.timeless = 0, 1.0, False, proof.timeless
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks

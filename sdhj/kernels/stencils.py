@@ -93,29 +93,36 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
 
 
 @kernel(parallel=True)
-def grow(rows, own, following, clear, moves, cells, stays):
-    """Of the cells in some rows, add those that an input takes into `following`; stays: keep only those of `own`.
+def grow(rows, own, following, clear, moves, groups, cells, keep):
+    """Of the cells in some rows, add those led into `following` by a move of each group; keep: keep only such of `own`.
 
-    own, following (R, W), `own` modified in place; clear (cells, bytes): which inputs are safe from each cell.
+    own, following (R, W), `own` modified in place. The moves are `groups` of one length; of one group of all of them,
+    clear (cells, bytes) has those that are safe from each cell, otherwise it is (0, 0).
     """
-    last, ndim = cells.counts[-1], cells.counts.size
-    index, inputs = np.arange(len(own)), moves.low.shape[0]
+    last, ndim, some = cells.counts[-1], cells.counts.size, moves.low.shape[0] // groups
+    index = np.arange(len(own))
     for i in prange(rows.size):
         row = rows[i]
         cell, room, tried = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64), 0
         for bit in range(last):
-            if has_bit(own[row], bit) != stays:
+            if has_bit(own[row], bit) != keep:
                 continue
-            cell_of(row * last + bit, cells.counts, cell)
-            place, found, safe = np.sum(cell * moves.strides), False, clear[row * last + bit]
-            for turn in range(inputs):
-                j = (tried + turn) % inputs  # what served the cell before is tried first
-                if (safe[j >> 3] >> (j & 7)) & 1 and image_inside(
-                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, index, following, room
-                ):
-                    found, tried = True, j
+            number = row * last + bit
+            cell_of(number, cells.counts, cell)
+            place, found = np.sum(cell * moves.strides), True
+            for group in range(groups):
+                found = False
+                for turn in range(some):
+                    j = (tried + turn) % some  # what served before is tried first
+                    at = group * some + j
+                    if (clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image_inside(
+                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
+                    ):
+                        found, tried = True, j
+                        break
+                if not found:
                     break
-            if found != stays:
+            if found != keep:
                 own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)
 
 
@@ -276,34 +283,3 @@ def certified_inputs(states, cells, moves, clear, index, pool, out):
                     out[m, j] = pool.size == 0 or image_inside(
                         cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, index, pool, room
                     )
-
-
-@kernel(parallel=True)
-def lose(own, inside, following, moves, vertices, cells, stays):
-    """Keep of `own` what is `inside`, or led into `following` under every input by some vertex; stays: add such cells.
-
-    own, inside, following (R, W), `own` modified in place; input j under vertex v is row j * vertices + v of the moves.
-    """
-    last, ndim, index = cells.counts[-1], cells.counts.size, np.arange(len(own))
-    for row in prange(len(own)):
-        cell, room = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64)
-        for bit in range(last):
-            if has_bit(own[row], bit) == stays or has_bit(inside[row], bit):
-                continue
-            cell_of(np.int64(row) * last + bit, cells.counts, cell)
-            place, lost, tried = np.sum(cell * moves.strides), True, 0
-            for j in range(moves.low.shape[0] // vertices):
-                answered = False
-                for turn in range(vertices):
-                    v = (tried + turn) % vertices  # what served against the input before is tried first
-                    at = j * vertices + v
-                    if image_inside(
-                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
-                    ):
-                        answered, tried = True, v
-                        break
-                if not answered:
-                    lost = False
-                    break
-            if lost == stays:
-                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)

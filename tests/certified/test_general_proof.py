@@ -13,7 +13,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof, lattice_of
-from sdhj.certified.general_proof import _added as added
+from sdhj.certified.images import _added as added
 from sdhj.kernels.packed import Cells, to_words
 from sdhj.kernels.stencils import image_inside
 

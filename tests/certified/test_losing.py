@@ -14,7 +14,7 @@ from sdhj.certified.cells import cells_of
 from sdhj.certified.losing import MOST_VERTICES, LosingProof
 from sdhj.certified.table import lost_cells
 from sdhj.kernels.packed import to_bits, to_words
-from sdhj.kernels.stencils import Moves, lose
+from sdhj.kernels.stencils import Moves, grow
 
 
 def solved(problem, **options):
@@ -52,15 +52,15 @@ def test_kernel_does_as_plain_loops_say(rng):
     for stays in (False, True):
         table = solved(unicycle_problem(), cells=(8, 8, 16), parts=2)
         counts, cells = table.shape, cells_of(table.axes, 2)
-        own, inside, following = (rng.random(counts) < share for share in (0.6, 0.1, 0.8))
+        own, following = (rng.random(counts) < share for share in (0.6, 0.8))
         low = rng.integers(-2, 1, (6, 16, 3)).astype(np.int16)
         high = (low + rng.integers(0, 2, low.shape)).astype(np.int16)
         strides, safe = np.array([0, 0, 1]), np.array([[-np.inf] * 3, [np.inf] * 3])
-        packed = [to_words(one.reshape(64, 16)) for one in (own, inside, following)]
-        lose(*packed, Moves(low, high, strides, safe), 2, cells, stays)
+        packed, all_clear = [to_words(one.reshape(64, 16)) for one in (own, following)], np.zeros((0, 0), np.uint8)
+        grow(np.arange(64), *packed, all_clear, Moves(low, high, strides, safe), 3, cells, not stays)
         expected = own.copy()
         for cell in np.ndindex(counts):
-            if own[cell] != stays and not inside[cell]:
+            if own[cell] != stays:
                 lost = True
                 for j in range(3):
                     images = []

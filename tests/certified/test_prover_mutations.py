@@ -18,7 +18,7 @@ from sdhj.kernels import tape
 
 pytestmark = pytest.mark.slow
 
-STENCILS, CELLS, BOUNDS, GENERAL = mutations.PROVER
+STENCILS, CELLS, BOUNDS, IMAGES, GENERAL = mutations.PROVER
 INTERVALS, TAPE = mutations.KERNELS
 
 # file, what is taken out, what is left, the robot, the claim that is not proved any more
@@ -32,40 +32,40 @@ FALSE = {
         "predictions are off",
     ),
     "delay of a measurement": (CELLS, "* (fast - slow) / 2", "* 0", "held", NEAR),
-    "what is unsure grows": (GENERAL, "if (wider <= box).all():", "if True:", "spread", NEAR),
-    "velocities near a prediction": (GENERAL, "self._ends(self.any, box)", "self._ends(self.any, 0.0)", "spread", NEAR),
+    "what is unsure grows": (IMAGES, "if (wider <= box).all():", "if True:", "spread", NEAR),
+    "velocities near a prediction": (IMAGES, "self._ends(self.any, box)", "self._ends(self.any, 0.0)", "spread", NEAR),
     "what a prediction moves by": (
-        GENERAL,
+        IMAGES,
         "(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest",
         "(0.0 * a[0], 0.0 * b[0]) for a, b in fastest",
         "spread",
         NEAR,
     ),
     "an adversary that pushes one way": (
-        GENERAL,
+        IMAGES,
         "np.maximum(most - slow, fast - least).max",
         "(most - slow).max",
         "late",
         NEAR,
     ),
     "predictions at every time": (
-        GENERAL,
+        IMAGES,
         "range(problem.steps if problem.dynamics.timed else 1)",
         "range(1)",
         "gusty",
         NEAR,
     ),
     "predictions under every input": (
-        GENERAL,
+        IMAGES,
         "product(range(len(self.problem.inputs)), self.strides)",
         "product([0] * len(self.problem.inputs), self.strides)",
         "gusty",
         NEAR,
     ),
     # places
-    "cells that are not alike": (GENERAL, "own[place] |= axis.periodic and", "own[place] |= False and", "ring", COVER),
+    "cells that are not alike": (IMAGES, "own[place] |= axis.periodic and", "own[place] |= False and", "ring", COVER),
     "walls that a state leaves again": (
-        GENERAL,
+        IMAGES,
         'own[place] |= not problem.dynamics.constant and "wall"',
         'own[place] |= False and "wall"',
         "walled",
@@ -73,52 +73,52 @@ FALSE = {
     ),
     # moves
     "errors before": (
-        GENERAL,
+        IMAGES,
         "moved = self._held(low, high, before + SIDES * self.unsure)",
         "moved = before.copy()",
         "sensed",
         MOVES,
     ),
-    "errors after": (GENERAL, "last + SIDES * self.unsure", "last", "sensed", MOVES),
+    "errors after": (IMAGES, "last + SIDES * self.unsure", "last", "sensed", MOVES),
     "a late end": (
-        GENERAL,
+        IMAGES,
         "length, early = self.problem.sensing.hold(self.problem.delta)",
         "length, early = self.problem.delta, 2 * self.problem.sensing.jitter",
         "sensed",
         MOVES,
     ),
-    "an early end": (GENERAL, "if begin >= soonest:", "if False:", "sensed", MOVES),
-    "the time of a piece": (GENERAL, "[start + begin, start + end]", "[begin, end]", "tide", MOVES),
+    "an early end": (IMAGES, "if begin >= soonest:", "if False:", "sensed", MOVES),
+    "the time of a piece": (IMAGES, "[start + begin, start + end]", "[begin, end]", "tide", MOVES),
     "the time of a step": (GENERAL, "self.problem.time(start), min", "self.problem.time(0), min", "tide", MOVES),
     "room that holds": (
-        GENERAL,
+        IMAGES,
         "if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():",
         "if True:",
         "growing faster",
         MOVES,
     ),
     "the face that the first can be in": (
-        GENERAL,
+        IMAGES,
         "face[0][:, axis] = ends[side][:, axis]",
         "face[0][:, axis] = ends[1][:, axis]",
         "growing",
         MOVES,
     ),
     "the face that the last can be in": (
-        GENERAL,
+        IMAGES,
         "face[1][:, axis] = ends[side][:, axis]",
         "face[1][:, axis] = ends[0][:, axis]",
         "growing slowly",
         MOVES,
     ),
     "the worst in a face": (
-        GENERAL,
+        IMAGES,
         "velocity[2 + side][:, axis] = least_most[side]",
         "velocity[2 + side][:, axis] = least_most[0]",
         "growing",
         MOVES,
     ),
-    "walls on the way": (GENERAL, "out[side] = np.where(held, at_wall, out[side])", "pass", "walled", MOVES),
+    "walls on the way": (IMAGES, "out[side] = np.where(held, at_wall, out[side])", "pass", "walled", MOVES),
     "the first cell of an image": (
         CELLS,
         "np.floor((low + DRIFT) / width)",
@@ -133,8 +133,8 @@ FALSE = {
         "cart",
         MOVES,
     ),
-    "a narrower cell": (CELLS, "if not known or not axis.periodic:", "if True:", "ring", MOVES),
-    "states near a cell": (GENERAL, "edges[1] + STATE_SLACK", "edges[1]", "sliding", MOVES),
+    "a narrower cell": (CELLS, "if not known or not self.periodic:", "if True:", "ring", MOVES),
+    "states near a cell": (IMAGES, "edges[1] + STATE_SLACK", "edges[1]", "sliding", MOVES),
     "the adversary": ("certified/bounds.py", "(t0, t1), self.signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
@@ -192,7 +192,7 @@ FALSE = {
         CLEAR,
     ),
     "what is between the parts": (
-        GENERAL,
+        IMAGES,
         "tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]",
         "tube = [moved[0], moved[1]]",
         "line",
@@ -261,19 +261,19 @@ FALSE = {
     # goals
     "all of a goal": (
         GENERAL,
-        "self._over_cells(problem.target, times)[1] <= 0.0",
-        "self._over_cells(problem.target, times)[0] <= 0.0",
+        "self.over_cells(problem.target, times)[1] <= 0.0",
+        "self.over_cells(problem.target, times)[0] <= 0.0",
         "line",
         GOAL,
     ),
     "a goal is clear of what stands still": (
         GENERAL,
-        "self._over_cells(part, self._always)[0] > 0.0",
+        "self.over_cells(part, self._always)[0] > 0.0",
         "True",
         "post in the target",
         GOAL,
     ),
-    "a goal is clear of what moves": (GENERAL, "self._over_cells(part, times)[0] > 0.0", "True", "sensed", GOAL),
+    "a goal is clear of what moves": (GENERAL, "self.over_cells(part, times)[0] > 0.0", "True", "sensed", GOAL),
     "the time of a goal": (
         GENERAL,
         "problem, t, out = self.problem, self.problem.time(step)",
@@ -289,7 +289,7 @@ FALSE = {
         GOAL,
     ),
     "predictions in a goal": (
-        GENERAL,
+        IMAGES,
         "more = STATE_SLACK + self.unsure[list(part.axes)]",
         "more = STATE_SLACK",
         "sensed",
@@ -308,8 +308,8 @@ FALSE = {
     "past a lower end by a cell": (STENCILS, "end < -1 and", "end < 0 and", "out to the left", NEARER),
     "inputs that are clear": (
         STENCILS,
-        "if (safe[j >> 3] >> (j & 7)) & 1 and image",
-        "if image",
+        "(clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image",
+        "True and image",
         "beside a post",
         NEARER,
     ),
@@ -328,7 +328,7 @@ ANOTHER = {
         "begin = max(begin, 0)",
         "to the left",
     ),
-    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != stays:", "if False:", "cart"),
+    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != keep:", "if False:", "cart"),
     "inputs that lead there": (
         STENCILS,
         "out[m, j] = pool.size == 0 or image_inside(",
@@ -480,6 +480,8 @@ def without(monkeypatch):
         with mutations.modules(mutations.PROVER, file, old, new) as made:
             for user in (sdhj.certified.sets, sdhj.certified.table):
                 monkeypatch.setattr(user, "GeneralProof", made[GENERAL].GeneralProof)
+            if CELLS in made:
+                monkeypatch.setattr(sdhj.certified.sets, "aligned", made[CELLS].aligned)
 
     return change
 

@@ -2,7 +2,7 @@
 
 Nothing of the solver is used, neither its code nor its bounds: only the numbers in the file. What is proved, and how:
 
-1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`cells_cover`)
+1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`uncovered`)
 2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`counted`)
 3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. The cells
     of an axis that the image of a cell may overlap are worked out in fractions, walls included (`overlapped`), and the
@@ -20,17 +20,72 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
 6.  *Rounding* is bounded once for all numbers that are let in (`separation`), and a state counts as in a cell up to
     1e-10 from it (`moved`).
 
-A row is the cells of the agent for one pair of joint cells; it is checked with all its claims, for all starts, steps
-and inputs. The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more
-halving than is granted.
-
-For a robot of one's own, whose functions are in the file as text: `sdhj.certified.check.robots`, with a reader of
-`formulas` and `intervals` of its own.
+The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
+granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
+`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own. Both are `Sets`
+of one reader (`reading`) that say their `claims`.
 
 From the command line: `python -m sdhj.certified.check table.h5`, or `sdhj verify table.h5`, with `--problem
 module:function` where the robot has black boxes.
 """
 
-from sdhj.certified.check.claims import Claim, Verdict, verify
+import os
+import sys
+from typing import Any
+
+from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.claims import Claim, Verdict
+from sdhj.certified.check.reading import expect, is_whole, told_and_arrays
+from sdhj.certified.check.robots import Robot
 
 __all__ = ["Claim", "Verdict", "verify"]
+
+
+def verify(
+    path: str | os.PathLike[str],
+    problem: Any = None,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    progress: bool | None = None,
+) -> Verdict:
+    """Check the certified sets in an HDF5 file.
+
+    Parameters
+    ----------
+    path : path
+    problem : ReachAvoidProblem, optional
+        Of a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
+        else is in the file.
+    samples : int or None
+        How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
+        own: how many cells.
+    seed : int
+    progress : bool, optional
+        Show a progress bar; by default where standard error is a terminal.
+
+    Raises
+    ------
+    ValueError
+        Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
+        check; and for samples or a seed that make no sense.
+    """
+    expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
+    expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
+    sets: Arm | Robot | None = None
+    opaque: dict[str, str] = {}
+    with told_and_arrays(path) as (told, arrays):
+        if "cells" in told and told["cells"].get("kind") == "arm":
+            sets = Arm(told, arrays)
+        elif "cells" in told and not ((opaque := dict(told["formulas"]["opaque"])) and problem is None):
+            sets = Robot(told, arrays, problem)
+    if opaque and problem is None:
+        names = ", ".join(f"{name} ({why})" for name, why in opaque.items())
+        raise ValueError(
+            f"{path} rests on black boxes, whose functions are not in the file: {names}; give the problem, for example "
+            "as `sdhj verify --problem module:function`"
+        )
+    if sets is None:
+        raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
+    silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
+    return Verdict(tuple(sets.claims(samples, seed, silent)))

@@ -2,7 +2,7 @@
 
 import sys
 
-from sdhj.certified.check.claims import verify
+from sdhj.certified.check import verify
 
 if len(sys.argv) != 2:
     sys.exit("usage: python -m sdhj.certified.check TABLE.h5")

@@ -14,21 +14,13 @@ import numpy as np
 from sdhj.certified.check import intervals
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole, real
 
-LARGEST = 1e9  # of a number in the head
 MOST_TABLE = 1 << 27  # bytes of a table
 MOST_TABLES = 1 << 30  # of all together
 ENDS = {"unsafe", "wall", "safe"}
 
 Times = tuple[float, float]
-
-
-def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """A number of the head, from `least` to `most`."""
-    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
-    expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
-    return float(value)
 
 
 @dataclass(frozen=True)
@@ -227,24 +219,3 @@ class Velocity:
         each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
         push = each.sum(axis=2) * (1 + MOST_COUNTED * intervals.UNIT) + MOST_COUNTED * intervals.TINY
         return intervals.outward(least - push, most + push)
-
-
-@dataclass(frozen=True)
-class Sensing:
-    """How the robot senses; `error` for each axis."""
-
-    error: Array
-    delay: float
-    jitter: float
-
-    @classmethod
-    def of(cls, told: Mapping[str, Any], ndim: int, delta: float) -> "Sensing":
-        error = told.get("error", 0.0)
-        errors = error if isinstance(error, list) else [error] * ndim
-        expect(len(errors) == ndim, f"error must be {ndim} numbers", error)
-        delay = real("delay", told.get("delay", 0.0), 0.0, delta)
-        jitter = real("jitter", told.get("jitter", 0.0), 0.0, delta / 2)
-        return cls(np.array([real("error", one, 0.0) for one in errors]), delay, jitter)
-
-    def __bool__(self) -> bool:
-        return bool(self.error.any()) or self.delay > 0 or self.jitter > 0

@@ -15,16 +15,19 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fractions import Fraction
 from itertools import pairwise, product
 from typing import Any
 
 import h5py
 import numpy as np
+from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array
-from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Sensing, Times, Velocity, real
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, decimal, expect, fraction, is_whole
+from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
+from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
+from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
@@ -40,8 +43,22 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
 
 
-class Robot:
-    """The functions of a file over boxes, and its cells; ValueError where the two do not fit together."""
+def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, depth: int) -> Array:
+    """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
+    out = holds(boxes)
+    left = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
+    some, good = boxes[:, left], np.ones(left.size, np.bool_)
+    centre = np.where(along, some.mean(axis=0), some[1])
+    for upper in product(*((False, True) if one else (False,) for one in along)):
+        if good.any():
+            half = np.stack([np.where(upper, centre, some[0]), np.where(upper, some[1], centre)])
+            good[good] = everywhere(holds, half[:, good], along, depth - 1)
+    out[left] = good
+    return out
+
+
+class Robot(Sets):
+    """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
 
     def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         self.grid, self.steps, self.count = Grid.of(told["grid"]), told["steps"], len(told["inputs"])
@@ -59,55 +76,40 @@ class Robot:
         self.always = 0.0, self.time(self.steps) + self.jitter
         self.stays, self.periodic = self.target is None, np.array(self.grid.periodic)
         self.safe = [("safe" in ends) for ends in self.grid.ends]
-        self.read_cells(told["cells"], told["proof"])
-        self.read_arrays(arrays)
+        super().__init__(told["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
+        self.read_proof(told["proof"], arrays)
 
-    def read_cells(self, cells: Mapping[str, Any], stated: Mapping[str, Any]) -> None:
-        """The cells of each axis, and what the proof says of them."""
-        ndim, self.parts = self.grid.ndim, stated["parts"]
+    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+        """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
+        ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
-        expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in cells["shape"]), "shape must be numbers", cells["shape"])
-        ends = zip(cells["lowers"], cells["widths"], cells["extents"], strict=True)
-        self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
-        flags = stated["own"]
-        fits = len(self.axes) == len(cells["shape"]) == len(flags) == ndim and {True, False}.issuperset(flags)
+        fits = len(flags) == ndim and {True, False}.issuperset(flags)
         expect(fits, f"the problem has {ndim} axes", flags)
-        self.counts, self.known = np.array(cells["shape"]), np.array(flags, np.bool_)
+        self.known = np.array(flags, np.bool_)
         self.strides = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
-        self.edges = [
-            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
-            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
-        ]
-        expect(len(stated["unsure"]) == ndim, f"predictions must be off by {ndim} numbers", stated["unsure"])
-        self.off = np.array([real("unsure", off, 0.0) for off in stated["unsure"]])
+        self.off = np.array(reals("unsure", stated["unsure"], ndim, 0.0))
         expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
-
-    def read_arrays(self, arrays: h5py.File) -> None:
-        """Moves, which inputs are clear, and the sets."""
-        sizes, timed = self.counts.tolist(), self.moves.timed
         moving, pairs = timed or any(part.moving for part in self.unsafe), (self.steps + 1) * (self.steps + 2) // 2
-        moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), len(sizes)
-        clear = self.steps if moving else 1, math.prod(sizes), -(-self.count // 8)
+        moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
+        clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
-        self.index = array(arrays, "index", np.uint32, None, math.prod(sizes[:-1]))
-        self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-sizes[-1] // 64))
         self.timeless = len(self.index) != pairs
         fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def cover(self) -> list[str]:
-        """What is wrong with the cells of the axes."""
-        wrong: list[str] = []
-        grid = self.grid
-        for axis, (n, (low, width, least, most)) in enumerate(zip(self.counts.tolist(), self.axes, strict=True)):
-            length = decimal(grid.upper[axis]) - decimal(grid.lower[axis])
-            fits = low == decimal(grid.lower[axis]) and least <= length <= most and (n - 1) * width < least
-            fits &= n * width >= most and most - least <= (length / 2**40 if self.periodic[axis] else 0)
-            if not self.known[axis]:  # cells that move alike are alike, and no wall holds them back on the way
-                held = "wall" in grid.ends[axis] and not self.moves.constant
-                fits &= abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
-            wrong += [] if fits else [f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it"]
+        """What is wrong with the cells: those that move alike are alike, and no wall holds them back on the way."""
+        grid, ends = self.grid, []
+        for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
+            length = decimal(upper) - decimal(lower)
+            ends.append((decimal(lower), length, length, length / 2**40 if periodic else Fraction(0)))
+        wrong = self.uncovered(ends)
+        for axis in np.flatnonzero(~self.known):
+            n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
+            held = "wall" in grid.ends[axis] and not self.moves.constant
+            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
+            wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 
     def time(self, step: int) -> float:
@@ -254,38 +256,23 @@ class Robot:
             fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
         return fits
 
-    def stays_near(self, j: int, boxes: Array, times: Any, room: Array, travel: Array, depth: int = NEAREST) -> Array:
+    def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
-        calm = self.velocity(j, boxes + travel, times, False)
-        wild = self.velocity(j, boxes + travel + OUTWARD * self.off, times)
-        apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-        out: Array = np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
-        left, middle = np.flatnonzero(~out), boxes.mean(axis=0)
-        out[left] = bool(depth)
-        for upper in product(*((False, True) if known else (False,) for known in self.known)) if depth else ():
-            left = left[out[left]]
-            if not left.size:
-                break
-            (least, most), centre = boxes[:, left], np.where(self.known, middle[left], boxes[1, left])
-            half = np.stack([np.where(upper, centre, least), np.where(upper, most, centre)])
-            out[left] = self.stays_near(j, half, times, room, travel, depth - 1)
-        return out
+
+        def near(box: Array) -> Array:
+            calm = self.velocity(j, box + travel, times, False)
+            wild = self.velocity(j, box + travel + OUTWARD * self.off, times)
+            apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
+            return np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
+
+        return everywhere(near, boxes, self.known, NEAREST)
 
     # ---- tubes and sets
 
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
         """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
-        out = self.value(part, box, times)[0] > 0
-        open_ = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
-        if open_.size:
-            good, middle = np.ones(open_.size, np.bool_), box[:, open_].mean(axis=0)
-            for upper in product((False, True), repeat=box.shape[2]):
-                left = np.flatnonzero(good)
-                (a, b), centre = box[:, open_[left]], middle[left]
-                half = np.stack([np.where(upper, centre, a), np.where(upper, b, centre)])
-                good[left] = self.outside(part, half, times, depth - 1)
-            out[open_] = good
-        return out
+        along = np.ones(box.shape[2], np.bool_)
+        return everywhere(lambda some: self.value(part, some, times)[0] > 0, box, along, depth)
 
     def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
         """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
@@ -329,8 +316,10 @@ class Robot:
             return out
         return out & (self.value(self.target, box[..., list(self.target.axes)], times)[1] <= 0)
 
-    def bits(self, row: int) -> Array:
+    def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""
+        row = step * (self.steps + 1) - step * (step - 1) // 2 + within
+        row = min(within, len(self.index) - 1) if self.timeless else row
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
@@ -359,3 +348,79 @@ class Robot:
                 total += sums[at] * (-1) ** corner.count(0)
             out[left] = gone | (total == np.prod(last - first + 1, axis=1))
         return out
+
+    # ---- claims
+
+    def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
+        """All claims; those of single cells of some cells only."""
+        ndim, wrong = self.grid.ndim, self.cover()
+        yield Claim.of(COVER, ndim, ndim, wrong)
+        if wrong:
+            return
+        if self.sensing:
+            yield Claim.of("predictions are as near as told", self.count, self.count, self.known_within())
+        size = math.prod(self.counts.tolist())
+        chosen = np.zeros(size, np.bool_)
+        chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
+        yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
+        yield from self.claims_of_sets(chosen, silent)
+        if self.trusted:
+            yield Claim.of(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
+
+    def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
+        """Moves of some cells (M,), and every input that is clear from them."""
+        at, (starts, inputs, all_places, _) = self.cells(numbers) @ self.strides, self.low.shape
+        places = np.unique(at)
+        wrong: tuple[list[str], list[str]] = ([], [])
+        made = checked = 0
+        for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):
+            steps = range(len(self.clear)) if starts == 1 else [start]
+            flags = {step: (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
+            told = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
+            made += sum(int(f.sum()) for f in flags.values())
+            checked += sum(some.size for some in told.values())
+            moving = places
+            for finer in FINER:
+                asked = np.union1d(moving, np.concatenate([at[some] for some in told.values()])).astype(np.int64)
+                if not asked.size:
+                    break
+                swept, last = self.driven(asked, j, self.time(start), finer)
+                moving = np.intersect1d(moving, asked[~self.moves_hold(asked, start, j, last)])
+                for step, some in told.items():
+                    rows = np.searchsorted(asked, at[some])
+                    slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
+                    good = [self.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
+                    told[step] = some[~np.concatenate(good)] if good else some
+            wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
+            wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in told.items() for n in numbers[some])
+        yield Claim.of("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
+        yield Claim.of("clear of the unsafe sets", made, checked, wrong[1])
+
+    def claims_of_sets(self, chosen: Array, silent: bool) -> Iterator[Claim]:
+        """Goals, whether sets grow (without a target: shrink), and every step."""
+        counted = {GOALS: [0, 0], NEARER: [0, 0]}
+        failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
+        rows = [(0, n) for n in range(self.steps + 1)]
+        if not self.timeless:
+            rows = [(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)]
+        if len(self.index) == 1:  # what is safe for ever: it leads into itself
+            rows = [(0, 0), (0, 1)]
+        for step, within in tqdm(rows, desc="sets", disable=silent):
+            new = here = self.bits(step, within)
+            name = NEARER if within else GOALS
+            if within:
+                less = self.bits(step, within - 1)
+                if ((here & ~less) if self.stays else (less & ~here)).any():
+                    failed[GROW].append(f"start {step}, within {within}")
+                new = here if self.stays else here & ~less
+            numbers = np.flatnonzero(new & chosen)
+            counted[name][0] += int(new.sum())
+            counted[name][1] += numbers.size
+            if not within:
+                good = self.goals_hold(numbers, step)
+            else:
+                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))
+            failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
+        yield Claim.of(GROW, len(rows), len(rows), failed[GROW])
+        for name, (made, checked) in counted.items():
+            yield Claim.of(name, made, checked, failed[name])

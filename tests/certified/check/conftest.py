@@ -9,7 +9,7 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 from plain import run_plainly
 
 import sdhj
-from sdhj.certified.check.reading import Scene
+from sdhj.certified.check.arm import Scene
 from sdhj.certified.check.separation import World
 
 

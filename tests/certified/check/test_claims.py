@@ -15,8 +15,7 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.check.claims import PI, cells_cover, counted
-from sdhj.certified.check.reading import Scene
+from sdhj.certified.check.arm import PI, Arm, Scene, counted
 
 pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
 
@@ -251,28 +250,33 @@ def test_samples_and_seed_that_make_no_sense_are_refused(saved):
 
 
 def test_cells_that_do_not_cover_are_found(recipe):
-    scene = Scene.of(recipe, {})
-    width = scene.box / 4
-    fine = {"extents": [(2 * PI[0], 2 * PI[1])] * 2 + [(2 * scene.box,) * 2] * 2, "lowers": [-scene.box] * 4}
-    fine |= {"scene": scene, "shape": (32, 32, 8, 8), "widths": [PI[1] / 16] * 2 + [width] * 2}
-    assert cells_cover(SimpleNamespace(**fine)).failed == 0
-    for axis, name, value in (
-        (0, "extents", (Fraction(22, 7) * 2,) * 2),
-        (1, "extents", (2 * PI[1],) * 2),
-        (1, "extents", (2 * PI[0],) * 2),
-        (0, "widths", PI[0] / 16),
-        (3, "widths", width * Fraction(99, 100)),
-        (2, "lowers", -scene.box + 1),
-        (2, "extents", (2 * scene.box - width / 2,) * 2),
+    arm = object.__new__(Arm)
+    arm.scene, arm.counts = Scene.of(recipe, {}), np.array([32, 32, 8, 8])
+    box = arm.scene.box
+    fine = [(Fraction(0), PI[1] / 16, 2 * PI[0], 2 * PI[1])] * 2 + [(-box, box / 4, 2 * box, 2 * box)] * 2
+    arm.axes = fine
+    assert not arm.cover()
+    for axis, changes in (
+        (0, {2: Fraction(22, 7) * 2, 3: Fraction(22, 7) * 2}),
+        (1, {2: 2 * PI[1]}),
+        (1, {2: 2 * PI[0] - Fraction(1, 10**12)}),
+        (1, {3: 2 * PI[0]}),
+        (0, {1: PI[0] / 16}),
+        (3, {1: box / 4 * Fraction(99, 100)}),
+        (2, {0: -box + 1}),
+        (2, {2: 2 * box - box / 8, 3: 2 * box - box / 8}),
     ):
-        wrong = [value if k == axis else kept for k, kept in enumerate(fine[name])]
-        assert cells_cover(SimpleNamespace(**(fine | {name: wrong}))).failed == 1, (axis, name)
+        axes = [list(one) for one in fine]
+        for place, value in changes.items():
+            axes[axis][place] = value
+        arm.axes = [tuple(one) for one in axes]
+        assert [wrong.startswith(f"axis {axis}: ") for wrong in arm.cover()] == [True], (axis, changes)
 
 
 def test_survey_agrees_with_the_twin(rng):
     steps, shape = 2, (4, 3, 5, 6)
     cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
-    file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), shape=shape, index=index, pool=pool)
+    file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), counts=np.array(shape), index=index, pool=pool)
     counts, grow = counted(file)
     assert grow.failed == 0
     expected, at = np.zeros_like(counts), 0

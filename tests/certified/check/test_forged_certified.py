@@ -12,16 +12,16 @@ from forging import FORGERIES, forged, replaced, spoiled
 from naive_certified import SMALL
 
 import sdhj
-from sdhj.certified.check.claims import cells_cover
-from sdhj.certified.check.reading import File, told_and_arrays
+from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.reading import told_and_arrays
 
 LONGEST = 10.0  # seconds that an answer may take
 
 
 def read_to_check(path):
     with told_and_arrays(path) as (told, arrays):
-        file = File(told, arrays)
-    if cells_cover(file).failed:  # then `verify` goes no further
+        file = Arm(told, arrays)
+    if file.cover():  # then `verify` goes no further
         raise ValueError("not proved")
     return file
 

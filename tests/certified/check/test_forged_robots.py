@@ -74,23 +74,23 @@ def test_an_arm_among_obstacles_is_proved_as_any_robot(tmp_path):
 
 # ---- mutations
 
-ROBOTS_PY, EXAMINING, CLAIMS, DESCRIBED, FORMULAS = (
-    f"{name}.py" for name in ("robots", "examining", "claims", "described", "formulas")
+ROBOTS_PY, READING, VERIFY, DESCRIBED, FORMULAS = (
+    f"{name}.py" for name in ("robots", "reading", "__init__", "described", "formulas")
 )
 
 # file, what is taken out, what is left, the forgery that is then believed, or the robot that is not proved any more
 MUTATIONS = {
-    "where an axis begins": (ROBOTS_PY, "low == decimal(grid.lower[axis])", "True", "cells that begin elsewhere"),
-    "how long an axis is": (ROBOTS_PY, "least <= length <= most", "True", "a longer axis"),
-    "the last cell": (ROBOTS_PY, "n * width >= most", "True", "cells that are too narrow"),
-    "no cell past the end": (ROBOTS_PY, "(n - 1) * width < least", "True", "cells that are too wide"),
+    "where an axis begins": (READING, "begin in (None, low)", "True", "cells that begin elsewhere"),
+    "how long an axis is": (READING, "least <= shortest and most >= longest", "True", "a longer axis"),
+    "the last cell": (READING, "n * width >= most", "True", "cells that are too narrow"),
+    "no cell past the end": (READING, "(n - 1) * width < least", "True", "cells that are too wide"),
     "a length as it is written": (
         ROBOTS_PY,
-        "if self.periodic[axis] else 0)",
-        "if False else 1)",
+        "if periodic else Fraction(0)",
+        "if False else Fraction(1)",
         "a length that is a guess",
     ),
-    "a period nearly as it is": (ROBOTS_PY, "(length / 2**40 if", "(length if", "a period that is a guess"),
+    "a period nearly as it is": (ROBOTS_PY, "length / 2**40 if", "length if", "a period that is a guess"),
     "cells that move alike are alike": (
         ROBOTS_PY,
         "abs(n * width - most) <= STICKS_OUT",
@@ -122,7 +122,7 @@ MUTATIONS = {
     "what counts from the earliest on": (ROBOTS_PY, "if begin <= soonest:", "if True:", "no early end"),
     "walls": (ROBOTS_PY, "np.clip(at + moved, *bars)", "at + moved", "a wall that holds"),
     "the time of a piece": (ROBOTS_PY, "(start + begin, start + end)", "(begin, end)", "the tide of another hour"),
-    "the time of a step": (EXAMINING, "robot.time(start), finer", "robot.time(0), finer", "the tide of another hour"),
+    "the time of a step": (ROBOTS_PY, "self.time(start), finer", "self.time(0), finer", "the tide of another hour"),
     "the whole time of a piece": (
         ROBOTS_PY,
         "out = np.stack(self.velocity(j, room, times))\n        for",
@@ -166,12 +166,12 @@ MUTATIONS = {
         "a seam like any other edge",
     ),
     "moves that do not hold": (
-        EXAMINING,
-        "asked[~robot.moves_hold(",
-        "asked[False & robot.moves_hold(",
+        ROBOTS_PY,
+        "asked[~self.moves_hold(",
+        "asked[False & self.moves_hold(",
         "a stronger push",
     ),
-    "every input": (EXAMINING, "range(robot.low.shape[1]))], desc", "range(2))], desc", "out by the upper end"),
+    "every input": (ROBOTS_PY, "range(inputs))], desc", "range(2))], desc", "out by the upper end"),
     # the velocity
     "the adversary": (DESCRIBED, "        if pushed:\n", "        if False:\n", "a stronger push"),
     "bounds at all times": (
@@ -200,18 +200,23 @@ MUTATIONS = {
     ),
     "all components of a push": (DESCRIBED, "push = each.sum(axis=2)", "push = each[:, :, 0]", "two that push"),
     # predictions
-    "what is told of predictions": (EXAMINING, "if robot.sensing:", "if False:", "predictions as near as measurements"),
+    "what is told of predictions": (ROBOTS_PY, "if self.sensing:", "if False:", "predictions as near as measurements"),
     "errors of measurements in predictions": (
         ROBOTS_PY,
         "room, wrong, stride = self.off - self.error,",
         "room, wrong, stride = self.off,",
         "predictions as near as measurements",
     ),
-    "halving ends": (ROBOTS_PY, "out[left] = bool(depth)", "out[left] = True", "predictions as near as measurements"),
+    "halving ends": (
+        ROBOTS_PY,
+        "out = holds(boxes)",
+        "out = holds(boxes) | (depth == 0)",
+        "predictions as near as measurements",
+    ),
     "predictions of the next": (
         ROBOTS_PY,
-        "boxes + travel + OUTWARD * self.off, times)",
-        "boxes + travel, times)",
+        "box + travel + OUTWARD * self.off, times)",
+        "box + travel, times)",
         "predictions that begin where the state is",
     ),
     "how far a prediction moves": (
@@ -247,8 +252,8 @@ MUTATIONS = {
     ),
     "both halves of a box": (
         ROBOTS_PY,
-        "product((False, True), repeat=box.shape[2])",
-        "product((False,), repeat=box.shape[2])",
+        "(False, True) if one else (False,)",
+        "(False,)",
         "the far half of a tube",
     ),
     "every unsafe set": (
@@ -259,8 +264,8 @@ MUTATIONS = {
     ),
     "a set is closed": (
         ROBOTS_PY,
-        "self.value(part, box, times)[0] > 0",
-        "self.value(part, box, times)[0] >= 0",
+        "self.value(part, some, times)[0] > 0",
+        "self.value(part, some, times)[0] >= 0",
         "a set that is closed",
     ),
     "states near a tube": (
@@ -279,8 +284,8 @@ MUTATIONS = {
     "the lower end": (ROBOTS_PY, "(whole[0, :, axis] >= grid.lower[axis] - room)", "True", "out by the lower end"),
     "how near past an end": (ROBOTS_PY, "ROOM = 1e-6", "ROOM = 10.0", "out by the lower end"),
     "clear in every step": (
-        EXAMINING,
-        "range(len(robot.clear)) if len(robot.low) == 1 else [start]",
+        ROBOTS_PY,
+        "range(len(self.clear)) if starts == 1 else [start]",
         "[start]",
         "a post that comes later",
     ),
@@ -372,12 +377,17 @@ MUTATIONS = {
     ),
     "predictions in a goal": (ROBOTS_PY, "NEAR + self.off), np.ones", "NEAR), np.ones", "a goal beside an error"),
     "sets that grow": (
-        EXAMINING,
-        "if stays else (less & ~here)",
-        "if stays else (less & False)",
+        ROBOTS_PY,
+        "if self.stays else (less & ~here)",
+        "if self.stays else (less & False)",
         "a set that loses a cell",
     ),
-    "sets that shrink": (EXAMINING, "((here & ~less) if stays", "((here & False) if stays", "a set that wins a cell"),
+    "sets that shrink": (
+        ROBOTS_PY,
+        "((here & ~less) if self.stays",
+        "((here & False) if self.stays",
+        "a set that wins a cell",
+    ),
     "every cell of an image": (ROBOTS_PY, "total == np.prod(last - first + 1, axis=1)", "total > 0", "a cell more"),
     "inputs that are clear": (
         ROBOTS_PY,
@@ -386,18 +396,18 @@ MUTATIONS = {
         "a cell of which no input is clear",
     ),
     "the next set": (
-        EXAMINING,
-        "robot.bits(row_of(step + 1, within - 1))",
-        "robot.bits(row_of(step, within - 1))",
+        ROBOTS_PY,
+        "self.bits(step + 1, within - 1)",
+        "self.bits(step, within - 1)",
         "a step into sets of another time",
     ),
     "what stays is new each time": (
-        EXAMINING,
-        "new = here if stays else here & ~less",
+        ROBOTS_PY,
+        "new = here if self.stays else here & ~less",
         "new = here & ~less",
         "a cell that is not safe as long",
     ),
-    "for ever": (EXAMINING, "rows = [(0, 0), (0, 1)]", "rows = [(0, 0)]", "a cell that is not safe for ever"),
+    "for ever": (ROBOTS_PY, "rows = [(0, 0), (0, 1)]", "rows = [(0, 0)]", "a cell that is not safe for ever"),
     "past a lower end by a cell": (ROBOTS_PY, "(last < -1)", "(last < 0)", "past the lower end by less than a cell"),
     "past an upper end by a cell": (
         ROBOTS_PY,
@@ -411,8 +421,13 @@ MUTATIONS = {
     "values above what is stated": (DESCRIBED, " | (value > most + near)", "", "an enclosure that ends below"),
     "values below what is stated": (DESCRIBED, "(value < least - near) | ", "", "an enclosure that begins above"),
     "a slope counts": (DESCRIBED, "slope * np.linalg.norm(half, axis=1, keepdims=True)", "0.0 * half[:, :1]", "hidden"),
-    "a rate counts": (DESCRIBED, "far + np.array(rate) * (times[1] - times[0]) / 2", "far + 0.0", "hidden and moving"),
-    "black boxes are asked for": (CLAIMS, "and problem is None):", "and False):", "nobody's black box"),
+    "a rate counts": (
+        DESCRIBED,
+        "far + np.array(rate) * (times[1] - times[0]) / 2",
+        "far + 0.0",
+        "hidden and moving",
+    ),
+    "black boxes are asked for": (VERIFY, "and problem is None):", "and False):", "nobody's black box"),
     "what it rests on is said": (ROBOTS_PY, "self.trusted.add(part.name)", "pass", "hidden"),
     "one move for each time": (
         ROBOTS_PY,
@@ -463,7 +478,7 @@ MUTATIONS = {
         "head: seven axes",
     ),
     "numbers": (
-        DESCRIBED,
+        READING,
         "isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most",
         "True",
         "head: NaN",
@@ -475,30 +490,35 @@ MUTATIONS = {
         "head: nodes",
     ),
     "what is periodic": (DESCRIBED, "flag in (True, False) for flag", "True for flag", "head: periods"),
-    "late by half a step": (DESCRIBED, "0.0, delta / 2)", "0.0, 2 * delta)", "head: jitter"),
-    "errors on each axis": (DESCRIBED, "expect(len(errors) == ndim", "expect(True", "head: error"),
-    "errors of at least 0": (DESCRIBED, 'real("error", one, 0.0)', 'real("error", one)', "head: an error below zero"),
+    "late by half a step": (READING, "0.0, delta / 2)", "0.0, 2 * delta)", "head: jitter"),
+    "errors on each axis": (READING, "isinstance(values, list) and len(values) == count", "True", "head: error"),
+    "errors of at least 0": (READING, "* ndim, ndim, 0.0)", "* ndim, ndim)", "head: an error below zero"),
     "some inputs": (ROBOTS_PY, "expect(1 <= self.count <= MOST_INPUTS", "expect(True", "head: no inputs"),
     "whole steps": (ROBOTS_PY, "expect(is_whole(self.steps, 1)", "expect(True", "head: steps"),
     "some parts": (ROBOTS_PY, "expect(is_whole(self.parts, 1, MOST_COUNTED)", "expect(True", "head: parts"),
     "some cells": (
-        ROBOTS_PY,
-        "is_whole(n, 2, MOST_ON_AN_AXIS) for n in cells",
-        "True for n in cells",
+        READING,
+        "is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape",
+        "True for n in shape",
         "head: one cell",
     ),
-    "fractions": ("reading.py", 'expect(bool(fits), "cells must', 'expect(True, "cells must', "head: widths"),
+    "fractions": (READING, 'expect(bool(fits), "cells must', 'expect(True, "cells must', "head: widths"),
     "one flag for each axis": (
         ROBOTS_PY,
         'expect(fits, f"the problem has',
         'expect(True, f"the problem has',
         "head: axes of a place",
     ),
-    "one number for each axis": (ROBOTS_PY, 'expect(len(stated["unsure"]) == ndim', "expect(True", "head: predictions"),
+    "one number for each axis": (
+        READING,
+        "isinstance(values, list) and len(values) == count",
+        "True",
+        "head: predictions",
+    ),
     "predictions of at least 0": (
         ROBOTS_PY,
-        'real("unsure", off, 0.0)',
-        'real("unsure", off)',
+        'stated["unsure"], ndim, 0.0)',
+        'stated["unsure"], ndim)',
         "head: predictions below zero",
     ),
     # formulas as text

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from naive_certified import CIRCLE, STILL
 
-from sdhj.certified.check.claims import PI
-from sdhj.certified.check.reading import Scene, overlapped
+from sdhj.certified.check.arm import PI, Scene, overlapped
 
 
 def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
@@ -40,7 +39,7 @@ def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
         off, late = Fraction(2 - axis // 2, 100) + Fraction(3, 100) * push, Fraction(1, 50)
     size = 2 * PI[1] if axis == 0 else 2 * scene.box
     n, width = 23, size / 23 + Fraction(1, 10**4)
-    file = SimpleNamespace(scene=scene, shape=(n,) * 4, widths=[width] * 4, extents=[(size, size)] * 4)
+    file = SimpleNamespace(scene=scene, counts=(n,) * 4, axes=[(0, width, size, size)] * 4)
     slow, fast = Fraction(-17, 10), Fraction(23, 10)
     lists = overlapped(axis, file, slow, fast)
     delta = Fraction(str(scene.given["delta"]))

@@ -10,8 +10,8 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
 from sdhj.certified.check import rows
+from sdhj.certified.check.arm import Scene
 from sdhj.certified.check.bits import erode
-from sdhj.certified.check.reading import Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 

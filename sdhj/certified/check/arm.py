@@ -1,0 +1,274 @@
+"""The claims of the file of an arm: its numbers from the recipe of the case study, its rows by compiled code (`rows`).
+
+A row is the cells of the agent for one pair of joint cells; it is checked with all its claims, for all starts, steps
+and inputs.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import h5py
+import numba
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified.check.bits import Array, erode
+from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
+from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.rows import Stored, check_rows
+from sdhj.certified.check.separation import DIRECTIONS, World
+
+AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
+PATHS = {  # of a disk: its kind, what is told of it, and by how many numbers
+    "still": {"centre": 2},
+    "line": {"start": 2, "velocity": 2},
+    "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
+}
+PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
+DOUBT = Fraction(1, 10**13)  # about a turn: half of it and what rounds an angle are below 2e-13 (`separation`)
+LONGEST_LENGTH = 10.0  # also of moves and places: the bound on rounding rests on it
+LARGEST_ANGLE = 100.0  # of a disk on its circle
+MOST_PARTS = 64  # that an interval is cut into at once
+ROWS_AT_ONCE = 256  # between two signs of life
+
+
+def disk(name: str, given: Any, width: float = 0.0) -> Array:
+    """A disk of a recipe as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
+    path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
+    expect(path["kind"] in PATHS, f"the path of {name} must be one of {', '.join(PATHS)}", path["kind"])
+    parts: dict[str, list[float]] = {"velocity": [0.0, 0.0]}
+    for part, count in PATHS[path["kind"]].items():
+        values = path[part] if count > 1 else [path[part]]
+        parts[part] = reals(f"{part} of {name}", values, count, **({"least": 0.0} if part == "radius" else {}))
+    place = parts["start" if "start" in parts else "centre"]
+    circle = (parts.get(part, [0.0])[0] for part in ("radius", "rate", "phase"))
+    return np.array([*place, *parts["velocity"], *circle, radius + width])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Numbers of a case study, from its recipe."""
+
+    given: Mapping[str, Any]
+    agent: str  # "pursuer" or "evader"
+    sensing: Sensing
+    disks: Array  # (D, 8) obstacles, for `separation`
+    goal: Array  # (8,) target likewise; it moves with the agent where that is an evader
+
+    @classmethod
+    def of(cls, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> "Scene":
+        """The scene of a recipe, and how the robot senses.
+
+        ValueError, KeyError or TypeError where something is missing or makes no sense.
+        """
+        given, builder = recipe["arguments"], recipe["builder"]
+        expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
+        agent = AGENTS[builder]
+        for name in ("half_width", "u_max", "v_d_max", "delta", f"v_{agent[0]}_max", f"{agent}_radius", f"{agent}_box"):
+            real(name, given[name], 0.0)
+        for name, least in (("steps", 1), ("input_levels", 2)):
+            fits = is_whole(given[name], least, MOST_COUNTED)
+            expect(fits, f"{name} must be a whole number from {least} to {MOST_COUNTED}", given[name])
+        reals("lengths", list(given["lengths"]), 2, 0.0)
+        kinds = ("relative", "printed")
+        expect(given["kinematics"] in kinds, f"kinematics must be {' or '.join(kinds)}", given["kinematics"])
+        expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
+        disks = [disk(f"obstacle {k}", one, given["half_width"]) for k, one in enumerate(given["obstacles"])]
+        chased = agent == "pursuer"
+        goal = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
+        sensed = Sensing.of(sensing, 4, given["delta"])
+        still = not chased or given["target"]["path"]["kind"] == "still"
+        expect(sensed.jitter == 0 or still, "jitter must fit a target at rest", sensed.jitter)
+        return cls(given, agent, sensed, np.array(disks).reshape(-1, 8), goal)
+
+    @property
+    def box(self) -> Fraction:
+        """Half the side of the square that the agent stays in."""
+        return decimal(self.given[f"{self.agent}_box"])
+
+    def push(self, axis: int) -> Fraction:
+        """The greatest that is added to the velocity of an axis."""
+        return decimal(self.given["v_d_max" if axis < 2 else f"v_{self.agent[0]}_max"])
+
+    def off(self, axis: int) -> Fraction:
+        """By how much a prediction may be off."""
+        return decimal(self.sensing.error[axis]) + decimal(self.sensing.delay) * self.push(axis)
+
+    def spans(self) -> tuple[Fraction, Fraction]:
+        """How long an input is held at least and at most."""
+        late = 2 * decimal(self.sensing.jitter)
+        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late
+
+    def inputs(self) -> list[tuple[Fraction, Fraction]]:
+        """All inputs, exactly, the first component slowest."""
+        top, n = decimal(self.given["u_max"]), self.given["input_levels"]
+        values = [-top + 2 * top * i / (n - 1) for i in range(n)]
+        return [(a, b) for a in values for b in values]
+
+    def world(self, edges: Sequence[Array]) -> World:
+        """What the compiled kernels read; ValueError where a number is too large for the bound on rounding."""
+        given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
+        (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
+        arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
+        push, delta, held = float(given["v_d_max"]), float(given["delta"]), float(self.spans()[1])
+        agent = np.array([float(self.push(2)), float(given[f"{self.agent}_radius"]) + float(given["half_width"])])
+        travel = (np.abs(inputs) + push) @ [arm[0] + arm[1], arm[1]] * held
+        parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
+        angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+        compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        q1, q2, x, y = edges
+        off, chased = np.array([float(self.off(axis)) for axis in range(4)]), self.agent == "pursuer"
+        times = held, self.sensing.jitter, self.sensing.delay
+        known = arm, inputs, push, chased, agent, delta, self.disks, self.goal
+        world = World(*known, q1, q2, x, y, compass, parts, off, *times)
+        refuse_large(world, given["steps"])
+        return world
+
+
+def refuse_large(world: World, steps: int) -> None:
+    """ValueError where a number breaks what the bound on rounding supposes: see `sdhj.certified.check.separation`."""
+    end = world.delta * steps + world.begin + world.late
+    disks = np.vstack([world.disks, world.goal[None]])
+    moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
+    edges = [float(np.abs(edge).max()) for edge in (world.q1, world.q2, world.x, world.y)]
+    places = np.abs(disks) @ np.array([[1, 1, end, end, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0, 1]]).T
+    angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
+    sizes = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
+    least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
+    if not (sizes <= LONGEST_LENGTH).all() or not least >= 0.0:
+        raise ValueError(
+            f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
+            f"interval from 0 to {LONGEST_LENGTH:g} (metres, radians); this file has links of {world.arm[0]:g} and "
+            f"{world.arm[1]:g} m and numbers up to {sizes.max():g}"
+        )
+
+
+class Arm(Sets):
+    """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
+
+    def __init__(self, told: Mapping[str, Any], arrays: h5py.File) -> None:
+        self.scene = Scene.of(told["recipe"], told.get("sensing", {}))
+        self.steps = self.scene.given["steps"]
+        pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
+        self.pairs = np.array(pairs)
+        super().__init__(told["cells"], arrays, 4, 2, len(pairs))
+        flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
+        packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
+        self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
+
+    def cover(self) -> list[str]:
+        """What is wrong with the cells: those of a joint hold a turn, 2 pi."""
+        box = self.scene.box
+        return self.uncovered([(None, 2 * PI[0], 2 * PI[1], DOUBT)] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
+
+    def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
+        """All claims; those of single cells in some rows only."""
+        yield Claim.of(COVER, 4, 4, wrong := self.cover())
+        if wrong:  # nothing else in the file means what it says
+            return
+        world, (counts, grow) = self.scene.world(self.edges), counted(self)
+        yield grow
+        rows = np.random.default_rng(seed).permutation(self.index.shape[1])[:samples]
+        failed, example = self.checked(rows, world, silent)
+        (_, n2, nx, ny), inputs = self.counts.tolist(), len(world.inputs)
+        flags = self.allowed.reshape(-1, self.index.shape[1])
+        for kind in range(self.steps + 2):
+            bad = np.flatnonzero(failed[:, kind])[:SHOWN]
+            at = [
+                (*divmod(row, n2), *divmod(what, inputs if not kind else nx * ny))
+                for row, what in zip(rows[bad].tolist(), example[bad, kind].tolist(), strict=True)
+            ]
+            if not kind:
+                wrong = [f"start {start}, input {j}, joints {i1}, {i2}" for i1, i2, start, j in at]
+                made, seen, name, edge = int(flags.sum()), int(flags[:, rows].sum()), "clear of the obstacles", None
+            else:
+                wrong = [f"start {k}, within {kind - 1}, cell {i1, i2, *divmod(xy, ny)}" for i1, i2, k, xy in at]
+                (made, outer), (seen, seen_outer) = (
+                    some[:, kind - 1].sum(axis=0).tolist() for some in (counts, counts[rows])
+                )
+                name, edge = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, (outer, seen_outer)
+            yield Claim.of(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
+
+    def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
+        """What `check_rows` says of some rows, by threads."""
+        eroded, still = np.empty_like(self.pool), [Fraction(0)]
+        erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
+        ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
+        stored = Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
+        failed, example = np.zeros((2, len(rows), self.steps + 2), np.int64)
+
+        def check_part(begin: int) -> int:
+            at = slice(begin, begin + ROWS_AT_ONCE)
+            check_rows(rows[at], world, stored, failed[at], example[at])
+            return len(rows[at])
+
+        shown = tqdm(total=len(rows), desc="verify", unit="row", disable=silent)
+        with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
+            for done in threads.map(check_part, range(0, len(rows), ROWS_AT_ONCE)):
+                bar.update(done)
+        return failed, example
+
+    def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
+        """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""
+        push = self.scene.push(axis)
+        lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
+        most = max(len(found) for of_drift in lists.values() for found in of_drift)
+        return np.array([[found + found[-1:] * (most - len(found)) for found in lists[drift]] for drift in drifts])
+
+
+def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list[int]]:
+    """For each cell of an axis those that a prediction may be in after one interval, slow <= 0 <= fast at walls.
+
+    What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
+    """
+    n, (_, width, *extent), off = int(arm.counts[axis]), arm.axes[axis], 2 * arm.scene.off(axis)
+    back, ahead = min(slow * span for span in arm.scene.spans()), max(fast * span for span in arm.scene.spans())
+    out = []
+    for cell in range(n):
+        found: set[int] = set()
+        for period in extent:
+            low = cell * width + back - off
+            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off
+            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
+                start, stop = low - lap * period, high - lap * period
+                if stop > 0 and start < period:
+                    first, last = max(start // width, 0), min(-(-stop // width) - 1, n - 1)
+                    found |= set(range(min(int(first), n - 1), int(last) + 1))
+        out.append(sorted(found))
+    return out
+
+
+def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
+    """`erode`, by threads."""
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        parts = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, len(pool), ROWS_AT_ONCE)]
+        list(threads.map(lambda part: erode(pool[part], along_x, along_y, out[part]), parts))
+
+
+def counted(arm: Any) -> tuple[Array, Claim]:
+    """Cells that the sets add to each row, (rows, steps + 1, 2): all, those at the boundary. And whether sets grow."""
+    index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
+    along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])
+    erode_all(pool, along_x, along_y, inner)
+    grid = np.arange(index.shape[1]).reshape(arm.counts[:2])
+    beside = [np.roll(grid, side, axis).ravel() for axis in (0, 1) for side in (-1, 1)]
+    counts, wrong = np.zeros((index.shape[1], arm.steps + 1, 2), np.int64), []
+    for place, (start, within) in enumerate(arm.pairs):
+        here = index[place]
+        less = index[place - 1] if within else np.zeros_like(here)
+        rows = np.flatnonzero(here != less) if within else np.arange(here.size)
+        new, old = pool[here[rows]], pool[less[rows]]
+        if within and (old & ~new).any():
+            wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
+        new &= ~old if within else ~np.uint64(0)
+        deep = inner[here[rows]]
+        for other in beside:
+            deep &= pool[here[other[rows]]]
+        for kind, bits in enumerate((new, new & ~deep)):
+            counts[rows, within, kind] += np.bitwise_count(bits).sum(axis=1, dtype=np.int64)
+    made = int((arm.pairs[:, 1] > 0).sum())
+    return counts, Claim.of(GROW, made, made, wrong)
