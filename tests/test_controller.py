@@ -481,8 +481,10 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
         met = failing.ravel()[np.rint((points[:, LOOKED - 1, 0] + 0.9) / apart).astype(int)]
         return np.where(met[:, None] & (np.arange(len(times)) == LOOKED - 1), -1.0, 1.0)
 
-    problem: Any = SimpleNamespace(inputs=np.zeros((9, 1)), grid=FREE.grid, stays=True, unsafe_along=unsafe_along)
-    table: Any = SimpleNamespace(problem=problem, known=solved(FREE).known)
+    problem: Any = SimpleNamespace(
+        inputs=np.zeros((9, 1)), grid=free_problem().grid, stays=True, unsafe_along=unsafe_along
+    )
+    table: Any = SimpleNamespace(problem=problem, known=free_table().known)
     table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing
