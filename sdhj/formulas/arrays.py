@@ -79,12 +79,25 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
 UNCOMPILED = "let it stand uncompiled"
+DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
+ADVICE = {
+    **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
+    **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
+    **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
+    **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
+    **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
+    **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
+    "piecewise": "np.select(conditions, values) is known",
+    "polyval": "write (a * x + b) * x + c",
+    "linspace": "np.linspace(0.0, 1.0, count) * end is known",
+    "apply_along_axis": "np.array([f(row) for row in points]) is known",
+}  # what to write in place of functions that people use
 DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # options that say what holds without them
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
     given = f" with {', '.join(sorted(options))}" if options else ""
-    return NotTraced(f"{module}.{name}{given}")
+    return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 class Traced(NDArrayOperatorsMixin):
@@ -210,7 +223,7 @@ class Traced(NDArrayOperatorsMixin):
             raise AttributeError(name)
         if name == "_numba_type_":
             raise NotTraced("a call of compiled code", f"{UNCOMPILED}: its py_func attribute is the function")
-        raise NotTraced(f"the attribute {name!r} of an array")
+        raise NotTraced(f"the attribute {name!r} of an array", ADVICE.get(name, ""))
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
@@ -364,8 +377,12 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
         return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
     if ufunc in MADE and dtype == FLOAT:
         return MADE[ufunc](*(Traced(one.entries) for one in arrays))
-    name, kinds = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}", [str(one.dtype) for one in arrays]
-    raise NotTraced(f"{name} of {', '.join(kinds)} with an answer of {dtype}")
+    name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
+    if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
+        raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
+    kinds = ", ".join(str(one.dtype) for one in arrays)
+    what = f"{name} of {kinds} with an answer of {dtype}"
+    raise NotTraced(what, "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1")
 
 
 ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
