@@ -247,6 +247,7 @@ def test_predictions_for_less_are_not_proved(saved, sensing, tmp_path):
     assert "predictions are as near as told" in failed(saved[1], tmp_path, sensing=sensing)
 
 
+@pytest.mark.slow  # `forged_robots` has the same on a line
 def test_moves_for_a_better_clock_are_not_proved(saved, tmp_path):
     assert "moves" in failed(saved[1], tmp_path, sensing={"jitter": 0.02})
 
