@@ -37,11 +37,9 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 @dataclass(frozen=True)
 class ArmProof(Proof):
-    """What one interval does to the cells, for the recursion and for questions about states; `parts` under the fastest
-    input.
-    """
+    """What one interval does to the cells, for the recursion and for questions about states."""
 
-    motion: ArmMotion
+    motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
     rows = 2
     timeless = False  # a set is kept for each start
@@ -152,11 +150,10 @@ class ArmProof(Proof):
 
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
-    def prepare(self, progress: bool | None, share: float = 1.0) -> list[FloatArray]:
+    def prepare(self, progress: bool | None) -> list[FloatArray]:
         """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
         motion, clear = self.motion, []
-        some = range(math.ceil(share * motion.parts.size))
-        for j in tqdm(some, desc="intervals", disable=hidden(progress)):
+        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))

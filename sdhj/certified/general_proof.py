@@ -118,11 +118,6 @@ class GeneralProof(Images):
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
-    def pieces(self) -> int:
-        """Into how many pieces `prepare` cuts its work."""
-        return self.low.shape[0] * self.low.shape[1] * -(-self.low.shape[2] // PLACES)
-
-    @property
     def peak(self) -> int:
         """Bytes that a solve takes at most, the sets that it finds apart."""
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
@@ -179,15 +174,14 @@ class GeneralProof(Images):
                 return np.zeros(1, np.int64)
             return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
 
-        free, safe = numbers(~own), np.stack(self.problem.grid.faces("safe"))
-        return Placed(counts, numbers(own), free, free.size, edges, safe)
+        free = numbers(~own)
+        return Placed(counts, numbers(own), free, free.size, edges, self.past)
 
-    def prepare(self, progress: bool | None, share: float = 1.0) -> None:
-        """Fill moves and clear, or a share of them: where every input takes every place, where it is safe from."""
+    def prepare(self, progress: bool | None) -> None:
+        """Fill moves and clear: where every input takes every place, where it is safe from."""
         starts, count, size, _ = self.low.shape
         n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
         lattices, work = self._lattices(progress), list(np.ndindex(starts, count, -(-size // PLACES)))
-        work = work[: math.ceil(share * len(work))]
 
         def moved(start: int, j: int, slab: int) -> Ends:
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))

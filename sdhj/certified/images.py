@@ -183,10 +183,15 @@ class Images(Proof):
     def _always(self) -> tuple[float, float]:
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
-    def moves(self, step: int, ends: str = "safe") -> Moves:
-        """Those of the interval from a step; past which ends of axes nothing is asked of an image."""
+    @cached_property
+    def past(self) -> FloatArray:
+        """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
+        return np.stack(self.problem.grid.faces("safe"))
+
+    def moves(self, step: int) -> Moves:
+        """Those of the interval from a step."""
         start = min(step, len(self.low) - 1)
-        return Moves(self.low[start], self.high[start], self.strides, np.stack(self.problem.grid.faces(ends)))
+        return Moves(self.low[start], self.high[start], self.strides, self.past)
 
     def image(self, cell: FloatArray, j: int, step: int) -> Ends:
         """The first and the last cell (ndim,) of what a cell can lead to under u_j."""

@@ -71,7 +71,12 @@ class LosingProof(Images):
     def bounds(self) -> Bounds:
         return Bounds(self.problem, self.vertices[0] if len(self.vertices) == 1 else None)
 
-    def prepare(self, progress: bool | None, share: float = 1.0) -> None:
+    @cached_property
+    def past(self) -> FloatArray:
+        """What leaves over an unsafe end is lost."""
+        return np.stack(self.problem.grid.faces("unsafe"))
+
+    def prepare(self, progress: bool | None) -> None:
         """Fill the moves."""
         starts, many, size, _ = self.low.shape
         for v in tqdm(range(len(self.vertices)), desc="answers", disable=hidden(progress)):
@@ -113,6 +118,6 @@ class LosingProof(Images):
         inside, keep = self.inside[min(step, len(self.inside) - 1)], not self.problem.stays
         if keep:
             cells &= ~inside  # is lost wherever it is led
-        moves, groups, every = self.moves(step, "unsafe"), len(self.problem.inputs), np.zeros((0, 0), np.uint8)
-        grow(np.arange(len(cells)), cells, following, every, moves, groups, self.cells, keep)
+        groups, every = len(self.problem.inputs), np.zeros((0, 0), np.uint8)
+        grow(np.arange(len(cells)), cells, following, every, self.moves(step), groups, self.cells, keep)
         cells |= inside

@@ -37,10 +37,10 @@ def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, ki
     def count_of(axes):
         return float(np.prod([axis.count for axis in axes]))
 
-    def prepare(self, progress, share=1.0):
+    def prepare(self, progress):
         asked.append(count_of(self.axes))
         now[0] += asked[-1] / 1000
-        return plain(self, progress, share)
+        return plain(self, progress)
 
     def recursion(some, steps, done):
         now[0] += 3 * count_of(some.proof.axes) / 1000
@@ -58,17 +58,6 @@ def test_time_is_measured_from_a_solve_with_fewer_cells(monkeypatch, problem, ki
         return
     table = sdhj.solve(problem, method, progress=False, play=False)
     assert told.cells == np.prod(table.details["cells"]) and told.nbytes > table.nbytes
-
-
-def test_a_share_of_the_intervals_is_no_more_work_than_that(monkeypatch):
-    asked, reached = [], GeneralProof.reached
-    monkeypatch.setattr(GeneralProof, "reached", lambda self, *told: asked.append(told) or reached(self, *told))
-    proof = sdhj.Certified(cells=CELLS, parts=2).proof(unicycle_problem())
-    for share, most in ((0.0, 0), (0.03, 1), (1.0, proof.pieces)):
-        asked.clear()
-        proof.prepare(False, share)
-        assert len(asked) == most
-    assert proof.pieces == 3
 
 
 def test_memory_is_stated_before_anything_is_made(monkeypatch):

@@ -29,7 +29,7 @@ PATHS = {  # of a disk: its kind, what is told of it, and by how many numbers
     "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
 }
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
-DOUBT = Fraction(1, 10**13)  # about a turn: half of it and what rounds an angle are below 2e-13 (`separation`)
+KNOWN_TURN = Fraction(1, 10**13)  # up to so much: half of it and what rounds an angle are below 2e-13 (`separation`)
 LONGEST_LENGTH = 10.0  # also of moves and places: the bound on rounding rests on it
 LARGEST_ANGLE = 100.0  # of a disk on its circle
 MOST_PARTS = 64  # that an interval is cut into at once
@@ -163,7 +163,9 @@ class Arm(Sets):
     def cover(self) -> list[str]:
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""
         box = self.scene.box
-        return self.uncovered([(None, 2 * PI[0], 2 * PI[1], DOUBT)] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
+        return self.uncovered(
+            [(None, 2 * PI[0], 2 * PI[1], KNOWN_TURN)] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2
+        )
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """All claims; those of single cells in some rows only."""
