@@ -429,10 +429,8 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     when : (step, within, steps, looks)
         Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. looks:
         `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
-    packs : (ints, floats)
-        What is packed (above).
-    stored : (index, tubes, masks, static, moving)
-        Of a `Shelf`.
+    packs, stored : (ints, floats), (index, tubes, masks, static, moving)
+        What is packed (above); of a `Shelf`.
     ends : (4, L, ndim, 1 or R)
         What each input can lead to, relative to the state: the lower and the upper corner of the box that holds all
         states at the interval's end, and two terms of the path without an adversary, which after a share s of the
