@@ -28,9 +28,9 @@ TUBES, LOOK, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the tr
 # are taken; the times of the V points that are looked at, the path first, then the state and the corners; (4, ndim):
 # between what coordinates are clipped, and the ends of the grid; when the interval begins; and three tapes: what inputs
 # lead to, the unsafe sets and the target, the two of points with the time as one more coordinate.
-STATIC, MOVING, ORDER, TIMES, FACES, BEGIN, AHEAD = range(len(Lattice._fields), len(Lattice._fields) + 7)
-UNSAFE = AHEAD + TABLES + 1
-TARGET = UNSAFE + TABLES + 1
+_STATIC, _MOVING, _ORDER, LOOK_TIMES, _FACES, _BEGIN, _AHEAD = range(len(Lattice._fields), len(Lattice._fields) + 7)
+_UNSAFE = _AHEAD + TABLES + 1
+_TARGET = _UNSAFE + TABLES + 1
 
 
 class Shelf(NamedTuple):
@@ -200,10 +200,9 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
 
 
 @kernel(**UNCOUNTED)
-def _by_tubes(m, own, states, when, shelf, ends, order, lattice, room, out):
+def _by_tubes(m, own, states, when, shelf, ends, space, out):
     """The answers for one state, but for the look at the true sets."""
-    to_go, safe, margins, best = out
-    step, within = when
+    (order, lattice, room), (to_go, safe, margins, best), (step, within) = space, out, when
     state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -244,7 +243,7 @@ def _hazards(shelf, step, state, lattice, room, out):
 
 
 @kernel(inline="always")  # as its caller counts references, or does not
-def lattice_of(ints, floats):
+def _lattice(ints, floats):
     """The lattice that is first among packed arrays."""
     lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
     periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
@@ -253,8 +252,9 @@ def lattice_of(ints, floats):
 
 
 @kernel(**UNCOUNTED)
-def _place(at, state, ends, own, j, lattice, times, faces, points, past):
+def _place(at, state, j, box, lattice, look, spots):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
+    (ends, own), (times, faces), (points, past) = box, look, spots
     ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
         spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
@@ -299,14 +299,16 @@ def _next(known, safe, scores, margin, hazard, first):
 
 
 @kernel(nogil=True, **UNCOUNTED)
-def propose(waiting, within, states, rows, ints, floats, ends, scores, out, spots):
+def propose(waiting, within, states, rows, packs, ahead, out, spots):
     """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-    no times), all inputs pass. The other arguments are those of `decide`, and `spots_for`. Returns how many still wait.
+    no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores) of `decide`, as the other arguments but
+    spots, which is what `spots_for` returns. Returns how many still wait.
     """
     (to_go, safe, margins, best), (slots, known, hazard, points, past, _, _) = out, spots
-    lattice, times, faces = lattice_of(ints, floats), part(ints, floats, TIMES), part(ints, floats, FACES)
+    (ints, floats), (ends, scores) = packs, ahead
+    lattice, times, faces = _lattice(ints, floats), part(ints, floats, LOOK_TIMES), part(ints, floats, _FACES)
     some = 0
     if waiting < 0:
         for r in range(rows.size):
@@ -320,8 +322,8 @@ def propose(waiting, within, states, rows, ints, floats, ends, scores, out, spot
         j = _next(known[r], safe[m], scores[m], margins[m], hazard[r], slots[1, r])
         best[m], slots[1, r] = j, j if slots[1, r] < 0 else slots[1, r]
         if known[r, j] == UNKNOWN:
-            own = r if ends.shape[3] > 1 else 0
-            _place(some * times.size, states[m], ends, own, j, lattice, times, faces, points, past)
+            box = ends, r if ends.shape[3] > 1 else 0
+            _place(some * times.size, states[m], j, box, lattice, (times, faces), (points, past))
             slots[0, some] = r
             some += 1
     return some
@@ -364,24 +366,24 @@ def judge(waiting, rows, looks, count, out, spots):
 @kernel(error_model="numpy")
 def _evaluate(waiting, rows, ints, floats, to_go, spots):
     """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite."""
-    (slots, _, _, points, _, level, there), times = spots, part(ints, floats, TIMES)
+    (slots, _, _, points, _, level, there), times = spots, part(ints, floats, LOOK_TIMES)
     count, last = times.size, LOOKED if times.size > 1 else 0
-    if play_part(ints, floats, UNSAFE, points, times, level, 0, waiting * count) != 0.0:
+    if play_part(ints, floats, _UNSAFE, points, times, level, 0, waiting * count) != 0.0:
         return False
-    for k in range(waiting if part(ints, ints, TARGET + RESULTS).size else 0):
+    for k in range(waiting if part(ints, ints, _TARGET + RESULTS).size else 0):
         start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
         stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_part(ints, floats, TARGET, points, times, there, start, stop) != 0.0:
+        if start < stop and play_part(ints, floats, _TARGET, points, times, there, start, stop) != 0.0:
             return False
     return True
 
 
 @kernel()
-def _look(rows, when, states, shelf, ints, floats, ends, room, scores, out, spots):
+def _look(rows, when, states, packs, ahead, held, out, spots):
     """The look at the true sets for some rows, by their tapes; False where they are undefined."""
-    step, within, _, looks = when
-    lattice, count = lattice_of(ints, floats), part(ints, floats, TIMES).size
-    waiting = propose(-1, within, states, rows, ints, floats, ends, scores, out, spots)
+    (step, within, _, looks), (ints, floats), (shelf, room) = when, packs, held
+    lattice, count = _lattice(ints, floats), part(ints, floats, LOOK_TIMES).size
+    waiting = propose(-1, within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
         if not _evaluate(waiting, rows, ints, floats, out[0], spots):
             return False
@@ -390,7 +392,7 @@ def _look(rows, when, states, shelf, ints, floats, ends, room, scores, out, spot
             r = spots[0][0, k]
             if not out[1][rows[r]].any():
                 _hazards(shelf, step, states[rows[r]], lattice, room, spots[2][r])
-        waiting = propose(waiting, within, states, rows, ints, floats, ends, scores, out, spots)
+        waiting = propose(waiting, within, states, rows, packs, ahead, out, spots)
     return True
 
 
@@ -417,7 +419,7 @@ def spots_for(states, inputs, count, ndim, sets):
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, ints, floats, stored, ends, scores, out):
+def decide(states, rows, when, packs, stored, ends, scores, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
@@ -427,10 +429,8 @@ def decide(states, rows, when, ints, floats, stored, ends, scores, out):
     when : (step, within, steps, looks)
         Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. looks:
         `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
-    ints, floats
-        What is packed (above).
-    stored : (index, tubes, masks, static, moving)
-        Of a `Shelf`.
+    packs, stored : (ints, floats), (index, tubes, masks, static, moving)
+        What is packed (above); of a `Shelf`.
     ends : (4, L, ndim, 1 or R)
         What each input can lead to, relative to the state: the lower and the upper corner of the box that holds all
         states at the interval's end, and two terms of the path without an adversary, which after a share s of the
@@ -446,14 +446,14 @@ def decide(states, rows, when, ints, floats, stored, ends, scores, out):
     bool
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    (step, within, steps, looks), (index, tubes, masks, static, moving) = when, stored
-    axes, lattice = (part(ints, ints, STATIC), part(ints, ints, MOVING)), lattice_of(ints, floats)
+    (step, within, steps, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
+    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     shelf = Shelf(steps, index, tubes, masks, static, axes[0], moving, axes[1])
-    order, times = part(ints, ints, ORDER), part(ints, floats, TIMES)
+    order, times = part(ints, ints, _ORDER), part(ints, floats, LOOK_TIMES)
     ndim, inputs, count = states.shape[1], out[1].shape[1], times.size
-    played, time = part(ints, ints, AHEAD + RESULTS).size, part(ints, floats, BEGIN)
+    played, time = part(ints, ints, _AHEAD + RESULTS).size, part(ints, floats, _BEGIN)
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    alike, sets = played == 0 and ends.shape[3] == 1, part(ints, ints, UNSAFE + RESULTS).size
+    alike, sets = played == 0 and ends.shape[3] == 1, part(ints, ints, _UNSAFE + RESULTS).size
     room, at = _room(ndim, inputs, size), np.empty((width, ndim))
     spots = spots_for(width if looks != TUBES else 0, inputs, count, ndim, sets)
     near = ends if alike else np.empty((4, inputs, ndim, width))
@@ -462,7 +462,7 @@ def decide(states, rows, when, ints, floats, stored, ends, scores, out):
         if played:
             for r in range(some.size):
                 at[r] = states[some[r]]
-            if play_part(ints, floats, AHEAD, at, time, near.reshape(played, width), 0, some.size) != 0.0:
+            if play_part(ints, floats, _AHEAD, at, time, near.reshape(played, width), 0, some.size) != 0.0:
                 return False
         elif not alike:
             near[:, :, :, : some.size] = ends[:, :, :, begin : begin + some.size]
@@ -473,8 +473,9 @@ def decide(states, rows, when, ints, floats, stored, ends, scores, out):
                 if needed > size:
                     size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
                     room = Room(*room[:7], *block)  # type: ignore[call-arg]
-            _by_tubes(some[r], own, states, (step, within), shelf, near, order, lattice, room, out)
-        if looks != TUBES and not _look(some, when, states, shelf, ints, floats, near, room, scores, out, spots):
+            _by_tubes(some[r], own, states, (step, within), shelf, near, (order, lattice, room), out)
+        held, ahead = (shelf, room), (near, scores)
+        if looks != TUBES and not _look(some, when, states, packs, ahead, held, out, spots):
             return False
     return True
 
@@ -485,7 +486,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
     states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
     """
-    axes, lattice = (part(ints, ints, STATIC), part(ints, ints, MOVING)), lattice_of(ints, floats)
+    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     shelf = Shelf(0, axes[0], static, static, static, axes[0], moving, axes[1])
     room = _room(states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
@@ -522,7 +523,7 @@ def tube_values(points, places, tubes, ints, floats, out):
 
     points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite.
     """
-    (_, each, ndim), lattice = points.shape, lattice_of(ints, floats)
+    (_, each, ndim), lattice = points.shape, _lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
     whole, shares = np.empty((2 + (1 << ndim), BLOCK), np.int64), np.empty((1 + (1 << ndim), BLOCK))
     room = (whole[:2], whole[2:]), (shares[:1], shares[1:])

@@ -65,7 +65,7 @@ class Tape(NamedTuple):
     floats: FloatArray
 
 
-CODE, SLOTS, RESULTS, LOOKUPS, VALUE, PLACES, TABLES = range(7)
+CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def packed(*arrays: FloatArray) -> Tape:
@@ -253,9 +253,10 @@ def _gridded(lookup, places, tables, room, place, out, count, spots):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _play(ints, floats, first, points, parameters, out, start, stop, room, place, spots):
+def _play(tape, points, parameters, out, start, stop, work):
+    (ints, floats, first), (room, place, spots) = tape, work
     code, outputs = part(ints, ints, first + CODE), part(ints, ints, first + RESULTS)
-    lookups, places = part(ints, ints, first + LOOKUPS), part(ints, floats, first + PLACES)
+    lookups, places = part(ints, ints, first + LOOKUPS), part(ints, floats, first + _PLACES)
     value, tables = part(ints, floats, first + VALUE), part(ints, floats, first + TABLES)
     spare, total = place.size, 0.0
     for at in range(start, stop, BLOCK):
@@ -292,9 +293,9 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
     first : the place of the tape's code among the packed arrays. A result is written to a row that no slot has, which
     then is the row of its slot: operands are never overwritten.
     """
-    slots, spots = part(ints, ints, first + SLOTS)[0], (np.empty(6), np.empty(64))
-    room = np.empty((slots + 1, min(BLOCK, stop - start)))
-    return _play(ints, floats, first, points, parameters, out, start, stop, room, np.arange(slots), spots)
+    slots = part(ints, ints, first + SLOTS)[0]
+    room = np.empty((slots + 1, min(BLOCK, stop - start))), np.arange(slots), (np.empty(6), np.empty(64))
+    return _play((ints, floats, first), points, parameters, out, start, stop, room)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
@@ -450,10 +451,11 @@ def _or_nothing(room, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def play_bounds_part(ints, floats, low, high, parameters_low, parameters_high, out, start, stop):
+def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, start, stop):
     """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
+    ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
-    slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, PLACES)
+    slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
     value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
     places = places.reshape(-1, 12)
     room, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
@@ -502,7 +504,7 @@ def play_bounds(
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
     """
-    arguments = (*tape, low, high, parameters_low, parameters_high, out)
+    arguments = (tuple(tape), low, high, parameters_low, parameters_high, out)
     if len(low) * len(tape.ints) < MANY // 4:
         play_bounds_part(*arguments, 0, len(low))
     else:

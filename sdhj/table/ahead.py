@@ -8,7 +8,7 @@ import numpy as np
 from sdhj.formulas.formula import program
 from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import LOOK, LOOKED, TIMES, judge, propose, spots_for
+from sdhj.kernels.lookup import LOOK, LOOK_TIMES, LOOKED, judge, propose, spots_for
 from sdhj.kernels.tape import Tape, packed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -55,12 +55,12 @@ def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: F
     ends (4, L, ndim, 1 or R), scores (M, L) and looks are those of `decide`.
     """
     problem, (ints, floats) = table.problem, table.known(batch.step)
-    times = floats[slice(*ints[2 * TIMES : 2 * TIMES + 2])]
+    times = floats[slice(*ints[2 * LOOK_TIMES : 2 * LOOK_TIMES + 2])]
     count, here = len(times), LOOKED if len(times) > 1 else 0  # the place of the state among the points
     out = batch.steps_to_go, batch.safe, batch.margins, batch.best
     spots = spots_for(len(rows), len(problem.inputs), count, problem.grid.ndim, 1)
     slots, _, hazard, points, _, level, there = spots
-    given = batch.within, batch.states, rows, ints, floats, ends, scores, out, spots
+    given = batch.within, batch.states, rows, (ints, floats), (ends, scores), out, spots
     waiting = propose(-1, *given)
     while waiting:
         some, at = slots[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]

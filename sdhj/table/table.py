@@ -280,7 +280,7 @@ class LookupTable(Table):
         """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
         when = batch.step, batch.within, self.steps, looks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best
-        return bool(decide(batch.states, rows, when, *self.known(batch.step), self._stored, ends, scores, out))
+        return bool(decide(batch.states, rows, when, tuple(self.known(batch.step)), self._stored, ends, scores, out))
 
     @cached_property
     def _tapes(self) -> Any:
