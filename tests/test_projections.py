@@ -7,6 +7,7 @@ from dataclasses import replace
 import naive_projections as naive
 import numpy as np
 import pytest
+from plain import run_plainly
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
@@ -210,6 +211,20 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
     np.testing.assert_array_equal(added, expected)  # min and max round nothing
     found = np.unpackbits(mask, axis=0, count=count, bitorder="little").reshape(count, *grid.shape)
     np.testing.assert_array_equal(found.astype(bool), member)
+
+
+@pytest.mark.parametrize("axes", [(0,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize("plain", [False, True])
+def test_the_inner_projection_is_the_greatest_over_what_was_dropped(axes, plain, monkeypatch, rng):
+    if plain:
+        run_plainly(monkeypatch)
+    games = projected_games(chase_problem(nodes=9), [axes], HJI())
+    values = rng.normal(size=games.problem.grid.shape).astype(np.float32)
+    expected = np.full([values.shape[axis] for axis in axes], -np.inf, np.float32)
+    for node in np.ndindex(values.shape):
+        place = tuple(node[axis] for axis in axes)
+        expected[place] = max(expected[place], values[node])
+    np.testing.assert_array_equal(games.inner_projection(values, axes), expected)
 
 
 @pytest.mark.slow

@@ -72,7 +72,9 @@ def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
     assert len(table.tubes) <= 7 and len(table.index) == 28
 
 
-def test_few_loops_are_shared_out(monkeypatch):
+@pytest.mark.parametrize("method", ["hji", "lax", "projected"])
+@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+def test_few_loops_are_shared_out(monkeypatch, method):
     """Of the kernels' calls, those on arrays that are not small; each wakes all threads."""
     counted, call = [], compiling.Shared.__call__
 
@@ -81,7 +83,7 @@ def test_few_loops_are_shared_out(monkeypatch):
         return call(self, *arguments)
 
     monkeypatch.setattr(compiling.Shared, "__call__", counting)
-    sdhj.solve(sdhj.arm_case_study(nodes=17), play=False)
+    sdhj.solve(sdhj.arm_case_study(nodes=17), method, play=False)
     assert 36 < sum(counted) <= 400
 
 

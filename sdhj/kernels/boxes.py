@@ -102,3 +102,19 @@ def maximum_of_intervals(values, leaves, raised, out):
             for node in range(nodes):
                 target = out[leaf, a, node, start:stop]
                 over_interval(target, values[parent, a], start, stop, node, kind, leaves, raised)
+
+
+@kernel(parallel=True, least=FEW)
+def maximum_along(values, out):
+    """out (A, B) = the greatest of values (A, n, B) along the axis in the middle."""
+    before, nodes, after = values.shape
+    for a in prange(before):
+        if after == 1:
+            most = values[a, 0, 0]
+            for node in range(1, nodes):
+                most = values[a, np.uint64(node), 0] if values[a, np.uint64(node), 0] > most else most
+            out[a, 0] = most
+        else:
+            out[a] = values[a, 0]
+            for node in range(1, nodes):
+                raise_to(out[a], values[a, node])

@@ -54,14 +54,17 @@ def _moved(out, values, leaves, j, row):
 def _least(out, reach, j, row):
     """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
     values, begin, at, width, nodes = reach
-    lines, whole = (out.size - PAST) // nodes, -(-nodes // PAST) * PAST
+    lines, whole = (out.size - PAST) // nodes, -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
-        start, level, flat = np.uint64(line * nodes), values.dtype.type(np.inf), True
-        for piece in range(width.size):
-            value = values[begin[piece, j] + at[piece, row * lines + line] * width[piece]]
+        start, here = np.uint64(line * nodes), np.uint64(row * lines + line)
+        level, flat = values.dtype.type(np.inf), True
+        for number in range(width.size):
+            piece = np.uint64(number)
+            value = values[np.uint64(begin[piece, np.uint64(j)] + at[piece, here] * width[piece])]
             level = value if width[piece] == 1 and value < level else level
-        for piece in range(width.size):
-            first = np.uint64(begin[piece, j] + at[piece, row * lines + line] * width[piece])
+        for number in range(width.size):
+            piece = np.uint64(number)
+            first = np.uint64(begin[piece, np.uint64(j)] + at[piece, here] * width[piece])
             if width[piece] > 1 and flat:
                 flat = False
                 for node in range(whole):

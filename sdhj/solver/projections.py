@@ -21,6 +21,7 @@ The tubes S_k^i live on the whole grid; the recursion projects them anew at each
 on axes that one subspace keeps needs no projection and is solved on its own axes, exactly as in the full method.
 """
 
+import math
 import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,6 +32,7 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
+from sdhj.kernels.boxes import maximum_along
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
@@ -111,8 +113,12 @@ class ProjectedGames:
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
         """s_p(x) = max over the dropped coordinates of s(x, w), shape of the subgrid."""
-        dropped = tuple(axis for axis in range(self.problem.grid.ndim) if axis not in axes)
-        return values.max(axis=dropped)
+        for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
+            before, after = values.shape[:axis], values.shape[axis + 1 :]
+            most = np.empty((math.prod(before), math.prod(after)), values.dtype)
+            maximum_along(np.ascontiguousarray(values).reshape(len(most), -1, most.shape[1]), most)
+            values = most.reshape(before + after)
+        return values
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
         """As `HJIGames.reaches`: on the whole grid, inside the true reach sets."""
