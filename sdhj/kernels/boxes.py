@@ -35,7 +35,7 @@ class Leaves(NamedTuple):
 def _limited(a, b):
     """The lesser of two second differences; nothing where their signs differ."""
     lesser = a if abs(a) < abs(b) else b
-    return lesser if a * b > 0 else a * 0
+    return lesser if a * b > 0 else a - a  # not a * 0: that would be of double precision
 
 
 @kernel()
