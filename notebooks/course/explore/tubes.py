@@ -49,7 +49,7 @@ def explore_pursuer(table: Table) -> Explorer:
     return Explorer(draw, controls, size=(4.8, 3.9), alt="Where the pursuer may start", motion="q1")
 
 
-def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
+def explore_arm_game(nodes: int = 25, method: str = "hji") -> Explorer:
     """The arm's game in four dimensions, solved at each change of the adversary, clock, inputs or an obstacle."""
 
     @lru_cache(maxsize=2)  # a table of 25 nodes takes 180 MB, which the system is slow to hand out
@@ -58,7 +58,7 @@ def explore_arm_game(nodes: int = 15, method: str = "hji") -> Explorer:
         problem = sdhj.arm_case_study(
             nodes, delta=delta, v_p_max=v_p, v_d_max=v_d, input_levels=levels, obstacles=obstacles
         )
-        return sdhj.solve(problem, method=method, progress=False)
+        return sdhj.solve(problem, method=method, progress=False, play=False)
 
     def draw(figure: Figure, v_p: float, v_d: float, delta: float, levels: int, x: float, y: float) -> Numbers:
         return draw_tube_and_arm(figure, solved(v_p, v_d, delta, levels, x, y), state=(*POSTURE, 0.24, 0.24))
@@ -121,16 +121,13 @@ def explore_certified(table: Table, certified: Any) -> Explorer:
     )
 
 
-def explore_evader(nodes: int = 13, method: str = "hji") -> Explorer:
+def explore_evader(nodes: int = 25, method: str = "hji") -> Explorer:
     """The evading target of Sec. 6.1, solved at each change of its speed and size."""
 
-    @lru_cache(maxsize=16)
+    @lru_cache(maxsize=2)
     def solved(v_e: float, v_d: float, radius: float) -> Table:
-        return sdhj.solve(
-            sdhj.evader_case_study(nodes, v_e_max=v_e, v_d_max=v_d, evader_radius=radius),
-            method=method,
-            progress=False,
-        )
+        problem = sdhj.evader_case_study(nodes, v_e_max=v_e, v_d_max=v_d, evader_radius=radius)
+        return sdhj.solve(problem, method=method, progress=False, play=False)
 
     def draw(figure: Figure, v_e: float, v_d: float, radius: float, px: float, py: float) -> Numbers:
         return draw_tube_and_arm(figure, solved(v_e, v_d, radius), state=(*POSTURE, px, py))
