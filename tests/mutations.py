@@ -83,10 +83,13 @@ def checker(folder, file, old, new):
     compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1  # what is compiled there is of arms
     sys.path.insert(0, str(folder))
     try:
-        yield importlib.import_module(name).verify
+        verify = importlib.import_module(name).verify
     finally:
-        numba.config.DISABLE_JIT = compiles
+        numba.config.DISABLE_JIT = compiles  # for kernels of the library, which may be compiled meanwhile
         sys.path.remove(str(folder))
+    try:
+        yield verify
+    finally:
         for module in [module for module in sys.modules if module.split(".")[0] == name]:
             del sys.modules[module]
 
