@@ -153,6 +153,8 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     if state is None:
         click.echo(str(monte_carlo(controller, runs=runs or 10_000, adversary=adversary, seed=seed)))
         return
+    if state.size != controller.problem.grid.ndim or not np.isfinite(state).all():
+        raise ValueError(f"--start must be {controller.problem.grid.ndim} finite numbers, got {reprlib.repr(start)}")
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
     for t, at in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at))

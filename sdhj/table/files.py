@@ -47,7 +47,16 @@ FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
 
 class TableFileError(ValueError):
-    """A file is not a complete look-up table of a supported version, or belongs to another problem."""
+    """A file is not a complete look-up table of a supported version, or belongs to another problem.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> sdhj.load(sdhj.__file__)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    sdhj.table.files.TableFileError: ...
+    """
 
 
 # ---- files, complete or absent
