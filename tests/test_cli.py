@@ -218,8 +218,8 @@ def test_simulate_plays_your_robot(own, monkeypatch):
     for wrong, named in (
         ("", "numbers separated by commas, got ''"),
         ("north,0.0", "numbers separated by commas, got 'north,0.0'"),
-        ("nan,0.0", "finite"),
-        ("0.1,0.2,0.3", "shape"),
+        ("nan,0.0", "must be 2 finite numbers"),
+        ("0.1,0.2,0.3", "must be 2 finite numbers"),
     ):
         refused = run("simulate", own, "--start", wrong)
         assert refused.exit_code == 2 and named in refused.output, refused.output
