@@ -379,9 +379,9 @@ def _evaluate(waiting, rows, ints, floats, to_go, spots):
 
 
 @kernel()
-def _look(rows, when, states, packs, ahead, held, out, spots):
-    """The look at the true sets for some rows, by their tapes; False where they are undefined."""
-    (step, within, _, looks), (ints, floats), (shelf, room) = when, packs, held
+def _look(rows, when, states, packs, ahead, table, out, spots):
+    """The look at the true sets for some rows, by their tapes; False where they are undefined. table: (shelf, room)."""
+    (step, within, _, looks), (ints, floats), (shelf, room) = when, packs, table
     lattice, count = _lattice(ints, floats), part(ints, floats, LOOK_TIMES).size
     waiting = propose(-1, within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
@@ -474,8 +474,8 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
                     size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
                     room = Room(*room[:7], *block)  # type: ignore[call-arg]
             _by_tubes(some[r], own, states, (step, within), shelf, near, (order, lattice, room), out)
-        held, ahead = (shelf, room), (near, scores)
-        if looks != TUBES and not _look(some, when, states, packs, ahead, held, out, spots):
+        table, ahead = (shelf, room), (near, scores)
+        if looks != TUBES and not _look(some, when, states, packs, ahead, table, out, spots):
             return False
     return True
 
@@ -487,7 +487,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
     """
     axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
-    shelf = Shelf(0, axes[0], static, static, static, axes[0], moving, axes[1])
+    nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
+    shelf = Shelf(0, *nothing, static, axes[0], moving, axes[1])
     room = _room(states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])
