@@ -259,9 +259,30 @@ def monte_carlo(
             bar.update(len(result[0]))
             results.append(result)
     starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
-    counts = {outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)}
-    asked = runs, named(adversary), named(controller.rule), controller.table.method, seed
-    return Report(*asked, counts, starts, outcomes, taken, time.perf_counter() - began)
+    return _report(controller, adversary, seed, starts, outcomes, taken, time.perf_counter() - began)
+
+
+def _report(
+    controller: Controller,
+    adversary: str | Adversary,
+    seed: int,
+    starts: FloatArray,
+    outcomes: FloatArray,
+    steps: FloatArray,
+    seconds: float,
+) -> Report:
+    return Report(
+        runs=len(outcomes),
+        adversary=named(adversary),
+        rule=named(controller.rule),
+        method=controller.table.method,
+        seed=seed,
+        counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
+        starts=starts,
+        outcomes=outcomes,
+        steps=steps,
+        seconds=seconds,
+    )
 
 
 def play_length(controller: Controller, steps: int | None) -> int | None:
