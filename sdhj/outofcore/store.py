@@ -41,7 +41,6 @@ NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 
 Runs = Sequence[tuple[int, int]]
 
-
 try:
     zarr: Any = importlib.import_module("zarr")
     codecs: Any = importlib.import_module("zarr.codecs")

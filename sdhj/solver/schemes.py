@@ -150,10 +150,9 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
     """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
     rows, planes = layout.rows + 2 * layout.top, layout.near.shape[0]
     out = np.empty((planes, rows, layout.width), dtype)
-    written = np.require(
-        values, dtype, ("C", "W")
-    )  # a copy of other types, for which kernels would be compiled once more
-    to_planes(written.reshape(planes, layout.rows, layout.nodes), out, layout)
+    # a copy where they are of another type or may not be written to, for which the kernel would be compiled once more
+    given = np.require(values, dtype, ("C", "W"))
+    to_planes(given.reshape(planes, layout.rows, layout.nodes), out, layout)
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 

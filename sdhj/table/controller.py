@@ -523,8 +523,8 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     any disturbance can lead to.
     """
     hazards, rows = table._hazards(states, whole("step", step, least=0, most=table.steps - 1)), np.arange(len(states))
-    margins, least = np.zeros(hazards.shape), np.sort(hazards, axis=1)
-    if (tied := least[:, 0] == least[:, :2][:, -1]).any():
+    margins = np.zeros(hazards.shape)
+    if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
     asked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
