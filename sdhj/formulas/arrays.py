@@ -82,13 +82,11 @@ UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
-    **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
     **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
     "piecewise": "np.select(conditions, values) is known",
-    "polyval": "write (a * x + b) * x + c",
     "linspace": "np.linspace(0.0, 1.0, count) * end is known",
     "apply_along_axis": "np.array([f(row) for row in points]) is known",
 }  # what to write in place of functions that people use
@@ -135,13 +133,18 @@ class Traced(NDArrayOperatorsMixin):
         raise NotTraced("a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS)
 
     __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _converted
-    __bool__ = __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+    __bool__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+
+    def _shown(self, *_: Any) -> Any:
+        raise NotTraced("a text of values, by print or an f-string", "when a function is read, there are none")
+
+    __str__ = __format__ = _shown
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
 
     def __array__(self, *_: Any, **__: Any) -> Any:
-        raise NotTraced("a conversion to a plain array", "np.stack and np.array make arrays of what is computed")
+        raise NotTraced("a conversion to a plain array", "use np.stack, or write into np.zeros((len(points), ...))")
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -215,7 +218,7 @@ class Traced(NDArrayOperatorsMixin):
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot"):
+        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
             return functools.partial(self._moved, name)
@@ -318,7 +321,8 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
     """The dtype that NumPy gives an answer."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
-    return _resolved(ufunc, *(type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)))
+    kinds: list[Any] = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
+    return _resolved(ufunc, *kinds)
 
 
 @functools.cache
@@ -332,7 +336,8 @@ def written_as(array: Traced, dtype: Any) -> Traced:
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
         return Traced(_true(array), TRUTH)
-    raise NotTraced(f"a conversion of {array.dtype} to {dtype}", "np.floor or np.trunc makes a number whole")
+    instead = "np.floor or np.trunc makes a number whole" if dtype == WHOLE else "formulas compute with float64"
+    raise NotTraced(f"a conversion of {array.dtype} to {dtype}", instead)
 
 
 def _put(answer: Traced, out: Any) -> Traced:
@@ -411,6 +416,16 @@ LOGICAL: dict[Any, Callable[..., Node]] = {
     **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), functools.partial(make, "or")),
     **dict.fromkeys((np.logical_not, np.invert), functools.partial(make, "not")),
 }  # of truth values
+
+
+def _rint(a: Any) -> Any:
+    """The nearest whole number, the even one of two: between floor and ceil, which says so to intervals."""
+    whole = np.floor(a)
+    part = a - whole
+    nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
+    return np.clip(nearest, whole, np.ceil(a))
+
+
 COMPARED: dict[Any, Callable[..., Any]] = {
     **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: ~(a == b)},
     **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
@@ -418,6 +433,7 @@ COMPARED: dict[Any, Callable[..., Any]] = {
 MADE: dict[Any, Callable[..., Any]] = {
     np.positive: lambda a: a.copy("K"),
     np.ceil: lambda a: -np.floor(-a),
+    np.rint: _rint,
     np.trunc: lambda a: np.where(a < 0.0, -np.floor(-a), np.floor(a)),
     np.reciprocal: lambda a: 1.0 / a,
     np.heaviside: lambda a, at_zero: np.where(a < 0.0, 0.0, np.where(a > 0.0, 1.0, at_zero)),
@@ -496,6 +512,13 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
     return Traced(reduce(lambda rest, pair: _where(*pair, rest), pairs, default).entries, kind)
 
 
+def _round(a: Any, decimals: int = 0) -> Any:
+    if a.dtype != FLOAT or holds_traced(decimals):
+        raise NotTraced(f"numpy.round of {a.dtype}")
+    scale = 10.0 ** abs(decimals)
+    return np.rint(a * scale) / scale if decimals >= 0 else np.rint(a / scale) * scale
+
+
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
@@ -564,10 +587,12 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
         _wrapped(one, np.result_type(weak_type(given)))
         for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)
     ),
+    **dict.fromkeys((np.round, np.around), _round),
+    np.polyval: lambda p, x: reduce(lambda value, coefficient: value * x + coefficient, p, np.zeros_like(x)),
     **{np.shape: lambda a: a.shape, np.ndim: lambda a: a.ndim, np.size: lambda a: a.size},
 }
 MOVING = "reshape ravel transpose moveaxis swapaxes squeeze expand_dims atleast_1d atleast_2d broadcast_to take roll "
-MOVING += "repeat tile flip split array_split copy delete append diagonal diag permute_dims unstack "
+MOVING += "repeat tile flip split hsplit vsplit array_split copy delete append diagonal diag permute_dims unstack "
 JOINS = "stack concatenate vstack hstack dstack column_stack concat"
 PLACED = {getattr(np, name) for name in (MOVING + JOINS).split() if hasattr(np, name)}
 JOINING = {getattr(np, name) for name in JOINS.split() if hasattr(np, name)}
