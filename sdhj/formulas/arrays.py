@@ -78,6 +78,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
+SHAPES = "np.full_like(other, number) has the shape of another; column k of all points is points[:, k]"
 UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
 ADVICE = {
@@ -286,7 +287,7 @@ def traced_array(value: Any) -> Traced:
     try:
         given = np.asarray(value)
     except ValueError:
-        raise NotTraced("lists of different lengths", "np.full_like(other, number) has the shape of another") from None
+        raise NotTraced("lists of different lengths", SHAPES) from None
     if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
         raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
     if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:
@@ -299,7 +300,7 @@ def traced_array(value: Any) -> Traced:
 def stacked(values: Any) -> Traced:
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
-        raise NotTraced("a list of arrays of different shapes", "np.full_like(other, number) has the shape of another")
+        raise NotTraced("a list of arrays of different shapes", SHAPES)
     return Traced(np.stack([one.entries for one in arrays]), np.result_type(*map(weak_type, values)))
 
 

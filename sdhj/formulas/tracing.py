@@ -242,7 +242,9 @@ def _traced_once(
     if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (rows,)):
         shown = tuple("M" if per_point and not k and n == rows else n for k, n in enumerate(answer.shape))
         expected = () if shape is None else tuple(shape)
-        raise ValueError(f"{name} must return shape {('M', *expected) if per_point else expected}, got {shown}")
+        wanted = ("M", *expected) if per_point else expected
+        columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
+        raise ValueError(f"{name} must return shape {wanted}, got {shown}{columns}")
     answer = answer.reshape(rows if per_point else 1, -1)
     if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
         raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")

@@ -562,6 +562,7 @@ def test_what_is_not_known_is_refused_in_words(name):
         (lambda p, t: p[:, :1], "'M', 1"),
         (lambda p, t: t, r"got \(\)"),
         (lambda p, t: None, "return missing"),
+        (lambda p, t: np.hypot(p[0], p[1]), r"got \(2,\); .*column k is points\[:, k\]"),
     ],
 )
 def test_answers_of_another_shape_are_refused(function, words):
