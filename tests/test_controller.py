@@ -565,6 +565,9 @@ def test_not_admissible_names_state_step_and_remedy() -> None:
             ask([3.9], 1)
         with pytest.raises(sdhj.NotAdmissible, match=r"state \[4\.1\] .* off the grid"):
             ask([4.1], 1)
+    unsafe_ends = solved(replace(free_problem(), grid=sdhj.Grid([-4.0], [4.0], [81])))
+    with pytest.raises(sdhj.NotAdmissible, match=r"state \[5\.\] .* off the grid"):
+        Controller(unsafe_ends).select([5.0], 1)
     assert issubclass(sdhj.NotAdmissible, ValueError)
     assert controller.steps_to_go([3.9], 1) is None and controller.steps_to_go([4.1], 1) is None
     assert controller.steps_to_go([1e300], 1) is None
@@ -602,6 +605,12 @@ def test_what_is_no_rule_is_refused(rule: object) -> None:
 def test_step_must_be_one_of_the_problem_s(bad: object) -> None:
     with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
         Controller(free_table()).steps_to_go([0.0], bad)
+
+
+def test_a_whole_number_may_be_a_float() -> None:
+    controller = Controller(free_table())
+    assert controller.fallback([3.9], 1.0) == controller.fallback([3.9], 1)  # type: ignore[arg-type]
+    assert controller.filter([0.1], 1.0, [0.0]) == controller.filter([0.1], 1, [0.0])  # type: ignore[arg-type]
 
 
 def test_the_last_step_has_no_inputs() -> None:

@@ -331,6 +331,23 @@ def test_a_prediction_is_the_measurement_moved_on():
     assert Controller(toys.interval_table()).predict([1.0], 2).tolist() == [1.0]
 
 
+@pytest.mark.parametrize("sensing", [Sensing(), PLAYED])
+@pytest.mark.parametrize("ends", ["unsafe", "wall"])
+@pytest.mark.parametrize("method", [EXACT, sdhj.Certified(cells=[60])])
+def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, method):
+    """A measurement may be off the grid by its error, no more: then the state is, which no tube contains."""
+    problem = replace(toys.interval_problem(unsafe=False), grid=Grid([-1.2], [1.2], [97], ends=ends), sensing=sensing)
+    controller = Controller(sdhj.solve(replace(problem, steps=4), method, progress=False))
+    may, off = 1.2 + sensing.error, 1.2 + sensing.error + 1e-3
+    assert controller.predict([may], 0)[0] <= 1.2 and controller.predict([-may], 0)[0] >= -1.2
+    for q in ([off], [-off], [6.0]):
+        assert controller.predict(q, 0).tolist() == q
+        action = controller.step(q, 0.0)
+        assert action.steps_to_go is None and not action.promised
+        with pytest.raises(sdhj.NotAdmissible, match="off the grid"):
+            controller.step(q, 0.0, fallback=False)
+
+
 # ---- what does not fit, files
 
 

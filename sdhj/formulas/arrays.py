@@ -78,17 +78,16 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
+SHAPES = "np.full_like(other, number) has the shape of another; column k of all points is points[:, k]"
 UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
-    **dict.fromkeys(("round", "rint", "around"), "np.floor(x + 0.5) is a whole number"),
     **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
     "piecewise": "np.select(conditions, values) is known",
-    "polyval": "write (a * x + b) * x + c",
     "linspace": "np.linspace(0.0, 1.0, count) * end is known",
     "apply_along_axis": "np.array([f(row) for row in points]) is known",
 }  # what to write in place of functions that people use
@@ -135,13 +134,18 @@ class Traced(NDArrayOperatorsMixin):
         raise NotTraced("a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS)
 
     __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _converted
-    __bool__ = __str__ = __format__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+    __bool__ = __contains__ = __hash__ = __reduce_ex__ = _decided
+
+    def _shown(self, *_: Any) -> Any:
+        raise NotTraced("a text of values, by print or an f-string", "when a function is read, there are none")
+
+    __str__ = __format__ = _shown
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
 
     def __array__(self, *_: Any, **__: Any) -> Any:
-        raise NotTraced("a conversion to a plain array", "np.stack and np.array make arrays of what is computed")
+        raise NotTraced("a conversion to a plain array", "use np.stack, or write into np.zeros((len(points), ...))")
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -215,7 +219,7 @@ class Traced(NDArrayOperatorsMixin):
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot"):
+        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
             return functools.partial(self._moved, name)
@@ -283,7 +287,7 @@ def traced_array(value: Any) -> Traced:
     try:
         given = np.asarray(value)
     except ValueError:
-        raise NotTraced("lists of different lengths", "np.full_like(other, number) has the shape of another") from None
+        raise NotTraced("lists of different lengths", SHAPES) from None
     if type(value) not in (bool, int, float, list, tuple, np.ndarray) and not isinstance(value, np.generic):
         raise NotTraced(f"a {type(value).__name__} in place of numbers", "formulas compute with real numbers")
     if given.dtype.kind not in "biuf" or given.dtype.itemsize > 8:
@@ -296,7 +300,7 @@ def traced_array(value: Any) -> Traced:
 def stacked(values: Any) -> Traced:
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
-        raise NotTraced("a list of arrays of different shapes", "np.full_like(other, number) has the shape of another")
+        raise NotTraced("a list of arrays of different shapes", SHAPES)
     return Traced(np.stack([one.entries for one in arrays]), np.result_type(*map(weak_type, values)))
 
 
@@ -333,7 +337,8 @@ def written_as(array: Traced, dtype: Any) -> Traced:
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
         return Traced(_true(array), TRUTH)
-    raise NotTraced(f"a conversion of {array.dtype} to {dtype}", "np.floor or np.trunc makes a number whole")
+    instead = "np.floor or np.trunc makes a number whole" if dtype == WHOLE else "formulas compute with float64"
+    raise NotTraced(f"a conversion of {array.dtype} to {dtype}", instead)
 
 
 def _put(answer: Traced, out: Any) -> Traced:
@@ -412,6 +417,16 @@ LOGICAL: dict[Any, Callable[..., Node]] = {
     **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), functools.partial(make, "or")),
     **dict.fromkeys((np.logical_not, np.invert), functools.partial(make, "not")),
 }  # of truth values
+
+
+def _rint(a: Any) -> Any:
+    """The nearest whole number, the even one of two: between floor and ceil, which says so to intervals."""
+    whole = np.floor(a)
+    part = a - whole
+    nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
+    return np.clip(nearest, whole, np.ceil(a))
+
+
 COMPARED: dict[Any, Callable[..., Any]] = {
     **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: ~(a == b)},
     **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
@@ -419,6 +434,7 @@ COMPARED: dict[Any, Callable[..., Any]] = {
 MADE: dict[Any, Callable[..., Any]] = {
     np.positive: lambda a: a.copy("K"),
     np.ceil: lambda a: -np.floor(-a),
+    np.rint: _rint,
     np.trunc: lambda a: np.where(a < 0.0, -np.floor(-a), np.floor(a)),
     np.reciprocal: lambda a: 1.0 / a,
     np.heaviside: lambda a, at_zero: np.where(a < 0.0, 0.0, np.where(a > 0.0, 1.0, at_zero)),
@@ -497,6 +513,13 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
     return Traced(reduce(lambda rest, pair: _where(*pair, rest), pairs, default).entries, kind)
 
 
+def _round(a: Any, decimals: int = 0) -> Any:
+    if a.dtype != FLOAT or holds_traced(decimals):
+        raise NotTraced(f"numpy.round of {a.dtype}")
+    scale = 10.0 ** abs(decimals)
+    return np.rint(a * scale) / scale if decimals >= 0 else np.rint(a / scale) * scale
+
+
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
@@ -565,10 +588,12 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
         _wrapped(one, np.result_type(weak_type(given)))
         for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)
     ),
+    **dict.fromkeys((np.round, np.around), _round),
+    np.polyval: lambda p, x: reduce(lambda value, coefficient: value * x + coefficient, p, np.zeros_like(x)),
     **{np.shape: lambda a: a.shape, np.ndim: lambda a: a.ndim, np.size: lambda a: a.size},
 }
 MOVING = "reshape ravel transpose moveaxis swapaxes squeeze expand_dims atleast_1d atleast_2d broadcast_to take roll "
-MOVING += "repeat tile flip split array_split copy delete append diagonal diag permute_dims unstack "
+MOVING += "repeat tile flip split hsplit vsplit array_split copy delete append diagonal diag permute_dims unstack "
 JOINS = "stack concatenate vstack hstack dstack column_stack concat"
 PLACED = {getattr(np, name) for name in (MOVING + JOINS).split() if hasattr(np, name)}
 JOINING = {getattr(np, name) for name in JOINS.split() if hasattr(np, name)}

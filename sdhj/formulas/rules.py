@@ -29,7 +29,7 @@ RULES = {
         Rule("const", 0, "", "A number."),
         Rule("add", 2, "add, sum", "The sum."),
         Rule("sub", 2, "subtract, diff", "The difference."),
-        Rule("mul", 2, "multiply, prod, matmul, dot, cross, einsum", "The product."),
+        Rule("mul", 2, "multiply, prod, matmul, dot, cross, einsum, polyval", "The product."),
         Rule("div", 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.", total=False),
         Rule("neg", 1, "negative", "The negative."),
         Rule("abs", 1, "absolute, fabs", "The absolute value."),
@@ -50,7 +50,9 @@ RULES = {
         Rule("hypot", 2, "hypot", "The length of the vector (x, y)."),
         Rule("min", 2, "minimum, fmin, min, clip", "The lesser one; undefined if either is."),
         Rule("max", 2, "maximum, fmax, max, clip", "The greater one; undefined if either is."),
-        Rule("floor", 1, "floor, ceil, trunc, floor_divide", "The largest whole number that is not larger."),
+        Rule(
+            "floor", 1, "floor, ceil, trunc, rint, round, floor_divide", "The largest whole number that is not larger."
+        ),
         Rule("mod", 2, "remainder, mod", "a less whole multiples of b, signed as b; undefined for b = 0.", total=False),
         Rule("sign", 1, "sign", "-1, 0 or 1."),
         Rule("less", 2, "less, greater", "Whether a < b.", truth=True),

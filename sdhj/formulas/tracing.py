@@ -85,6 +85,34 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     return make_room
 
 
+def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
+    """tile, repeat and broadcast_to, whose numbers can be written over where there are as many as points."""
+
+    def repeat(*args: Any, **options: Any) -> Any:
+        answer = original(*args, **options)
+        wanted = state.trace == trace and answer.dtype == np.float64 and rows in answer.shape
+        return traced_array(answer) if wanted else answer
+
+    return repeat
+
+
+class _Joining:
+    """np.c_ and np.r_: what is traced is joined along the last axis, as columns, or along the first."""
+
+    def __init__(self, original: Any) -> None:
+        self.original, self.columns = original, original is np.c_
+
+    def __getitem__(self, at: Any) -> Any:
+        return self._join(at) if holds_traced([at]) else self.original[at]
+
+    @noted
+    def _join(self, at: Any) -> Any:
+        parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
+        if self.columns:
+            parts = [one if one.ndim > 1 else one[:, None] for one in parts]
+        return np.concatenate(parts, axis=-self.columns)
+
+
 class _Replaced:
     """The module numpy, or something in it, with other functions in some places."""
 
@@ -103,6 +131,8 @@ def _numpy(rows: int) -> _Replaced:
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
     new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
+    new |= {name: _repeating(getattr(np, name), rows, state.trace) for name in ("tile", "repeat", "broadcast_to")}
+    new |= {name: _Joining(getattr(np, name)) for name in ("c_", "r_")}
     new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
     new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
     return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)})})
@@ -212,7 +242,9 @@ def _traced_once(
     if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (rows,)):
         shown = tuple("M" if per_point and not k and n == rows else n for k, n in enumerate(answer.shape))
         expected = () if shape is None else tuple(shape)
-        raise ValueError(f"{name} must return shape {('M', *expected) if per_point else expected}, got {shown}")
+        wanted = ("M", *expected) if per_point else expected
+        columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
+        raise ValueError(f"{name} must return shape {wanted}, got {shown}{columns}")
     answer = answer.reshape(rows if per_point else 1, -1)
     if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
         raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
@@ -225,7 +257,10 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Calla
     state.trace, state.refused, state.made = next(_numbers), [], 0
     try:
         with _replaced(function, rows):
-            answer, error = traced_array(function(*arguments(rows))), None
+            answer = function(*arguments(rows))
+        if answer is None:
+            raise ValueError(f"{name} must return an array, got None: is its return missing?")
+        answer, error = traced_array(answer), None
     except Exception as failed:
         error = failed
     finally:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
@@ -324,11 +325,11 @@ class Controller:
         within = self.table.steps - step
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
-        elif np.array_equal(self.problem.grid.clipped(states), states):
+        elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
+            where = "it is off the grid"
+        else:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
-        else:
-            where = "it is off the grid"
         promise = "stay clear for" if self.problem.stays else "reach the target within"
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
@@ -357,7 +358,8 @@ class Controller:
         Returns
         -------
         array of the shape of `measurement`
-            The true state will be within `problem.half_widths[0]` of it on each axis.
+            The true state will be within `problem.half_widths[0]` of it on each axis. A measurement that is off the
+            grid by more than its error is returned as it is, and no tube contains it.
 
         Raises
         ------
@@ -479,24 +481,28 @@ class Controller:
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
     """Where measurements (M, ndim) of step k will be after the delay under the previous inputs (M,): (M, ndim).
 
-    Without a disturbance, and clipped at all ends of the grid, because the state is on it.
+    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
+    off the grid by more than its error is what is predicted.
     """
     delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
-    states = grid.clipped(states_array("a measurement", measured, grid.ndim))
+    measured = states_array("a measurement", measured, grid.ndim)
+    states, most = grid.clipped(measured), np.array(problem.sensing.error) + SLACK * np.array(grid.spacing)
+    off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
-        return states
+        return np.where(off, measured, states)
     interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
     still = np.zeros((len(states), problem.dynamics.adversaries))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)
         states = interval.advance(states, previous, still, t, delay / parts)
-    return states
+    return np.where(off, measured, states)
 
 
 def acted(controller: "Controller", measurement: FloatArray, time: float, fallback: bool) -> Action:
     """As `Controller.step`, without storing the answer in `controller.last`."""
     problem, last = controller.problem, controller.last
-    k = round(number("time", time, least=-problem.delta / 2) / problem.delta)
+    most = np.inf if problem.timeless else (controller.table.steps + 0.5) * problem.delta
+    k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
     last = None if k == 0 else last
     if last is not None and k <= last.step:
         raise ValueError(f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}")
@@ -522,7 +528,8 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     least margin is chosen: the largest value of the tube with all steps left, over the corners of the box that it and
     any disturbance can lead to.
     """
-    hazards, rows = table._hazards(states, whole("step", step, least=0, most=table.steps - 1)), np.arange(len(states))
+    step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
+    hazards = table._hazards(states, step)
     margins = np.zeros(hazards.shape)
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)

@@ -156,6 +156,19 @@ def shallow(p, t):
     return out + copy.deepcopy(out)
 
 
+def links(p, t):
+    frames = np.tile(np.eye(3), (len(p), 1, 1))
+    for k in range(2):
+        turn = np.repeat(np.eye(3)[None], len(p), axis=0)
+        turn[:, 0, 0], turn[:, 0, 1] = np.cos(p[:, k]), -np.sin(p[:, k])
+        turn[:, 1, 0], turn[:, 1, 1] = np.sin(p[:, k]), np.cos(p[:, k])
+        turn[:, 0, 2] = 0.5
+        frames = frames @ turn
+    rest = np.broadcast_to(np.zeros(2), p.shape).copy()
+    rest[:, 0] = frames[:, 1, 2]
+    return frames[:, 0, 2] - rest[:, 0] + rest[:, 1]
+
+
 class Disk:
     def __init__(self, radius):
         self.radius = radius
@@ -196,6 +209,16 @@ TRACE = {
     "angles": lambda p, t: np.deg2rad(p[:, 0]) + np.degrees(p[:, 1]) + np.arctan2(p[:, 1] + 2, p[:, 0]),
     "floor": lambda p, t: np.floor(3 * p[:, 0]) + np.ceil(3 * p[:, 1]) + np.trunc(4 * p[:, 0]) + np.sign(p[:, 1]),
     "whole parts": lambda p, t: p[:, 0] // 0.1 + (p[:, 1] + 1) // 0.1 + 1 // (p[:, 0] + 2.1) - p[:, 1] // -0.3,
+    "rounded": lambda p, t: (
+        np.rint(p[:, 0]) + np.round(5 * p[:, 1]) + p[:, 0].round(1) + np.around(p, -1)[:, 1] + np.round(p[:, 0] / 0.3)
+    ),
+    "polynomials": lambda p, t: np.polyval([t, -2, 1], p[:, 0]) + np.poly1d([1, 0, 3])(p[:, 1]) + np.polyval([], t),
+    "columns beside each other": lambda p, t: (
+        np.c_[p, np.ones(len(p)), p[:, 0] * t].prod(axis=1)
+        + p @ np.c_[[1, 2], [3, 4]][0]
+        + np.c_[p[:, :, None], p[:, :, None] * t, p[:, ::-1, None]][:, 1, 2]
+    ),
+    "arrays behind each other": lambda p, t: np.r_[p.T, [p[:, 0] * t]].sum(axis=0) + np.r_[0.5, p[0, 0] * 0, [t]].sum(),
     "remainders": lambda p, t: p[:, 0] % 0.4 + np.mod(p[:, 1], -0.3) + np.fmod(p[:, 0], 0.4) + np.fmod(p[:, 1], -0.3),
     "wrapped": lambda p, t: (p[:, 0] - t + np.pi) % (2 * np.pi) - np.pi,
     "chosen": lambda p, t: np.where(p[:, 0] > 0, np.log(p[:, 0]), p[:, 1] ** 2),
@@ -283,7 +306,9 @@ TRACE = {
     "raised in errstate": lambda p, t: abs(1 / (p[:, 0] + 2)) if np.errstate(all="ignore") else None,
     "gridded": lambda p, t: MAP(p) + MAP(np.stack([p[:, 1], p[:, 0] * t], axis=1)),
     "single precision": lambda p, t: p[:, 0] * np.float32(0.1) + (p - CENTRE.astype(np.float32))[:, 1],
-    **{f.__name__: f for f in (written, written_where, written_truths, written_out, columns_first, raveled_copy)},
+    **{
+        f.__name__: f for f in (written, written_where, links, written_truths, written_out, columns_first, raveled_copy)
+    },
     **{f.__name__: f for f in (raveled_view, number_array, double_loop, generated, shallow)},
     "method": Disk(0.5).level,
     "callable": Disk(0.25),
@@ -428,7 +453,7 @@ REFUSE = {
     "float": (lambda p, t: float(t) + p[:, 0], NUMBER),
     "round": (lambda p, t: round(t) + p[:, 0], NUMBER),
     "np.float64": (lambda p, t: np.float64(t) + p[:, 0], "conversion"),
-    "text": (lambda p, t: p[:, 0] + float(f"{t:.1f}"), DECISION),
+    "text": (lambda p, t: p[:, 0] + float(f"{t:.1f}"), "a text of values"),
     "in": (lambda p, t: p[:, 0] + (0.0 in p), DECISION),
     "hash": (lambda p, t: p[:, 0] + {0.7: 1.0}.get(t, 2.0), DECISION),
     "range": (lambda p, t: p[:, 0] + sum(range(t)), NUMBER),
@@ -444,7 +469,10 @@ REFUSE = {
     "matrix": (lambda p, t: (p * MATRIX)[:, 0], "matrix"),
     "masked": (lambda p, t: p[:, 0] + np.ma.array([1.0]), "MaskedArray"),
     "text constant": (lambda p, t: p[:, 0] == "a", "str"),
-    "single": (lambda p, t: p[:, 0].astype(np.float32), "to float32"),
+    "single": (lambda p, t: p[:, 0].astype(np.float32), "to float32; formulas compute with float64"),
+    "rounded counts": (lambda p, t: np.round((p > 0).sum(axis=1)) + p[:, 0], "numpy.round of int64"),
+    "joined as text says": (lambda p, t: np.r_["-1", p[:, 0]], "a str in place of numbers"),
+    "a plain array": (lambda p, t: np.vectorize(abs)(p[:, 0]), r"use np.stack, or write into np.zeros\(\(len"),
     "single time": (lambda p, t: p[:, 0] + (np.float32([0.1]) * t), "float32"),
     "half": (lambda p, t: np.sqrt(p[:, 0] > 0) + p[:, 1], KIND),
     "whole exponent": (lambda p, t: np.where(p[:, 0] > 0, 1, 2) ** -1, KIND),
@@ -516,7 +544,6 @@ REFUSE = {
     "argument written": (argument_written, "writing into an argument"),
     "argument increased": (argument_increased, "writing into an argument"),
     "view written": (view_written, "writing into an argument"),
-    "none": (lambda p, t: None, "NoneType"),
     "compiled": (compiled, "a call of compiled code; .* py_func"),
 }
 
@@ -525,12 +552,18 @@ REFUSE = {
 def test_what_is_not_known_is_refused_in_words(name):
     function, words = REFUSE[name]
     said = refused(function, words)
-    assert "test_tracing.py, line" in said or LONG in said or name in ("none", "compiled")
+    assert "test_tracing.py, line" in said or LONG in said or name == "compiled"
 
 
 @pytest.mark.parametrize(
     ("function", "words"),
-    [(lambda p, t: p, r"\('M',\), got \('M', 2\)"), (lambda p, t: p[:, :1], "'M', 1"), (lambda p, t: t, r"got \(\)")],
+    [
+        (lambda p, t: p, r"\('M',\), got \('M', 2\)"),
+        (lambda p, t: p[:, :1], "'M', 1"),
+        (lambda p, t: t, r"got \(\)"),
+        (lambda p, t: None, "return missing"),
+        (lambda p, t: np.hypot(p[0], p[1]), r"got \(2,\); .*column k is points\[:, k\]"),
+    ],
 )
 def test_answers_of_another_shape_are_refused(function, words):
     with pytest.raises(ValueError, match=words):
