@@ -13,8 +13,8 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.general_proof import GeneralProof, lattice_of
-from sdhj.certified.images import _added as added
 from sdhj.kernels.packed import Cells, to_words
+from sdhj.kernels.pieces import move_on
 from sdhj.kernels.stencils import image_inside
 
 HEADING = [[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]  # how fast the unicycle's velocity changes along each axis
@@ -109,17 +109,18 @@ def test_damped_motion_shrinks():
     assert found[1] - found[0] < high - low
 
 
-@pytest.mark.parametrize("up", [0, 1])
-def test_what_a_piece_adds_is_rounded_outward(up, rng):
+def test_what_a_piece_adds_is_rounded_outward(rng):
     """Against fractions, for a piece that is longer by what its length is off."""
-    moved, h, velocity = rng.normal(size=2000), float(rng.uniform(0.01, 0.1)), rng.normal(size=2000)
-    longer = Fraction(h) * (1 + Fraction(5, 10**16))
-    found = added(moved, h, velocity, up)
-    for a, v, b in zip(moved, velocity, found, strict=True):
-        exact = [Fraction(a) + length * Fraction(v) for length in (Fraction(h), longer)]
-        assert max(exact) <= b if up else b <= min(exact)
+    moved, h, velocity = rng.normal(size=(2, 1000, 2)), float(rng.uniform(0.01, 0.1)), rng.normal(size=(2, 1000, 2))
+    longer, found, still = Fraction(h) * (1 + Fraction(5, 10**16)), moved.copy(), moved.copy()
+    move_on(found, velocity, h)
+    for up in (0, 1):
+        for a, v, b in zip(moved[up].flat, velocity[up].flat, found[up].flat, strict=True):
+            exact = [Fraction(a) + length * Fraction(v) for length in (Fraction(h), longer)]
+            assert max(exact) <= b if up else b <= min(exact)
     assert (np.abs(found - moved - h * velocity) < 8 * np.spacing(np.abs(moved) + 1.0)).all()
-    assert added(moved, h, 0.0 * velocity, up).tolist() == moved.tolist()
+    move_on(still, 0.0 * velocity, h)
+    assert np.array_equal(still, moved)
 
 
 def test_what_is_not_read_is_carried_along():
