@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis
-from sdhj.certified.images import Changes, Images, moves_of, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, Changes, Images, moves_of, place_axes
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
@@ -34,8 +34,6 @@ from sdhj.table.files import stored
 
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
-BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
-PIECES_OF_A_CELL = 16  # on each axis, at most
 
 
 def lattice_of(

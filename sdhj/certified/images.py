@@ -161,6 +161,8 @@ def moves_of(
 
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
+BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+PIECES_OF_A_CELL = 16  # on each axis, at most
 TRIES = 12  # to find a box that the state stays in
 Changes = tuple[FloatArray, FloatArray] | None  # rows, and their words with cells that changed; None: any may have
 
@@ -308,14 +310,25 @@ class Images(Proof):
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high
 
-    def over_cells(self, part: Any, times: tuple[float, float]) -> list[FloatArray]:
-        """Least and greatest value of a level set in every cell, broadcastable to the cells."""
-        edges = [self.axes[axis].edges() for axis in part.axes]
+    def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
+        """Least and greatest value of a level set in every cell, (2, ...), broadcastable to the cells.
+
+        Where that leaves its sign open, bounds are those of pieces of the cell.
+        """
+        edges, more = [self.axes[axis].edges() for axis in part.axes], STATE_SLACK + self.unsure[list(part.axes)]
+        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
         low, high = (
             np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)
             for side in (0, 1)
         )
-        more = STATE_SLACK + self.unsure[list(part.axes)]
-        ends = self.bounds.level(part, low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more, *times)
-        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
-        return [end.reshape(shape) for end in ends]
+        low, high = low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more
+        found = self.bounds.level(part, low, high, *times)
+        open_ = np.flatnonzero((found[0] <= 0) & (found[1] > 0))
+        pieces = min(int((BOXES_OF_A_SET / max(open_.size, 1)) ** (1 / len(edges))), PIECES_OF_A_CELL)
+        if pieces > 1:
+            cuts, found[0, open_], found[1, open_] = np.linspace(low[open_], high[open_], pieces + 1), np.inf, -np.inf
+            for corner in np.ndindex(*[pieces] * len(edges)):
+                a, b = (np.stack([cuts[c + side, :, k] for k, c in enumerate(corner)], axis=1) for side in (0, 1))
+                least, most = self.bounds.level(part, a, b, *times)
+                found[0, open_], found[1, open_] = np.minimum(found[0, open_], least), np.maximum(found[1, open_], most)
+        return found.reshape(2, *shape)

@@ -272,6 +272,7 @@ FALSE = {
         "line",
         GOAL,
     ),
+    "every piece of a goal": (IMAGES, "np.maximum(found[1, open_], most)", "most", "line", GOAL),
     "a goal is clear of what stands still": (
         GENERAL,
         "self.over_cells(part, self._always)[0] > 0.0",
