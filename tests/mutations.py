@@ -98,6 +98,7 @@ KERNELS = ("kernels/intervals.py", "kernels/tape.py")
 PROVER = tuple(
     f"{name}.py"
     for name in (
+        "kernels/pieces",
         "kernels/stencils",
         "certified/cells",
         "certified/bounds",

@@ -7,11 +7,13 @@ jump there. Where a function may be undefined its bounds are infinite, so nothin
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
+from sdhj.kernels.pieces import cut_boxes
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -34,13 +36,23 @@ class Bounds:
     problem: ReachAvoidProblem
     signs: FloatArray | None = None
 
-    def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> Ends:
-        """Least and greatest velocity under u_j, any adversary, in boxes (M, ndim) and [t0, t1]: both (M, ndim)."""
+    def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
+        """Least and greatest velocity under u_j, any adversary, in boxes (M, ndim) and [t0, t1]: (2, M, ndim)."""
         dynamics, grid = self.problem.dynamics, self.problem.grid
         return _within(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), self.signs))
 
-    def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> Ends:
-        """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: both (M,)."""
+    def fastest(
+        self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
+    ) -> FloatArray:
+        """The least (side 0) or the greatest (1) of `velocity` along one axis: (M,)."""
+        dynamics, grid = self.problem.dynamics, self.problem.grid
+        if not dynamics.formulas or dynamics.gain is None or self.signs is not None:
+            return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
+        alone = dynamics.component("extremes", j, side * grid.ndim + axis)
+        return _within(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
+
+    def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
+        """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
         return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.bounds(a, b, (t0, t1)))
 
     @property
@@ -55,37 +67,19 @@ def _within(
     low: FloatArray,
     high: FloatArray,
     bounded: Callable[[FloatArray, FloatArray], Ends],
-) -> Ends:
-    """Bounds over boxes (M, axes), which are cut at the ends of their axes and where a periodic one closes."""
-    rows, low, high = np.arange(len(low)), low.copy(), high.copy()
-    for column, axis in enumerate(axes):
-        lower, upper = grid.lower[axis], grid.upper[axis]
-        if not grid.periodic[axis]:
-            low[:, column], high[:, column] = (np.clip(end[:, column], lower, upper) for end in (low, high))
-            continue
-        period = upper - lower
-        laps, whole = np.floor((low[:, column] - lower) / period), high[:, column] - low[:, column] >= period
-        low[:, column] = np.where(whole, lower, np.maximum(low[:, column] - laps * period, lower))
-        high[:, column] = np.where(whole, upper, high[:, column] - laps * period)
-        over = np.flatnonzero(high[:, column] > upper)
-        rows, beyond = np.concatenate([rows, rows[over]]), high[over]
-        low, high = (
-            np.concatenate([low, low[over]]),
-            np.concatenate([np.minimum(high, _room(high, column, upper)), beyond]),
-        )
-        low[len(low) - over.size :, column] = lower
-        high[len(high) - over.size :, column] -= period
-    slabs = (slice(begin, begin + BOXES) for begin in range(0, len(rows), BOXES))
-    answers = [bounded(low[at], high[at]) for at in slabs]
-    least, most = (np.concatenate([np.array(answer[side]) for answer in answers]) for side in (0, 1))
-    count = int(rows.max(initial=-1)) + 1
-    np.minimum.at(least, rows[count:], least[count:].copy())
-    np.maximum.at(most, rows[count:], most[count:].copy())
-    return least[:count], most[:count]
-
-
-def _room(high: FloatArray, column: int, upper: float) -> FloatArray:
-    """No bound but on one column."""
-    out = np.full(high.shape[1], np.inf)
-    out[column] = upper
+) -> FloatArray:
+    """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
+    own, out = list(axes), np.empty((2, len(low), 0))
+    ends, periodic = np.array([grid.lower, grid.upper])[:, own], np.array(grid.periodic)[own]
+    for begin in range(0, len(low), BOXES):
+        some = [np.ascontiguousarray(end[begin : begin + BOXES]) for end in (low, high)]
+        size, many = len(some[0]), len(some[0]) << int(periodic.sum())
+        cut, rows = np.empty((2, many, len(own))), np.empty(many, np.int64)
+        count = cut_boxes(*some, ends, periodic, cut, rows)
+        found: Any = [np.asarray(end) for end in bounded(*cut[:, :count])]
+        if count > size:
+            first = np.searchsorted(rows[:count], np.arange(size))
+            found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)
+        out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))
+        out[0, begin : begin + size], out[1, begin : begin + size] = found
     return out

@@ -15,6 +15,7 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -75,8 +76,7 @@ class CellAxis:
 
     def edges(self) -> NDArray[np.float64]:
         """Edges of the cells, shape (count + 1,), each rounded to the nearest float."""
-        inner = [float(self.lower + i * self.width) for i in range(self.count)]
-        return np.array([*inner, float(self.lower + (self.extent[0] + self.extent[1]) / 2)])
+        return _edges(self)
 
     def shares(self) -> NDArray[np.float64]:
         """Each cell's share of the length of the axis, shape (count,)."""
@@ -115,6 +115,12 @@ class CellAxis:
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
         return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
+
+
+@cache
+def _edges(axis: CellAxis) -> NDArray[np.float64]:
+    inner = [float(axis.lower + i * axis.width) for i in range(axis.count)]
+    return np.array([*inner, float(axis.lower + sum(axis.extent) / 2)])
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:

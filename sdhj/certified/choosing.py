@@ -21,8 +21,8 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import CellAxis, aligned
-from sdhj.certified.general_proof import BOXES_OF_A_SET, EVALUATED, FINEST, peak, shapes
-from sdhj.certified.images import place_axes
+from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
+from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray

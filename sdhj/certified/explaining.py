@@ -198,7 +198,7 @@ class _Cell:
 
     def depths(self, j: int, box: FloatArray) -> Iterator[tuple[str, FloatArray]]:
         """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
-        tubes, _ = self.proof.swept(box[:1], box[1:], j, float(self.cuts[0]), FINEST)
+        tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
         for k, (name, lower, upper) in enumerate(
             zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
@@ -245,6 +245,6 @@ class _Cell:
             return min(
                 (float(deep.min()) for name, deep in self.depths(failure.input, box) if name == failure.by), default=0.0
             )
-        _, last = self.proof.swept(box[:1], box[1:], failure.input, float(self.cuts[0]), FINEST)
+        _, last = self.proof.swept(box[:, None], failure.input, float(self.cuts[0]), FINEST)
         first, end = (box + last[0].T - known.lower) / known.width
         return -float(self.covering(np.floor(first).astype(np.int64), np.ceil(end).astype(np.int64) - 1)[1].sum())

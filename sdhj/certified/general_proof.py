@@ -18,13 +18,13 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis
-from sdhj.certified.images import Images, moves_of, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, Changes, Images, moves_of, place_axes
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import STATE_SLACK, to_words
-from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, grow, reached_rows, strike, strike_ends
+from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, strike, strike_ends
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -34,8 +34,6 @@ from sdhj.table.files import stored
 
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
-BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
-PIECES_OF_A_CELL = 16  # on each axis, at most
 
 
 def lattice_of(
@@ -66,7 +64,7 @@ def lattice_of(
 
 
 BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
-PLACES = 1 << 15  # whose tubes are in memory at once
+PLACES = 1 << 13  # whose tubes are in memory at once, and what is computed of them in the caches
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
@@ -272,16 +270,10 @@ class GeneralProof(Images):
                 out &= self.over_cells(part, self._always)[0] > 0.0
         return out
 
-    def add(
-        self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
-    ) -> None:
-        """Make `cells`, S_k^{n-1}, S_k^n; following is S_{k+1}^{n-1}, which differs from S_{k+1}^{n-2} in some rows.
+    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
+        """Make `cells`, S_k^{n-1}, S_k^n; following is S_{k+1}^{n-1}, which differs from S_{k+1}^{n-2} by `changed`.
 
         Without a target S_k^n is what of S_k^{n-1} an input takes into `following`.
         """
-        moves, clear, near = self.moves(step), self.clear[min(step, len(self.clear) - 1)], np.ones(len(cells), np.bool_)
-        if changed is not None:
-            near[:] = False
-            reach = np.stack([moves.low.min(axis=(0, 1)), moves.high.max(axis=(0, 1))]).astype(np.int64)
-            reached_rows(changed, reach, self.cells, near)
-        grow(np.flatnonzero(near), cells, following, clear, moves, 1, self.cells, self.problem.stays)
+        clear = self.clear[min(step, len(self.clear) - 1)]
+        self.led(cells, following, step, changed, clear, 1)

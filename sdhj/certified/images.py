@@ -17,7 +17,6 @@ image; and an image may stick out of the cells that it is said to lie in by `DRI
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -29,7 +28,8 @@ from sdhj.certified.cells import DRIFT, CellAxis, cells_of, unknown
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import STATE_SLACK, Cells
-from sdhj.kernels.stencils import Moves
+from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
+from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.table.controller import STRIDES
@@ -89,7 +89,7 @@ class _Spread:
         """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
         asked = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
         found = [
-            np.stack(bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times))
+            bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times)
             for (j, times), (back, ahead) in asked
         ]
         return np.stack(found, axis=1)
@@ -120,6 +120,11 @@ class Proof:
     def timeless(self) -> bool:
         """Whether one set stands for all starts, because nothing depends on time."""
         return self.problem.timeless
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether sets lose cells with every step to go."""
+        return self.problem.stays
 
     @cached_property
     def cells(self) -> Cells:
@@ -156,7 +161,10 @@ def moves_of(
 
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
+BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+PIECES_OF_A_CELL = 16  # on each axis, at most
 TRIES = 12  # to find a box that the state stays in
+Changes = tuple[FloatArray, FloatArray] | None  # rows, and their words with cells that changed; None: any may have
 
 
 @dataclass(frozen=True)
@@ -198,30 +206,45 @@ class Images(Proof):
         moves, place = self.moves(step), int(cell @ self.strides)
         return cell + moves.low[j, place], cell + moves.high[j, place]
 
+    @cached_property
+    def reach(self) -> FloatArray:
+        """How far each input leads from any place, or all of them if these are fewer cells: (starts, some, 2, ndim)."""
+        each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
+        whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
+        sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + 1.0, axis=2).sum() for one in (each, whole)]
+        return each if sizes[0] < sizes[1] else whole
+
+    def led(
+        self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
+    ) -> None:
+        """`grow`, of the cells with an image that a change of `following` may be in. In place."""
+        near = np.full(cells.shape, changed is None)
+        if changed is not None:
+            reached_words(*changed, self.reach[min(step, len(self.reach) - 1)], self.cells, near)
+        grow(near, cells, following, clear, self.moves(step), groups, self.cells, self.shrinks)
+
     def cells_at(self, places: FloatArray) -> FloatArray:
         """A cell (M, ndim) at each place (M,), the first on the other axes."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
-    def reached(self, places: FloatArray, j: int, start: float, pieces: int) -> Ends:
+    def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """`swept` of cells at some places (M,). On the axes that are carried along they may be anywhere."""
         grid, carried, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
-        ends = [axis.edges()[own + np.array([[0], [1]])] for axis, own in zip(self.axes, cells.T, strict=True)]
-        edges = np.moveaxis(np.array(ends), 0, 2)
-        low, high = (
-            np.where(carried, grid.lower, edges[0] - STATE_SLACK),
-            np.where(carried, grid.upper, edges[1] + STATE_SLACK),
-        )
-        return self.swept(low, high, j, start, pieces)
+        start = np.empty((2, *cells.shape))
+        for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
+            start[0, :, k] = grid.lower[k] if carried[k] else axis.edges()[own] - STATE_SLACK
+            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + STATE_SLACK
+        return self.swept(start, j, time, pieces)
 
-    def swept(self, low: FloatArray, high: FloatArray, j: int, start: float, pieces: int) -> Ends:
-        """How far the ends of boxes (M, ndim) move under u_j from a time on, with so many pieces a part.
+    def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
+        """How far the ends of boxes (2, M, ndim) move under u_j from a time on, with so many pieces a part.
 
         During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
         carried along a cell begins as a point and the velocity is bounded wherever it may be.
         """
-        tubes, before = np.empty((len(low), self.parts, *low.shape[1:], 2)), np.zeros((2, *low.shape))
-        moved = self._held(low, high, before + SIDES * self.unsure)
+        (_, many, ndim), before = start.shape, np.zeros(start.shape)
+        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.unsure)
         length, early = self.problem.sensing.hold(self.problem.delta)
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
@@ -230,7 +253,7 @@ class Images(Proof):
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):
-                after = self._piece(low, high, moved, before, j, [start + begin, start + end])
+                after = self._piece(start, moved, before, j, (time + begin, time + end))
                 if begin >= soonest:
                     ends.append(moved)
                 moved, before = after, after - moved  # what a piece added is a good guess for the next
@@ -238,57 +261,42 @@ class Images(Proof):
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
-        return tubes, np.moveaxis(self._held(low, high, last + SIDES * self.unsure), 0, 2)
+        return tubes, np.moveaxis(self._held(start, last + SIDES * self.unsure), 0, 2)
 
     def _piece(
-        self, low: FloatArray, high: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: Sequence[float]
+        self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """What the ends of boxes low..high, moved by `moved`, have moved by at the end of a piece: (2, M, ndim)."""
-        carried = self.strides == 0
-        ends = [np.where(carried, end, end + by) for end, by in zip((low, high), moved, strict=True)]
+        """What the ends of boxes, moved by `moved`, have moved by at the end of a piece: all (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
-        box, velocity = self._room(ends, before, j, times, h)
-        for axis in np.flatnonzero(np.diag(self.bounds.reads) & ~carried):
+        ends, room = self._room(start, moved, before, j, times, h)
+        velocity = self.bounds.velocity(j, room[0], room[1], *times)
+        fastest = velocity.copy()
+        for axis in np.flatnonzero(np.diag(self.bounds.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
-                face = [box[0].copy(), box[1].copy()]
-                face[0][:, axis] = ends[side][:, axis] + h * np.minimum(velocity[0][:, axis], 0.0) - STATE_SLACK / 8
-                face[1][:, axis] = ends[side][:, axis] + h * np.maximum(velocity[1][:, axis], 0.0) + STATE_SLACK / 8
-                least_most = self.bounds.velocity(j, face[0], face[1], times[0], times[1])
-                velocity[2 + side][:, axis] = least_most[side][:, axis]
-        added = enumerate(zip(moved, velocity[2:], strict=True))
-        return self._held(low, high, np.stack([_added(by, h, v, side) for side, (by, v) in added]))
+                face = room.copy()
+                narrow_to_face(ends, velocity, h, side, axis, face)
+                fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)
+        after = moved.copy()
+        move_on(after, fastest, h)
+        return self._held(start, after)
 
-    def _held(self, low: FloatArray, high: FloatArray, moved: FloatArray) -> FloatArray:
-        """`moved` where walls hold back the ends of boxes low..high."""
-        carried, walls, out = self.strides == 0, self.problem.grid.faces("wall"), moved.copy()
-        for side, end in enumerate((low, high)):
-            place = end + out[side]
-            held = ~carried & ((place < walls[0]) | (place > walls[1]))
-            at_wall = np.nextafter(np.clip(place, *walls) - end, np.inf if side else -np.inf)
-            out[side] = np.where(held, at_wall, out[side])
-        return out
+    def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
+        """`moved`, where walls hold back the ends of boxes. In place."""
+        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("wall")))
+        return moved
 
     def _room(
-        self, ends: list[FloatArray], before: FloatArray, j: int, times: Sequence[float], h: float
-    ) -> tuple[list[FloatArray], list[FloatArray]]:
-        """A box that the state stays in for a piece of length h, and bounds on the velocity in it, twice."""
-        carried, spread = self.strides == 0, 0.2 * np.abs(before) + STATE_SLACK
-        box = [
-            np.where(carried, ends[0], ends[0] + np.minimum(before[0], 0.0) - spread[0]),
-            np.where(carried, ends[1], ends[1] + np.maximum(before[1], 0.0) + spread[1]),
-        ]
+        self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """The ends of boxes (2, M, ndim), and boxes that the state stays in for a piece of length h."""
+        carried, (ends, room, out) = self.strides == 0, np.empty((3, *start.shape))
+        guess_room(start, moved, before, carried, ends, room)
         for _ in range(TRIES):
-            velocity = self.bounds.velocity(j, box[0], box[1], times[0], times[1])
-            reached = [
-                np.where(carried, ends[0], np.minimum(ends[0], ends[0] + h * velocity[0]) - STATE_SLACK / 4),
-                np.where(carried, ends[1], np.maximum(ends[1], ends[1] + h * velocity[1]) + STATE_SLACK / 4),
-            ]
-            if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():
-                velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])
-                return reached, [*velocity, *(v.copy() for v in velocity)]
-            wider = 0.1 * (reached[1] - reached[0]) + STATE_SLACK
-            box = [np.where(carried, ends[0], reached[0] - wider), np.where(carried, ends[1], reached[1] + wider)]
-            if not all(np.isfinite(end).all() for end in box):
+            if sweep(ends, self.bounds.velocity(j, room[0], room[1], *times), h, carried, room, out):
+                return ends, out
+            wider = 0.1 * (out[1] - out[0]) + STATE_SLACK
+            room = np.where(carried, ends, out + SIDES * wider)
+            if not np.isfinite(room).all():
                 break
         raise ValueError("the dynamics change too fast for this interval: use more parts")
 
@@ -302,22 +310,25 @@ class Images(Proof):
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high
 
-    def over_cells(self, part: Any, times: tuple[float, float]) -> list[FloatArray]:
-        """Least and greatest value of a level set in every cell, broadcastable to the cells."""
-        edges = [self.axes[axis].edges() for axis in part.axes]
+    def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
+        """Least and greatest value of a level set in every cell, (2, ...), broadcastable to the cells.
+
+        Where that leaves its sign open, bounds are those of pieces of the cell.
+        """
+        edges, more = [self.axes[axis].edges() for axis in part.axes], STATE_SLACK + self.unsure[list(part.axes)]
+        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
         low, high = (
             np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)
             for side in (0, 1)
         )
-        more = STATE_SLACK + self.unsure[list(part.axes)]
-        ends = self.bounds.level(part, low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more, *times)
-        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
-        return [end.reshape(shape) for end in ends]
-
-
-def _added(moved: FloatArray, h: float, velocity: FloatArray, up: int) -> FloatArray:
-    """moved + h * velocity, rounded up or down; exactly `moved` where nothing moves."""
-    way = np.inf if up else -np.inf
-    step = h * velocity
-    step = step + (1e-15 if up else -1e-15) * np.abs(step)  # h is off the length of the piece by less
-    return np.where(step == 0.0, moved, np.nextafter(moved + step, way))
+        low, high = low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more
+        found = self.bounds.level(part, low, high, *times)
+        open_ = np.flatnonzero((found[0] <= 0) & (found[1] > 0))
+        pieces = min(int((BOXES_OF_A_SET / max(open_.size, 1)) ** (1 / len(edges))), PIECES_OF_A_CELL)
+        if pieces > 1:
+            cuts, found[0, open_], found[1, open_] = np.linspace(low[open_], high[open_], pieces + 1), np.inf, -np.inf
+            for corner in np.ndindex(*[pieces] * len(edges)):
+                a, b = (np.stack([cuts[c + side, :, k] for k, c in enumerate(corner)], axis=1) for side in (0, 1))
+                least, most = self.bounds.level(part, a, b, *times)
+                found[0, open_], found[1, open_] = np.minimum(found[0, open_], least), np.maximum(found[1, open_], most)
+        return found.reshape(2, *shape)

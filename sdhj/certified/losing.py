@@ -29,12 +29,11 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import PLACES
-from sdhj.certified.images import Images, moves_of, place_axes
+from sdhj.certified.images import Changes, Images, moves_of, place_axes
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import grow
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
 
@@ -50,6 +49,11 @@ class LosingProof(Images):
 
     vertices: FloatArray  # (V, D), the signs of the adversary's components; one row for an image
     kind = "losing"
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether sets lose cells with every step to go."""
+        return not self.problem.stays
 
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
@@ -111,13 +115,10 @@ class LosingProof(Images):
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 
-    def add(
-        self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: FloatArray | None
-    ) -> None:
-        """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}."""
-        inside, keep = self.inside[min(step, len(self.inside) - 1)], not self.problem.stays
-        if keep:
+    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
+        """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}, which differs by `changed`."""
+        inside = self.inside[min(step, len(self.inside) - 1)]
+        if self.shrinks:
             cells &= ~inside  # is lost wherever it is led
-        groups, every = len(self.problem.inputs), np.zeros((0, 0), np.uint8)
-        grow(np.arange(len(cells)), cells, following, every, self.moves(step), groups, self.cells, keep)
+        self.led(cells, following, step, changed, np.zeros((0, 0), np.uint8), len(self.problem.inputs))
         cells |= inside

@@ -336,9 +336,10 @@ class CellSets:
     def extend(self, step: int, within: int) -> None:
         """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
         rows, blocks = self._added(step + 1, within - 1)
+        changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
-        before, stays = self.cells.copy(), self.proof.problem.stays
-        self.proof.add(self.prepared, self.cells, self.following, step, None if stays and within == 1 else rows)
+        every = self.proof.shrinks and within == 1
+        self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
         self._keep(step, within, (self.cells != before).any(axis=1))
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)

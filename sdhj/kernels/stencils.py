@@ -93,23 +93,26 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
 
 
 @kernel(parallel=True)
-def grow(rows, own, following, clear, moves, groups, cells, keep):
-    """Of the cells in some rows, add those led into `following` by a move of each group; keep: keep only such of `own`.
+def grow(near, own, following, clear, moves, groups, cells, keep):
+    """Of the cells in some words, add those led into `following` by a move of each group; keep: only such stay in.
 
-    own, following (R, W), `own` modified in place. The moves are `groups` of one length; of one group of all of them,
-    clear (cells, bytes) has those that are safe from each cell, otherwise it is (0, 0).
+    near (R, W) bool: the words; own, following (R, W), `own` modified in place. The moves are `groups` of one length;
+    of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is (0, 0).
     """
     last, ndim, some = cells.counts[-1], cells.counts.size, moves.low.shape[0] // groups
     index = np.arange(len(own))
-    for i in prange(rows.size):
-        row = rows[i]
+    for i in prange(len(own)):
+        row = np.int64(i)
+        if not near[row].any():
+            continue
         cell, room, tried = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64), 0
+        cell_of(row * last, cells.counts, cell)
+        begin = np.sum(cell * moves.strides)
         for bit in range(last):
-            if has_bit(own[row], bit) != keep:
+            if not near[row, bit >> 6] or has_bit(own[row], bit) != keep:
                 continue
-            number = row * last + bit
-            cell_of(number, cells.counts, cell)
-            place, found = np.sum(cell * moves.strides), True
+            cell[ndim - 1], number, found = bit, row * last + bit, True
+            place = begin + bit * moves.strides[ndim - 1]
             for group in range(groups):
                 found = False
                 for turn in range(some):
@@ -127,30 +130,52 @@ def grow(rows, own, following, clear, moves, groups, cells, keep):
 
 
 @kernel()
-def reached_rows(rows, reach, cells, out):
-    """Mark the rows with cells whose images may hold cells of some rows; reach (2, ndim), the greatest of all moves."""
-    last = cells.counts.size - 1
-    counts, cell, at = cells.counts[:last], np.empty(last, np.int64), np.empty((2, last), np.int64)
-    for row in rows:
-        cell_of(row, counts, cell)
-        total = 1
-        for axis in range(last):
-            count, begin, end = counts[axis], cell[axis] - reach[1, axis], cell[axis] - reach[0, axis]
-            if cells.periodic[axis]:
-                end = min(end, begin + count - 1)
-            else:  # the end cells are in every image that was clipped
-                begin = 0 if cell[axis] == 0 else max(begin, 0)
-                end = count - 1 if cell[axis] == count - 1 else min(end, count - 1)
-            at[0, axis], at[1, axis] = begin, max(end - begin + 1, 0)
-            total *= at[1, axis]
-        for code in range(total):
-            rest, flat, stride = code, 0, 1
-            for back in range(last):
-                axis = last - 1 - back
-                flat += (at[0, axis] + rest % at[1, axis]) % counts[axis] * stride
-                rest //= at[1, axis]
-                stride *= counts[axis]
-            out[flat] = True
+def reached_words(rows, changed, reach, cells, out):
+    """Mark the words with cells whose images under some input may hold cells that changed.
+
+    changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
+    input leads from any place, first and last. out (R, W) bool: words are set to True.
+    """
+    last, words = cells.counts.size - 1, out.shape[1]
+    cell, begin, number = np.empty(last, np.int64), np.empty(last, np.int64), np.empty(last, np.int64)
+    hit = np.empty(words, np.bool_)
+    for i in range(rows.size):
+        cell_of(rows[i], cells.counts[:last], cell)
+        for j in range(reach.shape[0]):
+            total = 1
+            for axis in range(last):
+                count, periodic = cells.counts[axis], cells.periodic[axis]
+                begin[axis], end = led_from(cell[axis], cell[axis], reach[j, :, axis], count, periodic)
+                number[axis] = end - begin[axis] + 1
+                total *= max(number[axis], 0)
+            hit[:] = False
+            for word in range(words):
+                if changed[i, word] != 0:
+                    count, bit = cells.counts[last], 64 * word
+                    first, end = led_from(bit, min(bit + 63, count - 1), reach[j, :, last], count, cells.periodic[last])
+                    end -= first // count * count
+                    first %= count
+                    hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True
+                    hit[: ((end - count) >> 6) + 1 if end >= count else 0] = True
+            for code in range(total):
+                rest, flat, stride = code, 0, 1
+                for back in range(last):
+                    axis = last - 1 - back
+                    flat += (begin[axis] + rest % number[axis]) % cells.counts[axis] * stride
+                    rest //= number[axis]
+                    stride *= cells.counts[axis]
+                for word in range(words):
+                    out[flat, word] |= hit[word]
+
+
+@kernel(inline="always")
+def led_from(first, last, reach, count, periodic):
+    """The first and the last cell of an axis from which an image may hold one of some cells."""
+    begin, end = first - reach[1], last - reach[0]
+    if periodic:
+        return begin, min(end, begin + count - 1)
+    # the end cells are in every image that was clipped
+    return 0 if first == 0 else max(begin, 0), count - 1 if last == count - 1 else min(end, count - 1)
 
 
 @kernel(inline="always")

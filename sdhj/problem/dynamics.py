@@ -443,8 +443,8 @@ class VectorField:
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
-        (least, _), (_, greatest) = np.moveaxis(np.array(self.extremes_of[j].bounds(low, high, time)), 2, 1)
-        return least, greatest
+        least, greatest = self.extremes_of[j].bounds(low, high, time)
+        return least[:, 0], greatest[:, 1]
 
     def disturbance(
         self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None

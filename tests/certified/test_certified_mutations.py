@@ -12,7 +12,9 @@ pytestmark = pytest.mark.slow
 CELLS, IMAGES, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "images", "general_proof", "bounds"))
 DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
 RATE = "(time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))"
-PACKED, LINKS, CONTACT, STENCILS = (f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils"))
+PACKED, LINKS, CONTACT, STENCILS, PIECES = (
+    f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils", "pieces")
+)
 SENSED = "test_what_an_interval_does_to_predictions"
 SAMPLES, GROWTH = "test_every_sample_is_inside", "test_general_reach_box"
 
@@ -74,12 +76,12 @@ MUTATIONS = {
     "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
     "room to move in": (
         IMAGES,
-        "velocity = self.bounds.velocity(j, reached[0], reached[1], times[0], times[1])",
-        "velocity = self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])",
+        "velocity = self.bounds.velocity(j, room[0], room[1], *times)",
+        "velocity = self.bounds.velocity(j, ends[0], ends[1], *times)",
         GROWTH,
     ),
     "push of the adversary": (DYNAMICS, "np.stack([drift - spread, drift + spread]", "np.stack([drift, drift]", GROWTH),
-    "walls on the way": (IMAGES, "out[side] = np.where(held, at_wall, out[side])", "pass", GROWTH),
+    "walls on the way": (PIECES, "moved[side, m, k] = np.nextafter(at_wall", "at_wall = np.nextafter(at_wall", GROWTH),
     "tube between the parts": (
         IMAGES,
         "tube = [moved[0], moved[1]]",
@@ -88,8 +90,8 @@ MUTATIONS = {
     ),
     "upper face": (
         IMAGES,
-        "velocity[2 + side][:, axis] = least_most[side]",
-        "velocity[2 + side][:, axis] = least_most[0]",
+        "self.bounds.fastest(side, axis",
+        "self.bounds.fastest(0, axis",
         "test_damped_motion",
     ),
     "change with time": (BLACK_BOXES, RATE, "0.0", "test_timed_growth_holds"),
@@ -101,8 +103,8 @@ MUTATIONS = {
     ),
     "time of an interval": (
         IMAGES,
-        "[start + begin, start + end]",
-        "[begin, end]",
+        "(time + begin, time + end)",
+        "(begin, end)",
         "test_timed_growth_holds",
     ),
     "boxes of a set": (
@@ -113,7 +115,7 @@ MUTATIONS = {
     ),
     "rate of a set": (BLACK_BOXES, RATE, "0.0", "test_general_bounds_hold"),
     "size of a box": (BLACK_BOXES, "slope * np.sqrt((half**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
-    "where an axis closes": (BOUNDS, "np.minimum.at(least", "(lambda *_: None)(least", "test_a_box_across"),
+    "where an axis closes": (BOUNDS, "np.minimum.reduceat(found[0], first)", "found[0][first]", "test_a_box_across"),
     "all cells of an image": (
         STENCILS,
         "at[axis] < number[axis]",
@@ -122,7 +124,7 @@ MUTATIONS = {
     ),
     "error of the first measurement": (
         IMAGES,
-        "self._held(low, high, before + SIDES * self.unsure)",
+        "self._held(start, before + SIDES * self.unsure)",
         "before.copy()",
         SENSED,
     ),
@@ -135,8 +137,13 @@ MUTATIONS = {
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
-    "rounding of what is added": (IMAGES, "np.nextafter(moved + step, way)", "moved + step", "test_what_a_piece_adds"),
-    "the length of a piece": (IMAGES, "(1e-15 if up else -1e-15) * np.abs(step)", "0.0", "test_what_a_piece_adds"),
+    "rounding of what is added": (
+        PIECES,
+        "np.nextafter(moved[side, m, k] + step, way * np.inf)",
+        "moved[side, m, k] + step",
+        "test_what_a_piece_adds",
+    ),
+    "the length of a piece": (PIECES, "way * 1e-15 * abs(step)", "0.0", "test_what_a_piece_adds"),
     "open sides of a jump": (TAPE, "lesser(b[0, m], c[0, m]))", "c[0, m])", SAMPLES),
 }
 COMPILED = {"slack", "cells of the image"}  # their tests solve a problem

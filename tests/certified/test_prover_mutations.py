@@ -18,7 +18,7 @@ from sdhj.kernels import tape
 
 pytestmark = pytest.mark.slow
 
-STENCILS, CELLS, BOUNDS, IMAGES, GENERAL = mutations.PROVER
+PIECES, STENCILS, CELLS, BOUNDS, IMAGES, GENERAL = mutations.PROVER
 INTERVALS, TAPE = mutations.KERNELS
 
 # file, what is taken out, what is left, the robot, the claim that is not proved any more
@@ -74,8 +74,8 @@ FALSE = {
     # moves
     "errors before": (
         IMAGES,
-        "moved = self._held(low, high, before + SIDES * self.unsure)",
-        "moved = before.copy()",
+        "self._held(start, before + SIDES * self.unsure)",
+        "before.copy()",
         "sensed",
         MOVES,
     ),
@@ -88,37 +88,43 @@ FALSE = {
         MOVES,
     ),
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", "sensed", MOVES),
-    "the time of a piece": (IMAGES, "[start + begin, start + end]", "[begin, end]", "tide", MOVES),
+    "the time of a piece": (IMAGES, "(time + begin, time + end)", "(begin, end)", "tide", MOVES),
     "the time of a step": (GENERAL, "self.problem.time(start), min", "self.problem.time(0), min", "tide", MOVES),
     "room that holds": (
-        IMAGES,
-        "if ((reached[0] > box[0]) | carried).all() and ((reached[1] < box[1]) | carried).all():",
-        "if True:",
+        PIECES,
+        "inside &= way * end < way * room[side, m, k]",
+        "pass",
         "growing faster",
         MOVES,
     ),
     "the face that the first can be in": (
-        IMAGES,
-        "face[0][:, axis] = ends[side][:, axis]",
-        "face[0][:, axis] = ends[1][:, axis]",
+        PIECES,
+        "box[0, m, axis] = end",
+        "box[0, m, axis] = ends[1, m, axis]",
         "growing",
         MOVES,
     ),
     "the face that the last can be in": (
-        IMAGES,
-        "face[1][:, axis] = ends[side][:, axis]",
-        "face[1][:, axis] = ends[0][:, axis]",
+        PIECES,
+        "box[1, m, axis] = end",
+        "box[1, m, axis] = ends[0, m, axis]",
         "growing slowly",
         MOVES,
     ),
     "the worst in a face": (
         IMAGES,
-        "velocity[2 + side][:, axis] = least_most[side]",
-        "velocity[2 + side][:, axis] = least_most[0]",
+        "self.bounds.fastest(side, axis",
+        "self.bounds.fastest(0, axis",
         "growing",
         MOVES,
     ),
-    "walls on the way": (IMAGES, "out[side] = np.where(held, at_wall, out[side])", "pass", "walled", MOVES),
+    "walls on the way": (
+        PIECES,
+        "moved[side, m, k] = np.nextafter(at_wall",
+        "at_wall = np.nextafter(at_wall",
+        "walled",
+        MOVES,
+    ),
     "the first cell of an image": (
         CELLS,
         "np.floor((low + DRIFT) / width)",
@@ -134,7 +140,7 @@ FALSE = {
         MOVES,
     ),
     "a narrower cell": (CELLS, "if not known or not self.periodic:", "if True:", "ring", MOVES),
-    "states near a cell": (IMAGES, "edges[1] + STATE_SLACK", "edges[1]", "sliding", MOVES),
+    "states near a cell": (IMAGES, "axis.edges()[own + 1] + STATE_SLACK", "axis.edges()[own + 1]", "sliding", MOVES),
     "the adversary": ("certified/bounds.py", "(t0, t1), self.signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
@@ -266,6 +272,7 @@ FALSE = {
         "line",
         GOAL,
     ),
+    "every piece of a goal": (IMAGES, "np.maximum(found[1, open_], most)", "most", "line", GOAL),
     "a goal is clear of what stands still": (
         GENERAL,
         "self.over_cells(part, self._always)[0] > 0.0",
@@ -316,19 +323,10 @@ FALSE = {
 }
 # file, what is taken out, what is left, the robot of which plain loops then say something else
 ANOTHER = {
-    "rows whose images change": (
-        STENCILS,
-        "cell[axis] - reach[1, axis], cell[axis] - reach[0, axis]",
-        "cell[axis], cell[axis]",
-        "cornered",
-    ),
-    "rows at an end": (
-        STENCILS,
-        "begin = 0 if cell[axis] == 0 else max(begin, 0)",
-        "begin = max(begin, 0)",
-        "to the left",
-    ),
-    "only what was in the set": (STENCILS, "if has_bit(own[row], bit) != keep:", "if False:", "cart"),
+    "cells whose images change": (STENCILS, "first - reach[1], last - reach[0]", "first, last", "cornered"),
+    "cells at an end": (STENCILS, "return 0 if first == 0 else max(begin, 0)", "return max(begin, 0)", "to the left"),
+    "words that change": (STENCILS, "(min(end, count - 1) >> 6) + 1] = True", "first >> 6] = True", "cart"),
+    "only what was in the set": (STENCILS, "or has_bit(own[row], bit) != keep:", "or False:", "cart"),
     "inputs that lead there": (
         STENCILS,
         "out[m, j] = pool.size == 0 or image_inside(",

@@ -4,7 +4,7 @@
     the ends of the box in ever shorter pieces until what they reach lies inside.
 2.  *Clear.* Where the file says that an input is clear from a cell, every unsafe set's function is above zero in boxes
     that the cell sweeps; boxes for which this is open are halved along each axis, `DEEPEST` times.
-3.  *Goals* are inside the target and outside the unsafe sets at t_k.
+3.  *Goals* are inside the target and outside the unsafe sets at t_k, halved as there.
 4.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}.
 
 Of what has wholly left over a safe end nothing more is asked.
@@ -269,10 +269,14 @@ class Robot(Sets):
 
     # ---- tubes and sets
 
-    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
-        """Whether boxes (2, M, axes) are proved to be outside an unsafe set, (M,)."""
-        along = np.ones(box.shape[2], np.bool_)
-        return everywhere(lambda some: self.value(part, some, times)[0] > 0, box, along, depth)
+    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST, inside: bool = False) -> Array:
+        """Whether boxes (2, M, axes) are proved to be outside a set, or inside it, (M,)."""
+
+        def holds(some: Array) -> Array:
+            least, most = self.value(part, some, times)
+            return most <= 0 if inside else least > 0
+
+        return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
     def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
         """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
@@ -314,7 +318,7 @@ class Robot(Sets):
             out &= self.outside(part, box[..., list(part.axes)], times)
         if self.target is None:
             return out
-        return out & (self.value(self.target, box[..., list(self.target.axes)], times)[1] <= 0)
+        return out & self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)
 
     def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""

@@ -353,8 +353,8 @@ MUTATIONS = {
     # sets
     "all of a goal": (
         ROBOTS_PY,
-        "self.value(self.target, box[..., list(self.target.axes)], times)[1] <= 0",
-        "self.value(self.target, box[..., list(self.target.axes)], times)[0] <= 0",
+        "return most <= 0 if inside",
+        "return least <= 0 if inside",
         "a goal more",
     ),
     "a goal is safe": (

@@ -1,0 +1,111 @@
+"""One piece of an interval, for many boxes at once: the arithmetic of `sdhj.certified.images`, where its reasons stand.
+
+Boxes, how far their ends have moved, and bounds on velocities in them are (2, M, ndim): lower ends, upper ends.
+carried (ndim,) bool: axes on which a box is all there is. Numbers that are undefined are passed on, never dropped.
+"""
+
+import math
+
+import numpy as np
+
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.packed import STATE_SLACK
+
+
+@kernel(nogil=True)
+def guess_room(start, moved, before, carried, ends, room):
+    """Write where boxes that began at `start` are, and a guess of what they sweep next: as much as `before`."""
+    for side in range(2):
+        way = 2.0 * side - 1.0
+        for m in range(start.shape[1]):
+            for k in range(carried.size):
+                end, last = start[side, m, k], before[side, m, k]
+                if not carried[k]:
+                    end += moved[side, m, k]
+                ends[side, m, k] = room[side, m, k] = end
+                if not carried[k]:
+                    room[side, m, k] = end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + STATE_SLACK)
+
+
+@kernel(nogil=True)
+def sweep(ends, velocity, h, carried, room, out):
+    """Write what boxes sweep within h at velocities that hold in `room`; whether they stay inside it."""
+    inside = True
+    for side in range(2):
+        way = 2.0 * side - 1.0
+        for m in range(ends.shape[1]):
+            for k in range(carried.size):
+                end = out[side, m, k] = ends[side, m, k]
+                if not carried[k]:
+                    moved = end + h * velocity[side, m, k]
+                    end = (end if way * moved <= way * end else moved) + way * STATE_SLACK / 4
+                    out[side, m, k] = end
+                    inside &= way * end < way * room[side, m, k]
+    return inside
+
+
+@kernel(nogil=True)
+def narrow_to_face(ends, velocity, h, side, axis, box):
+    """Narrow boxes to where, within h, the state can be the first (side 0) or the last (1) of all along an axis."""
+    for m in range(ends.shape[1]):
+        end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
+        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - STATE_SLACK / 8
+        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + STATE_SLACK / 8
+
+
+@kernel(nogil=True)
+def move_on(moved, velocity, h):
+    """Add what ends move by within h, rounded outward; exactly nothing where they stand still. In place."""
+    for side in range(2):
+        way = 2.0 * side - 1.0
+        for m in range(moved.shape[1]):
+            for k in range(moved.shape[2]):
+                step = h * velocity[side, m, k]
+                step += way * 1e-15 * abs(step)  # h is off the length of the piece by less
+                if step != 0.0:
+                    moved[side, m, k] = np.nextafter(moved[side, m, k] + step, way * np.inf)
+
+
+@kernel(nogil=True)
+def hold_back(start, moved, carried, walls):
+    """Let ends move to the walls (2, ndim) of their axes at most. In place."""
+    for side in range(2):
+        for m in range(start.shape[1]):
+            for k in range(carried.size):
+                begin, place = start[side, m, k], start[side, m, k] + moved[side, m, k]
+                if not carried[k] and (place < walls[0, k] or place > walls[1, k]):
+                    at_wall = walls[0, k] if place < walls[0, k] else walls[1, k]
+                    moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)
+
+
+# ---- boxes where functions are bounded
+
+
+@kernel(nogil=True)
+def cut_boxes(low, high, ends, periodic, out, rows):
+    """Cut boxes (M, d) at the ends (2, d) of axes, and where a periodic one closes; returns how many there are then.
+
+    out (2, M * 2^periodic, d), rows (M * 2^periodic,): the pieces, those of a box one behind the other, and of which
+    box each is. Overwritten.
+    """
+    count = 0
+    for m in range(low.shape[0]):
+        first, rows[count] = count, m
+        count += 1
+        for k in range(periodic.size):
+            lower, upper, begin, end, pieces = ends[0, k], ends[1, k], low[m, k], high[m, k], count - first
+            if not periodic[k]:
+                begin, end = min(max(begin, lower), upper), min(max(end, lower), upper)
+            elif end - begin >= upper - lower:
+                begin, end = lower, upper
+            else:
+                laps = math.floor((begin - lower) / (upper - lower)) * (upper - lower)
+                begin, end = max(begin - laps, lower), end - laps
+            for i in range(first, first + pieces):
+                out[0, i, k], out[1, i, k] = begin, min(end, upper)
+                if end > upper:
+                    for before in range(k):
+                        out[0, count, before], out[1, count, before] = out[0, i, before], out[1, i, before]
+                    out[0, count, k], out[1, count, k], rows[count] = lower, end - (upper - lower), m
+                    count += 1
+    return count
