@@ -37,8 +37,11 @@ class Lookup:
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
         """ValueError where they do not fit each other."""
-        array = np.array(values, dtype=np.float64, order="C")
-        low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
+        try:
+            array = np.array(values, dtype=np.float64, order="C")
+            low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"values, lower and spacing of a table must be real numbers: {error}") from None
         fits = len(low) == len(step) == array.ndim and 1 <= array.ndim <= MOST_AXES and min(array.shape) >= 2
         if not fits or not all(np.isfinite(one).all() for one in (array, low, step)) or min(step) <= 0:
             raise ValueError(

@@ -127,7 +127,9 @@ def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
 def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setitem(sys.modules, "lines", SimpleNamespace(problem=hidden, number=lambda: 3, broken=lambda: 1 / 0))
+    monkeypatch.setitem(
+        sys.modules, "lines", SimpleNamespace(problem=hidden, number=lambda: 3, broken=lambda: 1 / 0, far=far)
+    )
 
     def asked(path, *options):
         return CliRunner().invoke(main, ["verify", str(path), "--samples", "300", *options])
@@ -144,11 +146,18 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
         "lines:none": "failed with AttributeError",
         "lines:broken": "failed with ZeroDivisionError",
         "lines:number": "must return a ReachAvoidProblem, got 3",
+        "lines:far": "was solved for another problem",
     }.items():
         done = asked(path, "--problem", wrong)
         assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
     done = asked(path)
     assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
+
+
+def far():
+    """Another wall, of which all that is claimed of the other one is true."""
+    box = sdhj.BlackBox(lambda p, t: 4.0 - p[:, 0], slope=1.0, rate=0.0)
+    return replace(hidden(), unsafe=(sdhj.UnsafeSet((0,), box, name="wall"),))
 
 
 def hidden(**declared):

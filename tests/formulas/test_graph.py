@@ -343,3 +343,11 @@ def test_formulas_pickle():
 
 def test_each_operation_of_a_tape_has_a_rule():
     assert tuple(RULES) == OPERATIONS and list(OPCODES) == list(RULES)
+
+
+@pytest.mark.parametrize(
+    "given", [(["a", "b"], 0.0, 1.0), ([1j, 2.0], 0.0, 1.0), ([1.0, 2.0], None, "x"), ([[1.0], [2.0, 3.0]], 0, 1)]
+)
+def test_a_table_of_what_are_no_numbers_is_refused_in_words(given):
+    with pytest.raises(ValueError, match="values, lower and spacing of a table must be real numbers"):
+        Lookup.of(*given)
