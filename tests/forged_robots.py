@@ -283,6 +283,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "out to the left": (lambda: stream(rock=(-0.13, 0.5, 0.02), pace=1.0, ways=(-1,)), (10, 10), 2),
     "out to the right": (lambda: stream(rock=(1.13, 0.5, 0.02), pace=-1.0, ways=(1,)), (10, 10), 2),
     "thin": (lambda: line(push=0.19, posts=(-3.0,), wide=0.006), (80,), 1),
+    "calm": (lambda: line(push=0.001, posts=(-2.9968,), wide=0.003), (80,), 1),
     "beside a post": (lambda: line(posts=(-1.5, 3.0)), (80,), 1),
     "past the seam": (past_the_seam, (125,), 2),
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),

@@ -37,21 +37,31 @@ MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK
 
 
 def lattice_of(
-    bounds: Bounds, axes: Sequence[CellAxis], part: UnsafeSet, times: Sequence[tuple[float, float]], steps: int
+    bounds: Bounds,
+    axes: Sequence[CellAxis],
+    part: UnsafeSet,
+    times: Sequence[tuple[float, float]],
+    steps: int,
+    sway: FloatArray,
 ) -> Boxes:
-    """The boxes that may meet an unsafe set in each of some times, counted; for how many steps it is asked."""
+    """The boxes that may meet an unsafe set in each of some times, counted; for how many steps it is asked.
+
+    Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
+    box more: a tube is then looked up without it.
+    """
     own = [axes[axis] for axis in part.axes]
     room = BOXES_OF_A_SET / (len(times) * steps * math.prod(axis.count for axis in own))
     fine = min(max(int(room ** (1 / len(own))), 1), PIECES_OF_A_CELL)
     pitch = np.array([float(axis.width) / fine for axis in own])
-    sizes = np.array([axis.count * fine for axis in own])
+    sway = np.where(sway[list(part.axes)] < pitch, sway[list(part.axes)], 0.0)
+    wider, sizes = sway + MARGIN_OF_BOXES, np.array([axis.count * fine for axis in own])
     lower = np.array([float(axis.lower) for axis in own])
     length = np.array([float(sum(axis.extent) / 2) for axis in own])
     periodic = np.array([axis.periodic for axis in own])
     corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
     sums = []
     for t0, t1 in times:
-        least, _ = bounds.level(part, corner - MARGIN_OF_BOXES, corner + pitch + MARGIN_OF_BOXES, t0, t1)
+        least, _ = bounds.level(part, corner - wider, corner + pitch + wider, t0, t1)
         meets = ~(least > 0.0).reshape(sizes)
         for k in np.flatnonzero(periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)
@@ -60,7 +70,7 @@ def lattice_of(
             np.cumsum(counted, axis=k, out=counted)
         sums.append(counted.ravel())
     laps = sizes * np.where(periodic, 2, 1)
-    return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, np.stack(sums))
+    return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, sway + NARROW, np.stack(sums))
 
 
 BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
@@ -223,28 +233,37 @@ class GeneralProof(Images):
         counts, alike = self.layout.counts, self.strides == 0
         alike[known.axes] = False
         if not alike.any() or np.isfinite(self.layout.safe).any():
-            strike(clear, tubes, places, known, bit, self.layout, NARROW)
+            strike(clear, tubes, places, known, bit, self.layout)
             return
         first = np.full(clear.size, 255, np.uint8)
         cells = np.stack(np.unravel_index(self.layout.offset, counts))
         some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
-        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size), NARROW)
+        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size))
         one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
         clear &= np.broadcast_to(one, counts).ravel()
 
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""
         out: list[list[Boxes]] = []
+        grid, (length, _), late = (
+            self.problem.grid,
+            self.problem.sensing.hold(self.problem.delta),
+            self.problem.sensing.jitter,
+        )
+        middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
+        pushed = [
+            np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
+        ]
+        sway = np.max(pushed, axis=0) / 2 * length + self.unsure
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
             if not part.moving:
-                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1)])
+                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
                 continue
             out.append([])
-            (length, _), late = self.problem.sensing.hold(self.problem.delta), self.problem.sensing.jitter
             for begin in map(self.problem.time, range(self.problem.steps)):
                 cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
                 times = [(t0 - late, t1 + late) for t0, t1 in cuts]
-                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps))
+                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps, sway))
         return out
 
     def goal(self, step: int) -> FloatArray:

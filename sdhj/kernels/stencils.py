@@ -32,9 +32,10 @@ class Moves(NamedTuple):
 class Boxes(NamedTuple):
     """Boxes of equal size on the axes that an unsafe set depends on, and how many of them may meet it.
 
-    axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. sums
-    (parts, prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the
-    interval, or one for all.
+    axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. narrow
+    (d,): what a tube may stick out of the boxes that it is looked up in, which were wider by more. sums (parts,
+    prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the interval,
+    or one for all.
     """
 
     axes: FloatArray
@@ -43,6 +44,7 @@ class Boxes(NamedTuple):
     pitch: FloatArray
     length: FloatArray
     periodic: FloatArray
+    narrow: FloatArray
     sums: FloatArray
 
 
@@ -242,12 +244,11 @@ def parts_inside(cell, tube, layout):
 
 
 @kernel(parallel=True)
-def strike(clear, tubes, places, lattice, bit, layout, narrow):
+def strike(clear, tubes, places, lattice, bit, layout):
     """Clear a bit of the cells from which a tube may meet an unsafe set.
 
     clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
-    cell at a place move in each part of the interval. places (begin, end) of the cells looked at. narrow: what rounding
-    may have added to a tube, which the lattice's boxes are wider by.
+    cell at a place move in each part of the interval. places (begin, end) of the cells looked at.
     """
     ndim, axes, kinds = layout.counts.size, lattice.axes, lattice.sums.shape[0]
     for i in prange((places[1] - places[0]) * layout.free):
@@ -263,8 +264,8 @@ def strike(clear, tubes, places, lattice, bit, layout, narrow):
             begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
             for k in range(axes.size):
                 axis = axes[k]
-                box[0, k] = layout.edges[axis, cell[axis]] + tube[begin:end, axis, 0].min() + narrow
-                box[1, k] = layout.edges[axis, cell[axis] + 1] + tube[begin:end, axis, 1].max() - narrow
+                box[0, k] = layout.edges[axis, cell[axis]] + tube[begin:end, axis, 0].min() + lattice.narrow[k]
+                box[1, k] = layout.edges[axis, cell[axis] + 1] + tube[begin:end, axis, 1].max() - lattice.narrow[k]
             met = boxes_meeting(box, max(part, 0) % kinds, lattice, at) > 0
             if met == (part >= 0):
                 break

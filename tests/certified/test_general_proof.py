@@ -183,22 +183,27 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
                 assert (least <= value).all() and (value <= most).all()
 
 
-def test_bounds_of_a_lattice_hold_in_its_boxes(rng):
-    """Wherever a disk is at some time of a part, the box that holds the place is counted."""
+@pytest.mark.parametrize("share", [0.0, 0.6, 3.0])
+def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
+    """Wherever a disk is at some time of a part, all boxes are counted that are so near as tubes sway, if that is less
+    than a box."""
     problem = torus_problem()
     proof, disk = proof_of(problem, (40, 30), parts=2), problem.unsafe[0]
-    lattice = lattice_of(proof.bounds, proof.axes, disk, [(0.2, 0.3), (0.3, 0.4)], problem.steps)
-    seen = 0
+    times = [(0.2, 0.3), (0.3, 0.4)]
+    pitch = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, np.zeros(2)).pitch
+    lattice = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, share * pitch)
+    sway, seen = share * pitch if share < 1 else 0.0 * pitch, 0
+    np.testing.assert_allclose(lattice.narrow, sway, atol=2e-10)
     for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
         if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:
             continue
-        states = rng.uniform(-np.pi, np.pi, (3000, 2))
+        states = rng.uniform(-2.5, 2.5, (3000, 2))
         states = states[disk.level_set(states, t) <= 0]
-        at = ((states - lattice.lower) / lattice.pitch).astype(int)
         sums = lattice.sums[part].reshape(lattice.sizes + 1)
-        for i, k in at:
-            seen += 1
-            assert sums[i + 1, k + 1] - sums[i, k + 1] - sums[i + 1, k] + sums[i, k] == 1
+        for corner in itertools.product((-1.0, 1.0), repeat=2):
+            for i, k in ((states + corner * sway - lattice.lower) / lattice.pitch).astype(int):
+                seen += 1
+                assert sums[i + 1, k + 1] - sums[i, k + 1] - sums[i + 1, k] + sums[i, k] == 1
     assert seen > 100
     assert lattice.sums[0].max() < lattice.sizes.prod() / 4
 

@@ -145,18 +145,19 @@ FALSE = {
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
         GENERAL,
-        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
-        "corner + MARGIN_OF_BOXES, t0, t1",
+        "corner + pitch + wider, t0, t1",
+        "corner + wider, t0, t1",
         "thin",
         CLEAR,
     ),
     "times of a set": (
         GENERAL,
-        "corner + pitch + MARGIN_OF_BOXES, t0, t1",
-        "corner + pitch + MARGIN_OF_BOXES, t0, t0",
+        "corner + pitch + wider, t0, t1",
+        "corner + pitch + wider, t0, t0",
         "crossed",
         CLEAR,
     ),
+    "boxes as wide as tubes sway": (GENERAL, "sway + MARGIN_OF_BOXES,", "MARGIN_OF_BOXES,", "calm", CLEAR),
     "a set nearer than rounding": (GENERAL, "MARGIN_OF_BOXES = 4e-10", "MARGIN_OF_BOXES = 0.0", "nearer", CLEAR),
     "laps of a set": (
         GENERAL,
@@ -227,8 +228,8 @@ FALSE = {
         "before the seam",
         CLEAR,
     ),
-    "the lower end of a tube": (STENCILS, "tube[begin:end, axis, 0].min() + narrow", "narrow", "line", CLEAR),
-    "the upper end of a tube": (STENCILS, "tube[begin:end, axis, 1].max() - narrow", "0.0 - narrow", "line", CLEAR),
+    "the lower end of a tube": (STENCILS, "tube[begin:end, axis, 0].min() + lattice", "lattice", "line", CLEAR),
+    "the upper end of a tube": (STENCILS, "tube[begin:end, axis, 1].max() - lattice", "0.0 - lattice", "line", CLEAR),
     "parts in turn": (
         STENCILS,
         "met = boxes_meeting(box, max(part, 0) % kinds",
