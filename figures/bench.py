@@ -8,7 +8,7 @@ treats walls in its own way, so errors are counted at the nodes that no wall can
 
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
 strikes all of them alike. `measure_case_study` and `measure_controller` time what users wait for: whole tables, and the
-controller's answers.
+controller's answers, and `limits.py` compares each part of a solve with what the machine can do.
 """
 
 import importlib.metadata
@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import limits
 import numba
 import numpy as np
 from common import writable_picture
@@ -418,13 +419,14 @@ def _versions(with_peer: bool) -> str:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
 @plainly
 def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
-    """Time one reach problem beside a peer, the whole case study, and the controller's answers."""
+    """Time one reach problem beside a peer, the whole case study and its parts, and the controller's answers."""
     counts = numbers("nodes", nodes, int)
     writable_picture(output)
     report = measure(counts, repeats=repeats, with_peer=peer)
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
-    click.echo(whole_table(case_study, measure_controller()))
+    click.echo(whole_table(case_study, measure_controller()) + "\n")
+    click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))
     if output is not None:
         click.echo(plot(report, output))
 

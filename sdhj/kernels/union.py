@@ -54,7 +54,8 @@ def _moved(out, values, leaves, j, row):
 def _least(out, reach, j, row):
     """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
     values, begin, at, width, nodes = reach
-    lines, whole = (out.size - PAST) // nodes, -(-nodes // EIGHT) * EIGHT
+    lines = (out.size - PAST) // nodes
+    whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
         start, here = np.uint64(line * nodes), np.uint64(row * lines + line)
         level, flat = values.dtype.type(np.inf), True

@@ -185,7 +185,7 @@ class HJIGames(_OnAxes):
             drift = problem.dynamics.arrays[0][:, self.axes]
             checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
 
-    @property
+    @cached_property
     def moving_frame(self) -> bool:
         """Whether the drift can be solved by a shift, because it is constant and along periodic axes only."""
         dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)

@@ -29,6 +29,7 @@ from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
 class Sets(Protocol):
@@ -130,13 +131,14 @@ class InputRows:
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
-        for more in range(2, max(1, grid.ndim // 2) + 1):
+        for more in range(2, grid.ndim + 1):
             trailing = set(range(grid.ndim - more, grid.ndim))
-            if all(trailing <= set(own) or not trailing & set(own) for own in axes):
+            fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
+            if fits and all(trailing <= set(own) or not trailing & set(own) for own in axes):
                 last = more
         self.size = math.prod(grid.shape[-last:])
         self.wide = [self.size if grid.ndim - 1 in own else 1 for own in axes]
-        self._known_lines: dict[tuple[Axes, ...], tuple[FloatArray, FloatArray]] = {}
+        self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._places(own, last) for own in axes)
@@ -153,12 +155,21 @@ class InputRows:
         # a copy: `add_inputs` would be compiled once more for a view, which may not be written to
         return np.broadcast_to(places, leading).flatten()
 
-    def _lines(self, axes: tuple[Axes, ...]) -> tuple[FloatArray, FloatArray]:
-        """For pieces on some axes which line of each belongs to each line of the grid, and how many values it has."""
-        if axes not in self._known_lines:
-            widths = [self.grid.shape[-1] if self.grid.ndim - 1 in some else 1 for some in axes]
-            self._known_lines[axes] = np.stack([self._places(some) for some in axes]), np.array(widths)
-        return self._known_lines[axes]
+    def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
+        """What `add_inputs` is told of pieces on some axes, of so many inputs, besides their values.
+
+        A line of one piece on all axes is a row.
+        """
+        if (axes, number) not in self._known_lines:
+            last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)
+            nodes = self.size if whole else self.grid.shape[-1]
+            at = np.arange(self.grid.size // nodes)[None] if whole else np.stack([self._places(some) for some in axes])
+            sizes = [self.grid.subgrid(some).size for some in axes]
+            ends = np.cumsum([0, *(number * size for size in sizes[:-1])])
+            begin = ends[:, None] + np.outer(sizes, np.arange(number))
+            widths = np.array([nodes if last in some else 1 for some in axes])
+            self._known_lines[axes, number] = begin, at, widths, nodes
+        return self._known_lines[axes, number]
 
     def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int) -> None:
         """Unite a tube with the reach-avoid sets of some inputs, and mark these; in place. See `add_inputs`."""
@@ -168,11 +179,10 @@ class InputRows:
         if isinstance(reach, Maxima):
             found: tuple[Any, ...] = (reach.split, *reach.leaves)
         else:
-            parts, inputs = list(reach.pieces), np.arange(reach.number)
-            ends = np.cumsum([0, *(piece.size for piece in parts)])
-            begin = [end + piece[0].size * inputs for end, piece in zip(ends[:-1], parts, strict=True)]
-            flat = np.concatenate([*(piece.reshape(-1) for piece in parts), np.zeros(PAST, tube.dtype)])
-            found = (flat, np.stack(begin), *self._lines(tuple(reach.axes)), self.grid.shape[-1])
+            lines, flat = self._lines(tuple(reach.axes), reach.number), reach.pieces[0].reshape(-1)
+            if lines[-1] != self.size:
+                flat = np.concatenate([*(piece.reshape(-1) for piece in reach.pieces), np.zeros(PAST, tube.dtype)])
+            found = (flat, *lines)
         static, moving = self.static, self.tubes.moving[step]
         walls = Walls(
             self.highest,
@@ -220,6 +230,8 @@ class GridSets:
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
         self.rows = InputRows(problem.grid, nothing(problem, dtype) if joint else tubes)
+        many = isinstance(self.games, ManyGames) and problem.rimmed.grid is problem.grid
+        self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
 
@@ -246,9 +258,9 @@ class GridSets:
 
     def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
-        problem, played = self.problem, self.problem.rimmed.grid
-        if played is problem.grid and not problem.sensing and isinstance(self.games, ManyGames):
-            yield from self.games.reaches(values, step)
+        problem, played, games = self.problem, self.problem.rimmed.grid, self.games
+        if not self.written:
+            yield from games.reaches(values, step)  # type: ignore[attr-defined]
         else:
             reach = self.games.reach(values, step)
             yield from in_eights(problem.grid, ((j, shrunk(problem, phi[played.inner])) for j, phi in reach))

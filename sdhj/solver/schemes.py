@@ -265,10 +265,15 @@ def evolve_each(
 
     groups : of inputs with one number of time steps: which they are, their velocities from `together`, and that number.
     """
-    out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
-    for inputs, terms, steps in groups:
-        given = len(inputs), duration, scheme, obstacle, steps
-        out[inputs] = _evolved(grid, values, lambda tau, terms=terms: terms, *given)  # type: ignore[misc]
+    found = [
+        _evolved(grid, values, lambda tau, terms=terms: terms, len(inputs), duration, scheme, obstacle, steps)  # type: ignore[misc]
+        for inputs, terms, steps in groups
+    ]
+    if len(found) == 1:
+        return found[0]
+    out = np.empty((sum(map(len, found)), *grid.shape), scheme.dtype)
+    for (inputs, _, _), some in zip(groups, found, strict=True):
+        out[inputs] = some
     return out
 
 

@@ -128,8 +128,9 @@ class Table:
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
         """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
-        start = whole("start", start, least=0, most=self.steps)
-        left = self.steps - start
+        steps = self.steps
+        start = whole("start", start, least=0, most=steps)
+        left = steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
 
     def place(self, start: int, within: int | None) -> int:

@@ -86,7 +86,7 @@ class AvoidTubes:
 
 def entries(steps: int) -> FloatArray:
     """Every (start, within), in the order of `entry`: (entries, 2) int64."""
-    return np.array([(start, within) for start in range(steps + 1) for within in range(steps - start + 1)])
+    return np.column_stack(np.nonzero(np.tri(steps + 1, dtype=bool)[::-1]))
 
 
 @dataclass(frozen=True, repr=False)
