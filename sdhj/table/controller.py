@@ -327,6 +327,8 @@ class Controller:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
             where = "it is off the grid"
+        elif self.table.proved:
+            where = "its cell is not certified: table.explain says why"
         else:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
