@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
@@ -488,7 +487,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     """
     delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
     measured = states_array("a measurement", measured, grid.ndim)
-    states, most = grid.clipped(measured), np.array(problem.sensing.error) + SLACK * np.array(grid.spacing)
+    states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
         return np.where(off, measured, states)
