@@ -298,6 +298,13 @@ class Images(Proof):
             room = np.where(carried, ends, out + SIDES * wider)
             if not np.isfinite(room).all():
                 break
+        unknown = ~np.isfinite(self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])).all(axis=(0, 2))
+        if unknown.any():
+            first, last = (np.array2string(end[unknown][0], precision=4, separator=", ") for end in ends)
+            raise ValueError(
+                f"the velocity under input {j} may be undefined or unbounded between {first} and {last}, and then "
+                "nothing can be proved; bound what it is divided by, for example np.maximum(distance, 0.01)"
+            )
         raise ValueError("the dynamics change too fast for this interval: use more parts")
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:

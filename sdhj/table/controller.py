@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
@@ -327,6 +326,8 @@ class Controller:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
             where = "it is off the grid"
+        elif self.table.proved:
+            where = "its cell is not certified: table.explain says why"
         else:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
@@ -486,7 +487,7 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     """
     delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
     measured = states_array("a measurement", measured, grid.ndim)
-    states, most = grid.clipped(measured), np.array(problem.sensing.error) + SLACK * np.array(grid.spacing)
+    states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
         return np.where(off, measured, states)

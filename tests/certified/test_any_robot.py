@@ -4,6 +4,7 @@
 """
 
 import os
+import runpy
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -152,6 +153,34 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
         assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output, done.output
     done = asked(path)
     assert done.exit_code == 2 and "sdhj verify --problem module:function" in done.output
+
+
+def test_the_checker_alone_says_what_it_cannot_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["check", str(tmp_path / "nothing.h5")])
+    with pytest.raises(SystemExit, match="2"):
+        runpy.run_module("sdhj.certified.check", run_name="__main__")
+    assert "Error: " in (said := capsys.readouterr().err) and "nothing.h5" in said
+
+
+def test_a_velocity_that_is_undefined_somewhere_is_named_with_its_place():
+    """Towards the origin at 1 m/s: divided by a distance that is 0 there, or by one that is not."""
+
+    def problem(least):
+        def drift(q, u):
+            return u[0] * q / np.maximum(np.hypot(q[:, 0], q[:, 1]), least)[:, None]
+
+        return sdhj.ReachAvoidProblem(
+            sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [10, 10]),
+            sdhj.Dynamics([[-1.0], [0.0]], drift),
+            sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5),
+            [],
+            0.1,
+            2,
+        )
+
+    with pytest.raises(ValueError, match=r"under input 0 may be undefined .* between \[-0\.\d+, -0\.\d+\] and"):
+        sdhj.solve(problem(0.0), sdhj.Certified(cells=[15, 15]), progress=False)
+    assert sdhj.solve(problem(0.05), sdhj.Certified(cells=[15, 15]), progress=False).fraction(start=0) > 0.0
 
 
 def far():

@@ -93,9 +93,12 @@ def test_no_run_from_a_certified_state_fails(table, adversary):
 
 
 def test_outside_the_certified_set_it_says_so(table):
-    controller = sdhj.Controller(table)
-    with pytest.raises(sdhj.NotAdmissible, match="not admissible"):
+    controller, points = sdhj.Controller(table), table.grid.points()
+    free = table.problem.unsafe_value(points, 0.0) > 0.0
+    with pytest.raises(sdhj.NotAdmissible, match=r"not admissible .* in the unsafe set"):
         controller.select([3.0, 3.0, 0.0, 0.0], 0)
+    with pytest.raises(sdhj.NotAdmissible, match=r"not admissible .* not certified: table\.explain says why"):
+        controller.select(points[free & ~table.contains(points, start=0)][0], 0)
     assert controller.steps_to_go([3.0, 3.0, 0.0, 0.0], 0) is None
     with pytest.raises(ValueError, match="NaN"):
         controller.steps_to_go([np.nan, 0.0, 0.0, 0.0], 0)

@@ -1,4 +1,7 @@
-"""`python -m sdhj.certified.check table.h5`: the verdict on a file, exit status 1 where a claim is not proved."""
+"""`python -m sdhj.certified.check table.h5`: the verdict on a file.
+
+The exit status is 1 where a claim is not proved, and 2 where none can be read.
+"""
 
 import sys
 
@@ -6,6 +9,10 @@ from sdhj.certified.check import verify
 
 if len(sys.argv) != 2:
     sys.exit("usage: python -m sdhj.certified.check TABLE.h5")
-verdict = verify(sys.argv[1])
+try:
+    verdict = verify(sys.argv[1])
+except (OSError, ValueError) as error:
+    print(f"Error: {error}", file=sys.stderr)
+    sys.exit(2)
 print(verdict)
 sys.exit(0 if verdict.ok else 1)
