@@ -307,10 +307,10 @@ def entries_of(value: Any) -> Any:
 
 def weak_type(value: Any) -> Any:
     """Of an operand: its dtype, or int or float for a Python number, which takes that of other operands."""
-    if isinstance(value, list | tuple) and holds_traced(value):
-        return traced_array(value).dtype
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
+    if isinstance(value, list | tuple) and holds_traced(value):
+        return traced_array(value).dtype
     return value if type(value) in (int, float) else np.asarray(value).dtype
 
 
@@ -318,7 +318,12 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
     """The dtype that NumPy gives an answer."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
-    kinds = (type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs))
+    kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
+    return _resolved(ufunc, tuple(kinds))
+
+
+@functools.cache
+def _resolved(ufunc: Any, kinds: tuple[Any, ...]) -> Any:
     return ufunc.resolve_dtypes((*kinds, *[None] * ufunc.nout))[-1]
 
 
@@ -352,11 +357,19 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
         raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
-    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
+    return np.asarray(_of_entries(function, len(arrays))(*arrays), dtype=object)
+
+
+_of_entries = functools.lru_cache(maxsize=256)(functools.partial(np.frompyfunc, nout=1))
+
+
+@functools.cache
+def _maker(op: str) -> Callable[..., Node]:
+    return functools.partial(make, op)
 
 
 def _each(op: str, *arrays: Any) -> Any:
-    return mapped(functools.partial(make, op), *arrays)
+    return mapped(_maker(op), *arrays)
 
 
 def _true(array: Any) -> Any:

@@ -29,7 +29,7 @@ from sdhj.formulas.arrays import (
     traced_array,
     weak_type,
 )
-from sdhj.formulas.graph import Node, leaf, ordered, rebuilt
+from sdhj.formulas.graph import Node, leaf
 
 __all__ = ["NotTraced", "Traced", "entries_of", "parameter", "points_of", "rows_for", "traced"]
 _numbers = itertools.count(1)
@@ -214,10 +214,9 @@ def _traced_once(
         expected = () if shape is None else tuple(shape)
         raise ValueError(f"{name} must return shape {('M', *expected) if per_point else expected}, got {shown}")
     answer = answer.reshape(rows if per_point else 1, -1)
-    first, *others = (_as_first(list(nodes), row) for row, nodes in enumerate(answer))
-    if any(other != first for other in others) or any(node.op == "x" and node.value[1] for node in ordered(first)):
+    if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
         raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
-    return first, one
+    return list(answer[0]), one
 
 
 def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Callable[[int], Sequence[Any]]) -> Any:
@@ -244,10 +243,20 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Calla
     return answer.entries
 
 
-def _as_first(nodes: Sequence[Node], row: int) -> list[Node]:
-    """Nodes of a row of points with the coordinates of row 0; other points remain apart, in rows below 0."""
-
-    def put(one: Node) -> Node | None:
-        return leaf("x", one.value[0], 0 if one.value[1] == row else -1 - one.value[1]) if one.op == "x" else None
-
-    return rebuilt(nodes, put)
+def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
+    """Whether nodes are the same of point 0 and of point `row`, and read no other one."""
+    left, known = list(zip(first, other, strict=True)), dict[Node, Node]()
+    while left:
+        one, its = left.pop()
+        if one in known:
+            if known[one] is not its:
+                return False
+            continue
+        known[one] = its
+        if one.op == "x":
+            if one.value[1] or its is not leaf("x", one.value[0], row):
+                return False
+        elif (one.op, one.value, len(one.args)) != (its.op, its.value, len(its.args)) and one is not its:
+            return False
+        left.extend(zip(one.args, its.args, strict=True))
+    return True

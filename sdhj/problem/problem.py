@@ -326,17 +326,22 @@ class ReachAvoidProblem:
 
         Without a target, L(t_k) is the grid up to its unsafe ends.
         """
-        t, jitter, grid, target = self.time(step), self.sensing.jitter, self.grid, self.target
-        values = np.full((1,) * grid.ndim, -np.inf)
-        if not self.stays:
-            found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
-            values = grid.lift(found, target.axes)
+        t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
+        values = self._target_at(t)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
             values = np.maximum(values, -grid.lift(over, part.axes))
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def _target_at(self, t: float) -> FloatArray:
+        """Level-set function of the target, in a shape that broadcasts to the grid's; -inf where there is none."""
+        grid, target = self.grid, self.target
+        if self.stays:
+            return np.full((1,) * grid.ndim, -np.inf)
+        found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+        return grid.lift(found, target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
@@ -673,8 +678,9 @@ def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
 
 def _try_goals(problem: "ReachAvoidProblem") -> None:
     steps = range((problem.steps or 0) + 1)
-    if any((part.goal(step) <= 0).any() for part in problem.pieces() for step in steps):
-        return
+    for part, step in product(problem.pieces(), steps):
+        if (part._target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
+            return
     if problem.stays:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
     axes, target = problem.target.axes, problem.target
