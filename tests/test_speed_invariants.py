@@ -97,6 +97,20 @@ def test_what_is_small_is_left_to_one_thread(monkeypatch):
     assert [one for one in seen if isinstance(one, str)] == ["set 1", "set 2"] and len(seen) == 4
 
 
+@pytest.mark.parametrize("method", ["hji", "lax", "projected"])
+@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+def test_rows_that_are_joined_change_nothing(monkeypatch, method):
+    """Inputs join a small grid in few long rows; in rows of the last half of the axes they join it to the same bits."""
+    found = {}
+    for most in (recursion.LONG, 0):
+        monkeypatch.setattr(recursion, "LONG", most)
+        table = sdhj.solve(torus_problem(nodes=9, steps=3), method=method, play=False)
+        found[most] = table.tubes, table.masks, recursion.InputRows(table.grid, table.avoid).size
+    (tubes, masks, size), (other_tubes, other_masks, other_size) = found.values()
+    assert size > other_size
+    assert np.array_equal(tubes, other_tubes) and np.array_equal(masks, other_masks)
+
+
 def test_the_number_of_pdes_is_told():
     """Of 25 inputs, three tubes of two steps, and an avoid game for each set, in each step if it moves.
 

@@ -75,16 +75,13 @@ class Maxima(NamedTuple):
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
 
-    def of(self, some: slice = slice(None), raised: FloatArray | None = None) -> FloatArray:
-        """The maxima over some of the boxes, (boxes, *shape); `raised`, if given, is raised to them in place."""
+    def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
+        """The maxima over some of the boxes, (boxes, *shape), written `into` an array or, if `raised`, raising it."""
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
         shape[1 + self.axis] = leaves.taps.shape[1]
-        out = np.empty(shape, self.values.dtype) if raised is None else raised
-        split = self.split
-        maximum_of_intervals(
-            split, leaves, raised is not None, out.reshape(len(out), split.shape[1], -1, split.shape[3])
-        )
+        out, split = np.empty(shape, self.values.dtype) if into is None else into, self.split
+        maximum_of_intervals(split, leaves, raised, out.reshape(len(out), split.shape[1], -1, split.shape[3]))
         return out
 
 

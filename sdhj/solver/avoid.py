@@ -57,20 +57,26 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
     axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
     shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
-    static = np.full((count, *shapes[0]), -np.inf, games.dtype)
-    moving = np.full((problem.most_steps, count, *shapes[1]), -np.inf, games.dtype)
+    static = np.empty((count, *shapes[0]), games.dtype)
+    moving = np.empty((problem.most_steps, count, *shapes[1]), games.dtype)
     for own, tubes, kept in zip(kinds, (static[None], moving), axes, strict=True):
-        for danger in own:
+        if not own:
+            tubes.fill(-np.inf)
+        for number, danger in enumerate(own):
             playing, at = (
                 games if danger.problem is problem else make(danger.problem),
                 [kept.index(i) for i in danger.axes],
             )
             for step, total in enumerate(tubes):
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
-                if found.max() > 0:
+                if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
                 for j, tube in enumerate(found):
-                    np.maximum(total[j], problem.grid.subgrid(kept).lift(tube, at), out=total[j])
+                    lifted = problem.grid.subgrid(kept).lift(tube, at)
+                    if number == 0:
+                        total[j] = lifted
+                    else:
+                        np.maximum(total[j], lifted, out=total[j])
     for part in problem.unsafe:
         if id(part) not in felt:
             warnings.warn(never_felt(part), stacklevel=5)

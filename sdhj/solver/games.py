@@ -13,7 +13,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property
 from itertools import groupby
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -62,12 +62,14 @@ class Pieces(NamedTuple):
 
     pieces : of each (inputs, *subgrid)
     axes : the axes that each depends on.
+    flat : where there are several, all of them one behind the other, and `PAST` numbers more.
     """
 
     first: int
     grid: Grid
     pieces: Sequence[FloatArray]
     axes: Sequence[Axes]
+    flat: FloatArray | None = None
 
     @property
     def number(self) -> int:
@@ -77,13 +79,20 @@ class Pieces(NamedTuple):
         """Those of some of the inputs on the whole grid: (inputs, *grid.shape)."""
         if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
             return self.pieces[0][some]
-        return np.stack([united(self.grid, found, self.axes) for found in zip(*self.pieces, strict=True)][some])
+        return united(self.grid, [piece[some] for piece in self.pieces], self.axes)
 
 
 def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """Back-project functions on subspaces and unite their sets: the minimum, on the whole of `grid`."""
-    lifted = [grid.lift(piece, keep) for piece, keep in zip(pieces, axes, strict=True)]
-    return np.ascontiguousarray(np.broadcast_to(reduce(np.minimum, lifted), grid.shape))
+    """Back-project functions on subspaces, (L, *subgrid) each, and unite their sets: the minimum, (L, *grid.shape)."""
+    out = np.empty((len(pieces[0]), *grid.shape), pieces[0].dtype)
+    for j, total in enumerate(out):
+        first, *others = (grid.lift(piece[j], keep) for piece, keep in zip(pieces, axes, strict=True))
+        if not others:
+            total[...] = first
+        for other in others:
+            np.minimum(first, other, out=total)
+            first = total
+    return out
 
 
 def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
@@ -396,7 +405,7 @@ class HopfLaxGames(_OnAxes):
         """As `_OnAxes.tubes`."""
         tubes = self.no_tubes(wall)
         for some in self._tube_maxima(wall, step):
-            some.of(raised=tubes[some.first : some.first + some.number])
+            some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:

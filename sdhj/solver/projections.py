@@ -33,6 +33,8 @@ import numpy as np
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
+from sdhj.kernels.union import PAST
+from sdhj.problem.boxes import Maxima
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
@@ -122,11 +124,19 @@ class ProjectedGames:
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
         """As `HJIGames.reaches`: on the whole grid, inside the true reach sets."""
-        pieces = []
-        for axes in self.subspaces:
-            some = [one.of() for one in self.on(axes).reaches(self.inner_projection(values, axes), step)]
-            pieces.append(some[0] if len(some) == 1 else np.concatenate(some))
-        yield Pieces(0, self.problem.grid, pieces, self.subspaces)
+        grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
+        shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
+        flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
+        for axes, shape in zip(self.subspaces, shapes, strict=True):
+            begin, end = end, end + math.prod(shape)
+            pieces.append(flat[begin:end].reshape(shape))
+            for some in self.on(axes).reaches(self.inner_projection(values, axes), step):
+                these = pieces[-1][some.first : some.first + some.number]
+                if isinstance(some, Maxima):
+                    some.of(into=these)
+                else:
+                    these[:] = some.of()
+        yield Pieces(0, grid, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `HJIGames.reach`."""
@@ -160,7 +170,7 @@ class ProjectedGames:
             own = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
             tubes.append(self.on(keep).tubes(own, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
-        return np.stack([united(grid, [tube[j] for tube in tubes], local) for j in range(len(problem.inputs))])
+        return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
         """What the subspaces keep of some axes; what is part of another is left out, because it is only looser."""

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import PAST, Walls, add_inputs
+from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
@@ -179,10 +179,8 @@ class InputRows:
         if isinstance(reach, Maxima):
             found: tuple[Any, ...] = (reach.split, *reach.leaves)
         else:
-            lines, flat = self._lines(tuple(reach.axes), reach.number), reach.pieces[0].reshape(-1)
-            if lines[-1] != self.size:
-                flat = np.concatenate([*(piece.reshape(-1) for piece in reach.pieces), np.zeros(PAST, tube.dtype)])
-            found = (flat, *lines)
+            flat = reach.pieces[0].reshape(-1) if reach.flat is None else reach.flat
+            found = (flat, *self._lines(tuple(reach.axes), reach.number))
         static, moving = self.static, self.tubes.moving[step]
         walls = Walls(
             self.highest,
