@@ -19,7 +19,7 @@ import click
 import numpy as np
 from fleet import FLEET, Robot
 from referee import ADVERSARIES, LOST, Answer, reckless, trial
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 import sdhj
 from sdhj.cli import SEED, plainly
@@ -75,8 +75,8 @@ HEAD = ("robot", "nodes", "share promised", "method", "runs", "lost", "95 %", "l
 
 def bounds(lost: int, runs: int) -> tuple[float, float]:
     """Between which rates it lies with 95 % confidence, if runs are independent (Clopper & Pearson)."""
-    low = beta.ppf(0.025, lost, runs - lost + 1) if lost else 0.0
-    high = beta.ppf(0.975, lost + 1, runs - lost) if lost < runs else 1.0
+    low = betaincinv(lost, runs - lost + 1, 0.025) if lost else 0.0
+    high = betaincinv(lost + 1, runs - lost, 0.975) if lost < runs else 1.0
     return float(low), float(high)
 
 

@@ -85,7 +85,7 @@ class Formula:
         if Traced in map(type, (points, *parameters)):
             self._fits(np.shape(points), parameters)
             return self._inlined(points, parameters)
-        points = np.ascontiguousarray(points, np.float64)
+        points = np.require(points, np.float64, ["C", "W"])  # for what may not be written all would be compiled anew
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
         if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:

@@ -115,6 +115,7 @@ def maximum_along(values, out):
                 most = values[a, np.uint64(node), 0] if values[a, np.uint64(node), 0] > most else most
             out[a, 0] = most
         else:
-            out[a] = values[a, 0]
+            for i in range(after):
+                out[a, i] = values[a, 0, i]
             for node in range(1, nodes):
                 raise_to(out[a], values[a, node])

@@ -363,27 +363,33 @@ def judge(waiting, rows, looks, count, out, spots):
     return some
 
 
-@kernel(error_model="numpy")
+@kernel(inline="always")
 def _evaluate(waiting, rows, ints, floats, to_go, spots):
-    """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite."""
+    """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
+
+    The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
+    """
     (slots, _, _, points, _, level, there), times = spots, part(ints, floats, LOOK_TIMES)
     count, last = times.size, LOOKED if times.size > 1 else 0
-    if play_part(ints, floats, _UNSAFE, points, times, level, 0, waiting * count) != 0.0:
+    if play_part(ints, floats, np.int64(_UNSAFE), points, times, level, np.int64(0), waiting * count) != 0.0:
         return False
     for k in range(waiting if part(ints, ints, _TARGET + RESULTS).size else 0):
         start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
         stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_part(ints, floats, _TARGET, points, times, there, start, stop) != 0.0:
+        if start < stop and play_part(ints, floats, np.int64(_TARGET), points, times, there, start, stop) != 0.0:
             return False
     return True
 
 
-@kernel()
+@kernel(inline="always")
 def _look(rows, when, states, packs, ahead, table, out, spots):
-    """The look at the true sets for some rows, by their tapes; False where they are undefined. table: (shelf, room)."""
-    (step, within, _, looks), (ints, floats), (shelf, room) = when, packs, table
-    lattice, count = _lattice(ints, floats), part(ints, floats, LOOK_TIMES).size
-    waiting = propose(-1, within, states, rows, packs, ahead, out, spots)
+    """The look at the true sets for some rows, by their tapes; False where they are undefined.
+
+    table : (shelf, lattice, room)
+    """
+    (step, within, _, looks), (ints, floats), (shelf, lattice, room) = when, packs, table
+    count = part(ints, floats, LOOK_TIMES).size
+    waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
         if not _evaluate(waiting, rows, ints, floats, out[0], spots):
             return False
@@ -461,11 +467,15 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         some = rows[begin : begin + width]
         if played:
             for r in range(some.size):
-                at[r] = states[some[r]]
-            if play_part(ints, floats, _AHEAD, at, time, near.reshape(played, width), 0, some.size) != 0.0:
+                for axis in range(ndim):
+                    at[r, axis] = states[some[r], axis]
+            lead = near.reshape(played, width)
+            if play_part(ints, floats, np.int64(_AHEAD), at, time, lead, np.int64(0), some.size) != 0.0:
                 return False
         elif not alike:
-            near[:, :, :, : some.size] = ends[:, :, :, begin : begin + some.size]
+            for term, j, axis in np.ndindex(near.shape[:3]):
+                for r in range(some.size):
+                    near[term, j, axis, r] = ends[term, j, axis, begin + r]
         for r in range(some.size if looks != ONLY_LOOK else 0):
             own = 0 if alike else r
             if not alike or begin + r == 0:
@@ -474,7 +484,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
                     size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
                     room = Room(*room[:7], *block)  # type: ignore[call-arg]
             _by_tubes(some[r], own, states, (step, within), shelf, near, (order, lattice, room), out)
-        table, ahead = (shelf, room), (near, scores)
+        table, ahead = (shelf, lattice, room), (near, scores)
         if looks != TUBES and not _look(some, when, states, packs, ahead, table, out, spots):
             return False
     return True

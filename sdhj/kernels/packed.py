@@ -181,7 +181,8 @@ def cells_at(state, cells, found):
         for k in range(held):
             found[k, axis] = first
             if last != first:
-                found[held + k, :axis] = found[k, :axis]
+                for other in range(axis):
+                    found[held + k, other] = found[k, other]
                 found[held + k, axis] = last
         held *= 1 if last == first else 2
     return held

@@ -89,7 +89,7 @@ def part(ints, array, k):
     return array[ints[2 * k] : ints[2 * k + 1]]
 
 
-@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
+@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, room, i, j, k, count):
     a, b, out = room[i], room[j], room[k]
     if op == ADD:
@@ -168,10 +168,12 @@ def _elementary(op, room, i, j, k, count):
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(room, i, n, k, count):
     """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
-    a, out = room[i], room[k]
+    (a, out), digits = (room[i], room[k]), 0
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
-    for digit in range(6, -1, -1):
+    while abs(n) >> digits:
+        digits += 1
+    for digit in range(digits - 1, -1, -1):
         if abs(n) >> digit > 1:
             for m in range(count):
                 out[m] *= out[m]
@@ -206,7 +208,7 @@ def _truths(op, room, i, j, k, last, count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
 
 
-@kernel(error_model="numpy", forceinline=True, **UNCOUNTED)
+@kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, room, i, j, k, n, last, count):
     """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
     op = _PLAYED_AS[op]
@@ -333,12 +335,13 @@ def _at_ends(op, room, i, j, k, n, count):
         _magnitudes(room, j, work + 1, count)
         i, j = work, work + 1
     p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]
-    _values(op, room, 2 * i + p, 2 * j + q, 2 * k, n, 0, count)
-    _values(op, room, 2 * i + 1 - p, 2 * j + 1 - q, 2 * k + 1, n, 0, count)
-    out, other = room[2 * k : 2 * k + 2], room[2 * work : 2 * work + 2]
-    if op == POW or op == ARCTAN2:  # they rise with an operand, or fall, as the other one is
-        for p in range(2):
-            _values(op, room, 2 * i + p, 2 * j + 1 - p, 2 * work + p, n, 0, count)
+    twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is
+    for end in range(4 if twice else 2):
+        first, second = (p ^ end, q ^ end) if end < 2 else (end - 2, 3 - end)
+        row = 2 * k + end if end < 2 else 2 * work + end - 2
+        _values(op, room, 2 * i + first, 2 * j + second, row, n, row, count)
+    if twice:
+        out, other = room[2 * k : 2 * k + 2], room[2 * work : 2 * work + 2]
         for m in range(count):
             out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], other[0, m], other[1, m])
 

@@ -240,8 +240,9 @@ class Grid:
         -------
         (M,) float64 array
         """
-        points = points_array("points", points, self.ndim)
-        return interpolate(np.ascontiguousarray(values).reshape(1, self.size), points, self.arrays)
+        flat = np.ascontiguousarray(values).reshape(1, self.size)
+        flat.flags.writeable = False  # of all that comes: what may be written has another type, compiled anew
+        return interpolate(flat, points_array("points", points, self.ndim), self.arrays)
 
     @cached_property
     def arrays(self) -> Lattice:

@@ -118,7 +118,9 @@ class ProjectedGames:
         for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
             most = np.empty((math.prod(before), math.prod(after)), values.dtype)
-            maximum_along(np.ascontiguousarray(values).reshape(len(most), -1, most.shape[1]), most)
+            rows = np.ascontiguousarray(values).reshape(len(most), -1, most.shape[1])
+            rows.flags.writeable = False  # as in `Grid.interpolate`
+            maximum_along(rows, most)
             values = most.reshape(before + after)
         return values
 

@@ -422,7 +422,13 @@ WRONG = {
         "hypot",
     ),
     "even powers": (TAPE, "(op == POWER and n % 2 == 0):", "False:", "hold_what_is_exact", "power 2"),
-    "other corners": (TAPE, "if op == POW or op == ARCTAN2:  #", "if op == ARCTAN2:  #", "hold_what_is_exact", "pow"),
+    "other corners": (
+        TAPE,
+        "twice = op == POW or op == ARCTAN2  #",
+        "twice = op == ARCTAN2  #",
+        "hold_what_is_exact",
+        "pow",
+    ),
     "an angle that jumps": (TAPE, "-PI_UP if cut else", "", "hold_what_is_exact", "arctan2"),
     "a base of zero": (
         TAPE,
