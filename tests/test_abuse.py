@@ -353,7 +353,10 @@ TWO = [np.zeros(2), np.zeros(3)]
             "level set of 'target' cannot be read .* constant of type",
         ),
         (lambda: TargetSet((0,), lambda p, t: TWO), "level set of 'target' cannot be read .* different lengths"),
-        (lambda: TargetSet((0,), lambda p, t: None), "level set of 'target' cannot be read .* a NoneType in place"),
+        (
+            lambda: TargetSet((0,), lambda p, t: None),
+            "level set of 'target' must return an array, got None: is its return missing",
+        ),
         (lambda: TargetSet((0,), lambda p, t: p[:, 0] > 1.0), "level set of 'target' must return real .*a comparison"),
         (lambda: TargetSet((0,), BlackBox("a")), "function of a BlackBox must be a function, got 'a'"),
         (lambda: BlackBox(max, slope=-1.0), "slope of a BlackBox must be finite and at least 0, got -1.0"),
