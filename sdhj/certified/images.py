@@ -208,10 +208,11 @@ class Images(Proof):
 
     @cached_property
     def reach(self) -> FloatArray:
-        """How far each input leads from any place, or all of them if these are fewer cells: (starts, some, 2, ndim)."""
+        """How far each input leads from any place, or all of them if that is fewer words: (starts, some, 2, ndim)."""
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
         whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
-        sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + 1.0, axis=2).sum() for one in (each, whole)]
+        more = np.where(np.arange(len(self.axes)) < self.rows, 1.0, 64.0)  # whole words are marked
+        sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + more, axis=2).sum() for one in (each, whole)]
         return each if sizes[0] < sizes[1] else whole
 
     def led(
@@ -322,7 +323,8 @@ class Images(Proof):
 
         Where that leaves its sign open, bounds are those of pieces of the cell.
         """
-        edges, more = [self.axes[axis].edges() for axis in part.axes], STATE_SLACK + self.unsure[list(part.axes)]
+        edges = [self.axes[axis].edges() for axis in part.axes]
+        more = STATE_SLACK + self.unsure[list(part.axes)]
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
         low, high = (
             np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)

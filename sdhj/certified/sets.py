@@ -18,7 +18,8 @@ The obligations of the proof, where each is met, and the test in tests/certified
     `Images.reached`, by intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory,
     test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward]
 3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
-    [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows]
+    [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows] After a change only words with
+    cells whose images it may be in are asked again. [test_every_cell_whose_image_a_change_is_in_is_asked_again]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
     For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
@@ -58,6 +59,7 @@ checker judges what is then proved, and tests/certified/check/test_forged_robots
     3    what is to stay is new each time, also for ever    "a cell that is not safe as long"
     4    what is on the way, in every part and step         "a post not met at the end", "a post that comes later"
     4    each unsafe set is closed; unsafe ends             "a set that is closed", "out by the upper end"
+    4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
     4    only what has wholly left is out of danger         "a rock at a safe end"
     5    all of a box, not only a part                      "the far half of a tube"
