@@ -29,7 +29,7 @@ DOUBT = 1e-14  # of a number of turns: more than its rounding
 MOST_POINTS = 4  # on each axis of a table, up to which a box is looked up exactly
 
 
-def outward(low: Array, high: Array, by: float = UNIT, least: float = 0.0) -> Interval:
+def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
     """Ends moved outward by a share of their size, and by `least`."""
     return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)
 
@@ -174,8 +174,10 @@ def arctan2(y: Interval, x: Interval) -> Interval:
 
 
 def hypot(a: Interval, b: Interval) -> Interval:
+    """A length is 0 only where both operands are, and exactly so: it does not underflow."""
     (a0, a1), (b0, b1) = size(a), size(b)
-    return above(0.0, *outward(np.hypot(a0, b0), np.hypot(a1, b1), UNITS, TINY))
+    low, high = np.hypot(a0, b0), np.hypot(a1, b1)
+    return above(0.0, *outward(low, high, UNITS, np.where(high == 0.0, 0.0, TINY)))
 
 
 # ---- what jumps, and truth values: (0, 0), (1, 1), or (0, 1) where it is open

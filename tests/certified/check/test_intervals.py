@@ -155,6 +155,7 @@ def test_closed_forms():
     assert np.isnan(of("exp", (0, 800))).all() and of("exp", (-800, -800))[0] == 0.0 < of("exp", (-800, -800))[1]
     assert of("sqrt", of("add", of("sqr", (0, 1)), of("sqr", (-1, 0))))[0] == 0.0  # no rounding below zero
     assert of("sqrt", of("mul", (0, 1), (0, 1)))[0] == 0.0 == of("sqrt", of("div", (-1, 0), (-2, -1)))[0]
+    assert of("hypot", (0, 0), (0, 0)).tolist() == [0.0, 0.0] and of("hypot", (0, 5e-324), (0, 0))[1] > 5e-324
     assert of("sqr", (-2, 3))[0] == 0.0 and of("mod", (0, 5), (2, 3)).tolist() == [0.0, 3.0]
     assert of("where", (0, 1), (2, 3), (5, 6)).tolist() == [2.0, 6.0] and of("less", (0, 1), (1, 2)).tolist() == [0, 1]
     assert of("less", (0, 1), (2, 3)).tolist() == [1, 1] and of("less", (1, 2), (0, 1)).tolist() == [0, 0]
