@@ -28,7 +28,16 @@ from sdhj.problem.interval import INSTANTS, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
-from sdhj.solver.schemes import Scheme, checked_travel, evolve, evolve_each, evolve_stopped, together, too_restless
+from sdhj.solver.schemes import (
+    Scheme,
+    Scratch,
+    checked_travel,
+    evolve,
+    evolve_each,
+    evolve_stopped,
+    together,
+    too_restless,
+)
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
@@ -189,6 +198,7 @@ class HJIGames(_OnAxes):
         self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
         self._room = KEPT
+        self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
             drift = problem.dynamics.arrays[0][:, self.axes]
@@ -212,7 +222,7 @@ class HJIGames(_OnAxes):
             wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)
             if groups:
                 self.solved += self.count
-                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme)
+                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
                 yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
                 return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
@@ -274,7 +284,7 @@ class HJIGames(_OnAxes):
         groups = [] if wall.instant else self.groups(wall.axes, steps)
         if groups:
             self.solved += self.count
-            tubes = evolve_each(grid, at(0.0), groups, self.duration, self.scheme, at(0.0))
+            tubes = evolve_each(grid, at(0.0), groups, self.duration, self.scheme, at(0.0), self._scratch)
             yield from enumerate(tubes[(slice(None), *self.wanted_on(wall.axes))])
             return
         for j in range(self.count):
