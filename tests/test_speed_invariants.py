@@ -264,3 +264,7 @@ def test_what_memory_held_before_does_not_matter(rng, monkeypatch, order, integr
             np.testing.assert_array_equal(
                 evolve(grid, values, Velocities(lower, lower + 1.5), 0.01, scheme, steps=2), clean
             )
+
+
+def test_no_problem_is_made_while_tests_are_collected(problems_are_made_while_collecting):
+    assert not problems_are_made_while_collecting

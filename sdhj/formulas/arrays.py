@@ -318,11 +318,12 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
     """The dtype that NumPy gives an answer."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
-    return _resolved(ufunc, *(type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)))
+    kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
+    return _resolved(ufunc, tuple(kinds))
 
 
 @functools.cache
-def _resolved(ufunc: Any, *kinds: Any) -> Any:
+def _resolved(ufunc: Any, kinds: tuple[Any, ...]) -> Any:
     return ufunc.resolve_dtypes((*kinds, *[None] * ufunc.nout))[-1]
 
 

@@ -64,8 +64,8 @@ def solve_stored(
     refuse(problem, method)
     with announced(progress):
         if resume and path.exists():
-            told = TableStore(path).told
-            plan = replace(planned(problem, method, cut_told(path, told, problem, method)), path=path)
+            head = TableStore(path).head
+            plan = replace(planned(problem, method, cut_of(path, head, problem, method)), path=path)
         else:
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
@@ -219,7 +219,7 @@ def _tasks(plan: Plan) -> int:
 def _told_of(plan: Plan) -> dict[str, Any]:
     """What a store tells of its problem, its method and its arrays."""
     problem, method = plan.problem, plan.method
-    told = head_of_table(problem, method.name, {}, problem.digest) | {
+    head = head_of_table(problem, method.name, {}, problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
         "cut": [plan.axis, plan.width],
@@ -228,7 +228,7 @@ def _told_of(plan: Plan) -> dict[str, Any]:
         "functions": {name: values_as_text(values) for name, values in arrays_of(problem).items()},
         "arrays": _arrays(plan),
     }
-    return dict(json.loads(json.dumps(told)))
+    return dict(json.loads(json.dumps(head)))
 
 
 def _arrays(plan: Plan) -> dict[str, Any]:
@@ -241,19 +241,19 @@ def _arrays(plan: Plan) -> dict[str, Any]:
     return arrays
 
 
-def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
+def cut_of(path: Path, head: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
     """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
-    if told["sdhj_version"] != VERSION:
+    if head["sdhj_version"] != VERSION:
         raise TableFileError(
-            f"{path} was begun by sdhj {told['sdhj_version']}, and this is {VERSION}, which may round "
+            f"{path} was begun by sdhj {head['sdhj_version']}, and this is {VERSION}, which may round "
             "otherwise; solve it anew"
         )
     options = json.loads(json.dumps(method.options))
-    if told["method"] != method.name or told["options"] != options:
-        its = f"method {told['method']!r} with {told['options']}"
+    if head["method"] != method.name or head["options"] != options:
+        its = f"method {head['method']!r} with {head['options']}"
         raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
-    problem_of_file(path, checked_head(told), functions_of(told), problem)
-    axis, width = told["cut"]
+    problem_of_file(path, checked_head(head), functions_of(head), problem)
+    axis, width = head["cut"]
     return axis, width
 
 
@@ -263,7 +263,7 @@ def cut_told(path: Path, told: Mapping[str, Any], problem: ReachAvoidProblem, me
 class StoredSets:
     """S_k with n steps to go in a store: `recursion.Sets`, a slab at a time.
 
-    `run` yields what `slabs.work` returns of tasks, in any order; `tick` is told how many slabs are done.
+    `run` yields what `slabs.work` returns of tasks, in any order; `tick` gets how many slabs are done.
     """
 
     def __init__(self, plan: Plan, store: TableStore, run: Any, tick: Callable[[int], Any]) -> None:
@@ -300,8 +300,8 @@ class StoredSets:
         self.tick(self.plan.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> StoredTable:
-        told = self.plan.method.options | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
-        self.store.finish(self.table.index, told)
+        whole = self.plan.method.options | {"tubes_shared": self.shared, "slabs": self.plan.slabs} | dict(details)
+        self.store.finish(self.table.index, whole)
         return StoredTable(self.problem, TableStore(self.store.path))
 
     def _do(self, task: Task, name: str, lead: int) -> list[Any]:

@@ -61,12 +61,12 @@ class TableStore:
             text = self.group.attrs["sdhj"]
             if hashlib.sha256(text.encode()).hexdigest() != self.group.attrs["sha256"]:
                 raise ValueError("what it tells of itself has another digest")
-            self.told: dict[str, Any] = json.loads(text)
-            if self.told["store"] != STORE_FORMAT:
-                raise ValueError(f"it has store version {self.told['store']}, and this sdhj reads {STORE_FORMAT}")
+            self.head: dict[str, Any] = json.loads(text)
+            if self.head["store"] != STORE_FORMAT:
+                raise ValueError(f"it has store version {self.head['store']}, and this sdhj reads {STORE_FORMAT}")
             # what is all zero is written too, or it would be missing
             self.arrays = {name: self.group[name].with_config({"write_empty_chunks": True}) for name in NAMES}
-            for name, (shape, dtype) in self.told["arrays"].items():
+            for name, (shape, dtype) in self.head["arrays"].items():
                 array = self.arrays[name]
                 if list(array.shape[1:]) != shape[1:] or array.shape[0] > shape[0] or array.dtype != np.dtype(dtype):
                     raise ValueError(f"its array {name} is {array.dtype} of {array.shape}")
@@ -141,7 +141,7 @@ class TableStore:
         try:
             self.arrays["tubes"].resize((int(index.max()) + 1, *self.arrays["tubes"].shape[1:]))
             self.arrays["masks"].resize((int(index.max()) + 1, *self.arrays["masks"].shape[1:]))
-            self.group.update_attributes(attributes(self.told | {"index": index.tolist(), "details": dict(details)}))
+            self.group.update_attributes(attributes(self.head | {"index": index.tolist(), "details": dict(details)}))
         except OSError as error:
             raise OSError(f"cannot write in {self.path}: {error.strerror}; solve with resume=True") from error
 
@@ -156,9 +156,9 @@ def blocks(runs: Runs, size: Sequence[int]) -> Iterator[tuple[tuple[int, ...], R
         yield place, parts, (..., *here)
 
 
-def attributes(told: Mapping[str, Any]) -> dict[str, str]:
+def attributes(head: Mapping[str, Any]) -> dict[str, str]:
     """What a store tells, and the digest of that."""
-    text = json.dumps(told, sort_keys=True)
+    text = json.dumps(head, sort_keys=True)
     return {"sdhj": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
@@ -176,7 +176,7 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
     return size, [-(-n // c) * c for n, c in zip(most, size, strict=True)]
 
 
-def create(path: Path, told: Mapping[str, Any]) -> None:
+def create(path: Path, head: Mapping[str, Any]) -> None:
     """Make an empty store that tells this; the folder appears when it is whole. FileExistsError if there is one."""
     free_name(path)
     probed(path.parent)
@@ -184,11 +184,11 @@ def create(path: Path, told: Mapping[str, Any]) -> None:
     packing: Any = {"compressors": [codecs.BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), codecs.Crc32cCodec()]}
     packing |= {"fill_value": 0, "chunk_key_encoding": {"name": "default", "separator": "."}}  # all in one folder
     try:
-        group = zarr.create_group(str(temporary), attributes=attributes(told))
-        axis, width = told["cut"]
-        for name, (shape, dtype) in told["arrays"].items():
-            axes = told["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(told["grid"]["shape"]))))
-            cut = axes.index(axis) if axis in axes and width < told["grid"]["shape"][axis] else None
+        group = zarr.create_group(str(temporary), attributes=attributes(head))
+        axis, width = head["cut"]
+        for name, (shape, dtype) in head["arrays"].items():
+            axes = head["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(head["grid"]["shape"]))))
+            cut = axes.index(axis) if axis in axes and width < head["grid"]["shape"][axis] else None
             lead = len(shape) - len(axes)
             ahead = (1, *shape[1:lead])
             chunks, shards = chunked(shape[lead:], cut, width, math.prod(ahead) * np.dtype(dtype).itemsize)
@@ -227,9 +227,9 @@ def values_as_text(values: FloatArray) -> dict[str, Any]:
     return {"shape": list(whole.shape), "base64": base64.b64encode(whole.tobytes()).decode()}
 
 
-def functions_of(told: Mapping[str, Any]) -> dict[str, FloatArray]:
+def functions_of(head: Mapping[str, Any]) -> dict[str, FloatArray]:
     """What `values_as_text` wrote of a problem's functions, by name."""
     return {
         name: np.frombuffer(base64.b64decode(one["base64"]), "<f8").reshape(one["shape"]).astype(np.float64)
-        for name, one in told["functions"].items()
+        for name, one in head["functions"].items()
     }

@@ -1,4 +1,4 @@
-"""A table that stays in its store: what is asked for is read, and some of it kept.
+"""A table that stays in its store: what a query needs is read, and some of it kept.
 
 States are looked up by the code of `LookupTable`, on windows of the grid that hold the nodes around them, so answers
 are those of the table in memory.
@@ -27,7 +27,7 @@ LOOKED_UP = 2**23  # values that are looked up in at a time
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
     store = TableStore(path)
-    given = problem_of_file(path, checked_head(store.told), functions_of(store.told), problem)
+    given = problem_of_file(path, checked_head(store.head), functions_of(store.head), problem)
     return StoredTable(given, store)
 
 
@@ -40,13 +40,13 @@ class StoredTable(Table):
     """
 
     def __init__(self, problem: ReachAvoidProblem, store: TableStore) -> None:
-        if "index" not in store.told:
+        if "index" not in store.head:
             raise TableFileError(f"{store.path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
         self.problem, self.store, self.path = problem, store, store.path
-        self.method: str = store.told["method"]
-        self.details: Mapping[str, Any] = store.told["details"]
-        self.index = np.array(store.told["index"], dtype=np.int64)
-        self.avoid_axes = {kind: tuple(axes) for kind, axes in store.told["avoid_axes"].items()}
+        self.method: str = store.head["method"]
+        self.details: Mapping[str, Any] = store.head["details"]
+        self.index = np.array(store.head["index"], dtype=np.int64)
+        self.avoid_axes = {kind: tuple(axes) for kind, axes in store.head["avoid_axes"].items()}
 
     @property
     def nbytes(self) -> int:
@@ -67,7 +67,7 @@ class StoredTable(Table):
         return np.moveaxis(bits, 0, -1).astype(bool)
 
     def _share(self, start: int, within: int) -> float:
-        (axis, width), total, place = self.store.told["cut"], 0.0, self.place(start, within)
+        (axis, width), total, place = self.store.head["cut"], 0.0, self.place(start, within)
         for begin in range(0, self.grid.shape[axis], width):
             window = self.grid.stretch(axis, begin, min(width, self.grid.shape[axis] - begin))
             total += window.fraction(read_window(self.store.read, "tubes", place, window) <= 0)
@@ -113,22 +113,22 @@ class StoredTable(Table):
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
         flat, out = points.reshape(-1, self.grid.ndim), np.empty(points.shape[:2])
         wanted, first = np.repeat(within, points.shape[1]), entry(self.steps, step, 0)
-        asked = [first + n for n in np.unique(wanted).tolist()]
-        for rows, window in self._windows(flat, np.zeros((2, 1, self.grid.ndim)), len(asked)):
-            part = self._part(window, None, asked)
+        entries = [first + n for n in np.unique(wanted).tolist()]
+        for rows, window in self._windows(flat, np.zeros((2, 1, self.grid.ndim)), len(entries)):
+            part = self._part(window, None, entries)
             out.reshape(-1)[rows] = part._values_at(flat[rows][:, None], step, wanted[rows])[:, 0]
         return out
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         steps, step, states = self.steps, batch.step, batch.states
         following = steps - step if step < steps else 0
-        asked = [entry(steps, step, n) for n in range(steps - step + 1)]
-        asked += [entry(steps, step + 1, n) for n in range(following)]
-        each = len(asked) + 2 * len(self.problem.inputs)
+        entries = [entry(steps, step, n) for n in range(steps - step + 1)]
+        entries += [entry(steps, step + 1, n) for n in range(following)]
+        each = len(entries) + 2 * len(self.problem.inputs)
         boxes = np.array([ends[0].min(axis=0).T, ends[1].max(axis=0).T])
         for some, window in self._windows(states[rows], boxes, each):
             of = ends.take(some, axis=-1) if ends.shape[-1] > 1 else ends
-            self._part(window, min(step, steps - 1), asked)._answer(batch, rows[some], of)
+            self._part(window, min(step, steps - 1), entries)._answer(batch, rows[some], of)
 
     # ---- windows
 
@@ -155,12 +155,12 @@ class StoredTable(Table):
             around_it = size >= shape
             yield rows, grid.window(np.where(around_it, 0, first % shape).tolist(), np.minimum(size, shape).tolist())
 
-    def _part(self, window: Grid, step: int | None, asked: list[int]) -> LookupTable:
-        """The table on a window: entries `asked`, and the avoid tubes of a step."""
-        places = np.unique(self.index[asked]) if asked else np.zeros(0, np.int64)
+    def _part(self, window: Grid, step: int | None, entries: list[int]) -> LookupTable:
+        """The table on a window: some `entries`, and the avoid tubes of a step."""
+        places = np.unique(self.index[entries]) if entries else np.zeros(0, np.int64)
         index, count = np.zeros_like(self.index), len(self.problem.inputs)
-        index[asked] = np.searchsorted(places, self.index[asked])
-        rooms = max(len(places), 1)  # what is not asked for is never looked at, nor takes memory
+        index[entries] = np.searchsorted(places, self.index[entries])
+        rooms = max(len(places), 1)  # what is not wanted is never looked at, nor takes memory
         tubes = np.empty((rooms, *window.shape), self.store.arrays["tubes"].dtype)
         masks = np.empty((rooms, self.store.arrays["masks"].shape[1], window.size), np.uint8)
         for row, place in enumerate(places.tolist()):

@@ -4,10 +4,9 @@ An adversary is a function of one `Moment` that returns v for every run, shape (
 the robot's state, its table, and the input it has chosen for the interval.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -127,22 +126,16 @@ def random(moment: Moment) -> FloatArray:
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 
-def _effects(
-    moment: Moment, part: UnsafeSet, states: FloatArray, t: float, span: float
-) -> tuple[FloatArray, FloatArray]:
-    """The level-set function g of an unsafe set at `states`, and its change over `span` by each component of v.
+def _effects(moment: Moment, part: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
+    """The level-set function g of an unsafe set at `states`, and its change by each component of v; all (M,).
 
-    Shapes (M,) and (M, D). One component of v at a time is set to its bound.
+    push (M, ndim, D) is where each component of v, set to its bound, moves the states, one at a time.
     """
-    problem, axes = moment.problem, list(part.axes)
-    push = span * moment.gain(states) * moment.bounds[:, None]  # (M, ndim, D)
-    touching = np.flatnonzero(push[:, axes].any(axis=(0, 1)))
+    touching = np.flatnonzero([push[:, list(part.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
-    value, *moved = problem.value_of(part, trials, t).reshape(-1, len(states))
-    change = np.zeros_like(moment.previous)
-    for d, there in zip(touching, moved, strict=True):
-        change[:, d] = there - value
-    return value, change
+    value, *moved = moment.problem.value_of(part, trials, t).reshape(-1, len(states))
+    change = dict(zip(touching, moved, strict=True))
+    return [value, *(change[d] - value if d in change else np.zeros(len(states)) for d in range(push.shape[2]))]
 
 
 def aggressive(moment: Moment) -> FloatArray:
@@ -150,14 +143,14 @@ def aggressive(moment: Moment) -> FloatArray:
 
     Each component of v reduces the level-set function of the nearest unsafe set that it affects.
     """
-    parts = [_effects(moment, part, moment.states, moment.time, moment.duration) for part in moment.problem.unsafe]
-    if not parts:
+    states, sets = moment.states, moment.problem.unsafe
+    if not sets:
         return np.zeros_like(moment.previous)
-    values, changes = (np.stack(arrays) for arrays in zip(*parts, strict=True))
-    rows = np.arange(len(moment.states))
-    direction = np.zeros_like(moment.previous)
-    for nearest in np.argsort(-values, axis=0):  # from the farthest set to the nearest, which takes precedence
-        change = changes[nearest, rows]
+    push = moment.duration * moment.gain(states) * moment.bounds[:, None]
+    effects = np.stack([_effects(moment, part, states, moment.time, push) for part in sets])  # (sets, 1 + D, M)
+    direction, rows = np.zeros_like(moment.previous), np.arange(len(states))
+    for nearest in np.argsort(-effects[:, 0], axis=0):  # from the farthest set to the nearest, which takes precedence
+        change = effects[nearest, 1:, rows]
         direction = np.where(change != 0.0, -np.sign(change), direction)
     return direction * moment.bounds
 
@@ -168,19 +161,24 @@ def worst(moment: Moment) -> FloatArray:
     It maximises the larger of the level-set value of the tube to be reached and the negative clearance from the unsafe
     sets (to first order in v). Ties go to the least clearance; they are common where the values are whole steps.
     """
-    problem = moment.problem
-    signs = np.array(list(product((-1.0, 1.0), repeat=moment.previous.shape[1])))  # (V, D)
-    predicted = moment.predicted()
-    push = moment.remaining * moment.gain(predicted) @ (signs * moment.bounds[:, None]).swapaxes(1, 2)  # (M, ndim, V)
-    tube = moment.tube(predicted[:, None, :] + np.swapaxes(push, 1, 2))
-    danger = np.full(tube.shape, -np.finfo(np.float64).max)
-    end = moment.time + moment.remaining
-    for part in problem.unsafe:
-        value, change = _effects(moment, part, predicted, end, moment.remaining)
-        danger = np.maximum(danger, -(value[:, None] + change @ signs.T))
-    score = np.maximum(tube, danger)
-    worst_off = score == score.max(axis=1, keepdims=True)
-    return signs[np.argmax(np.where(worst_off, danger, -np.inf), axis=1)] * moment.bounds
+    predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
+    push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
+    corners = _at_vertices(predicted, np.moveaxis(push, 2, 0))
+    danger = np.full(corners.shape[:2], -np.finfo(np.float64).max)  # vertices first: so the maxima below are fast
+    for part in moment.problem.unsafe:
+        value, *changes = _effects(moment, part, predicted, end, push)
+        danger = np.maximum(danger, -_at_vertices(value, changes))
+    score = np.maximum(moment.tube(corners.swapaxes(0, 1)).T, danger)
+    worst_of_all = np.argmax(np.where(score == score.max(axis=0), danger, -np.inf), axis=0)
+    return _at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
+
+
+def _at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
+    """value +- each of D changes of its shape, in all combinations: (2^D, ...)."""
+    out = value[None]
+    for change in changes:
+        out = np.stack([out - change, out + change], axis=1).reshape(-1, *value.shape)
+    return out
 
 
 ADVERSARIES: dict[str, Adversary] = {"none": none, "random": random, "aggressive": aggressive, "worst": worst}

@@ -248,9 +248,9 @@ class Table:
         If no input is safe, it is `Batch.best`.
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.left + 1)
-        asked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
-        self._decide(asked, scores, ONLY_LOOK, np.arange(len(to_go)))
-        return asked.best
+        looked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
+        self._decide(looked, scores, ONLY_LOOK, np.arange(len(to_go)))
+        return looked.best
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
@@ -261,8 +261,8 @@ class Table:
         pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
-        asked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
-        self._decide(asked, asked.margins, ONLY_LOOK, np.arange(len(safe)))
+        looked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
+        self._decide(looked, looked.margins, ONLY_LOOK, np.arange(len(safe)))
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:

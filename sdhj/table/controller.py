@@ -527,13 +527,13 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
-    asked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
-    table._decide(asked, hazards, ONLY_LOOK, rows)
-    chosen, hazard = asked.best, hazards[rows, asked.best]
-    clear = (hazard <= 0.0) & asked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
+    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
+    table._decide(looked, hazards, ONLY_LOOK, rows)
+    chosen, hazard = looked.best, hazards[rows, looked.best]
+    clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
     if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
-        asked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
-    return chosen, (clear & (asked.steps_to_go > 0)).astype(np.int64), hazard
+        looked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
+    return chosen, (clear & (looked.steps_to_go > 0)).astype(np.int64), hazard
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:

@@ -344,4 +344,4 @@ def test_progress_counts_slabs(problem, memory, tmp_path, capsys):
         warnings.simplefilter("ignore")
         stored = sdhj.solve(problem, store=tmp_path / "t.zarr", memory=memory, progress=True)
     assert f"/{10 * stored.details['slabs'] + 1 + 3 * stored.details['slabs']} [" in capsys.readouterr().err
-    assert TableStore(tmp_path / "t.zarr").told["cut"] == [0, 10]
+    assert TableStore(tmp_path / "t.zarr").head["cut"] == [0, 10]
