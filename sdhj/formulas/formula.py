@@ -85,7 +85,9 @@ class Formula:
         if Traced in map(type, (points, *parameters)):
             self._fits(np.shape(points), parameters)
             return self._inlined(points, parameters)
-        points = np.require(points, np.float64, ["C", "W"])  # for what may not be written all would be compiled anew
+        points = np.ascontiguousarray(points, np.float64)
+        if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
+            points = points.copy()
         self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
         if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:
