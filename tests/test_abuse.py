@@ -1,6 +1,7 @@
 """What was got wrong by deliberate abuse: functions that lie, arrays that are no numbers, numbers without bounds."""
 
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -379,7 +380,7 @@ TWO = [np.zeros(2), np.zeros(3)]
 def test_what_does_not_fit_is_told_in_a_sentence_that_names_it(call, named):
     with pytest.raises(ValueError, match=named) as raised:
         call()
-    assert len(str(raised.value)) < 350
+    assert len(re.sub(r"file \S+,", "", str(raised.value))) < 350  # where the file lies does not count
 
 
 def test_a_level_set_may_return_a_list():

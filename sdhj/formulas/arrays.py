@@ -22,7 +22,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from sdhj.formulas.graph import Node, constant, make, power
 
 MOST_NODES = 200_000  # entries that one function may compute
-HERE = str(Path(__file__).parent)
+HERE = f"{Path(__file__).parent.parent}{os.sep}"  # the package: what is wrong stands in the frames of its users
 PACKAGES = tuple(f"{os.sep}{name}{os.sep}" for name in ("site-packages", "dist-packages"))
 FLOAT, WHOLE, TRUTH = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
 SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, which constants that are NaN may have set
@@ -78,7 +78,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
-SHAPES = "np.full_like(other, number) has the shape of another; column k of all points is points[:, k]"
+SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
 UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
 ADVICE = {
