@@ -359,7 +359,8 @@ def _put(answer: Traced, out: Any) -> Traced:
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
-    state.made += np.broadcast(*arrays).size
+    if state.trace is not None:  # not what is made of formulas, of which a process makes any number
+        state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
         raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
     return np.asarray(_of_entries(function, len(arrays))(*arrays), dtype=object)

@@ -18,6 +18,7 @@ from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
 
+from sdhj.formulas import arrays
 from sdhj.formulas.arrays import installed
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import leaves
@@ -650,3 +651,14 @@ def test_where_packages_are_installed_does_not_matter():
     for folder in ("/usr/lib/python3/dist-packages/numpy", "/elsewhere/lib/python3.11/site-packages/scipy"):
         assert installed(f"{folder}/some.py")
     assert installed(np.__file__) and installed(inspect.__file__) and not installed(__file__)
+
+
+def test_a_process_may_make_any_number_of_formulas(monkeypatch):
+    """The limit is of one function, and what is made of formulas does not count."""
+    disk = Formula.read("disk", lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 0.5, 2, "t")
+    monkeypatch.setattr(arrays, "MOST_NODES", 40)
+    for count in range(50):
+        moved = Formula.traced("moved", lambda p, t, by=count: disk(p + by, t), 2)
+        assert moved(np.full((1, 2), -count), 0.0) == -0.5
+    with pytest.raises(NotTraced, match="more than 40 operations"):
+        Formula.read("many", lambda p, t: sum(p[:, 0] * k for k in range(30)), 2, "t")
