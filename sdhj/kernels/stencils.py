@@ -33,9 +33,10 @@ class Boxes(NamedTuple):
     """Boxes of equal size on the axes that an unsafe set depends on, and how many of them may meet it.
 
     axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. narrow
-    (d,): what a tube may stick out of the boxes that it is looked up in, which were wider by more. sums (parts,
-    prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the interval,
-    or one for all.
+    (d,): what a tube may stick out of the boxes that it is looked up in, which were wider by more; one that is narrower
+    than twice that is looked up in the box around its lower end and `narrow`, which reaches to both of its ends. sums
+    (parts, prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the
+    interval, or one for all.
     """
 
     axes: FloatArray
