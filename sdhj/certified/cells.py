@@ -15,7 +15,7 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ class CellAxis:
         return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
 
 
-@cache
+@lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count)]
     return np.array([*inner, float(axis.lower + sum(axis.extent) / 2)])
