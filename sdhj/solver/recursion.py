@@ -156,7 +156,7 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """What `add_inputs` is told of pieces on some axes, of so many inputs, besides their values.
+        """What `add_inputs` is given of pieces on some axes, of so many inputs, besides their values.
 
         A line of one piece on all axes is a row.
         """
