@@ -264,8 +264,8 @@ MUTATIONS = {
     ),
     "a set is closed": (
         ROBOTS_PY,
-        "self.value(part, some, times)[0] > 0",
-        "self.value(part, some, times)[0] >= 0",
+        "else least > 0",
+        "else least >= 0",
         "a set that is closed",
     ),
     "states near a tube": (
