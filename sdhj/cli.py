@@ -107,7 +107,7 @@ def main() -> None:
 @click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles are treated within an interval.")
 @click.option("--kinematics", default="relative", type=READINGS, help="The textbook arm, or Eq. (8) as printed.")
 @click.option("--cells", help="With --method certified: the number of cells on each axis, separated by commas.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The HDF5 file to write.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The file to write or replace.")
 @plainly
 def solve_command(
     nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
@@ -285,4 +285,8 @@ def command() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)
-    main(prog_name="sdhj")
+    warnings.formatwarning = lambda message, *_, **__: f"Warning: {message}\n"
+    try:
+        main(prog_name="sdhj")
+    except OSError as error:  # the output of --help cannot be written
+        sys.exit(f"Error: {error}")

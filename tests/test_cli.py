@@ -268,3 +268,15 @@ def test_without_standard_error_it_works_all_the_same(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
     assert done.stdout == "5\n", done.stderr
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_a_full_disk_is_one_line(option):
+    done = ran(f"{sys.executable} -m sdhj {option} > /dev/full")
+    assert done.returncode == 1 and done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1
+
+
+def test_warnings_are_sentences_without_our_source(tmp_path):
+    done = ran(f"{sys.executable} -m sdhj solve --nodes 7 --steps 1 -o {tmp_path / 'table.h5'}")
+    told = [line for line in done.stderr.splitlines() if "the tube of" in line]
+    assert len(told) == 1 and told[0].startswith("Warning: the tube of") and "cli.py" not in done.stderr

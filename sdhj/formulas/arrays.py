@@ -71,7 +71,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
         except NotTraced:
             raise
         except Exception as error:
-            raise NotTraced(f"{type(error).__name__}: {error}") from error
+            raise NotTraced(f"{type(error).__name__}: {error}", SHAPES if "shape" in str(error) else "") from error
 
     return watched
 
