@@ -143,8 +143,8 @@ class Table:
         Parameters
         ----------
         points : (M, ndim) array
-            States, in the units of the grid's axes. If the problem has a `Sensing`, they are measurements, and True
-            means that the state is in the tube wherever the errors allow it to be.
+            States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
+            input of the step starts, one delay after the measurement, and True holds whatever has been measured.
         start : int
             k, the step at which the robot is there, from 0 to N.
         within : int, optional

@@ -59,6 +59,18 @@ def test_wrong_answers_are_refused_with_a_word(chapter: str, check: Check) -> No
         assert len(verdict.hint) > 20 and "Your code raised" not in verdict.hint, str(verdict)
 
 
+@pytest.mark.parametrize(("chapter", "number"), [("13", "13.3"), ("14", "14.5"), ("16", "16.3")])
+def test_the_right_number_in_floating_point_is_told_to_be_a_fraction(chapter: str, number: str) -> None:
+    [(check, right)] = [(check, right) for check, right in answers(chapter, "RIGHT").items() if check.number == number]
+
+    def rounded(*given: Any) -> Any:
+        found = right(*given)
+        return [(float(low), float(high)) for low, high in found] if isinstance(found, list) else float(found)
+
+    verdict = check(rounded)
+    assert verdict.state == "not yet" and "Fraction" in verdict.hint, str(verdict)
+
+
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_every_exercise_stands_in_its_chapter_and_is_not_answered_there(path: Path) -> None:
     known = checks(path.name[:2])

@@ -67,7 +67,8 @@ def check_aligned(aligned_width):
             for a, b, c, d, e, f in rng.integers(1, 40, (200, 6))
         ),
     ):
-        width = Fraction(aligned_width(delta, inputs, wind))
+        width = aligned_width(delta, inputs, wind)
+        expect(not isinstance(width, float), "as a Fraction, so that nothing is rounded.")
         expect(width > 0, "a width is positive.")
         ways = [delta * (Fraction(u) + sign * wind) for u in inputs for sign in (-1, 1)]
         common = lcm(*(way.denominator for way in ways))

@@ -49,6 +49,7 @@ def check_inputs(right_inputs):
 def check_shortest(shortest):
     """max(2 (e + d b) / (1 - b) + 2 j, d + 2 j)."""
     zero, fifth = Fraction(0), Fraction(1, 5)
+    expect(not isinstance(shortest(fifth, fifth, zero, fifth), float), "as a Fraction, so that nothing is rounded.")
     expect(shortest(zero, zero, zero, fifth) == 0, "a perfect robot may measure as often as it likes.")
     expect(shortest(fifth, zero, zero, zero) == 2 * fifth, "an error costs 2 e, and without a wind a step gains delta.")
     expect(shortest(zero, zero, fifth, zero) == 2 * fifth, "the shortest interval lasts delta - 2 j.")
