@@ -158,7 +158,7 @@ def planned(
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.slabs > 1:
-        problem.__dict__.pop("_static", None)  # what has been sampled of the whole grid is neither kept nor sent
+        problem._static.clear()  # what has been sampled of the whole grid is neither kept nor sent
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
