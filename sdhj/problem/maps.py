@@ -17,9 +17,9 @@ difference of s between neighbours over their distance, at most 1; in any direct
 map the function is its value at the nearest point of the map, less the distance to that point: its slope is at most 1
 along the normal of the edge and along the edge, so the same bounds hold.
 
-A polygon needs no samples: its distance is the least one to an edge, and a point is inside where it is to the left of all
-edges of a convex part: of the polygon, or else of a triangle of it. Bounds over a box in the polygon that meets several
-triangles do not know that it is inside.
+A polygon needs no samples: its distance is the least one to an edge, and a point is inside where it is to the left of
+all edges of a convex part, which is the polygon or a triangle of it. Of a box that meets several triangles bounds do
+not say that it is inside.
 """
 
 import math
