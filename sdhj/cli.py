@@ -23,6 +23,7 @@ import click
 import numpy as np
 
 from sdhj.arm.case_studies import arm_case_study
+from sdhj.arm.workspace import KINEMATICS
 from sdhj.certified.check import verify as check
 from sdhj.certified.sets import Certified
 from sdhj.formulas.graph import Node, leaf
@@ -45,7 +46,7 @@ def stop(number: int, frame: FrameType | None) -> None:
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
             temporary.unlink()
-    what = "interrupted" if number == signal.SIGINT else "asked to end"
+    what = "interrupted" if number == signal.SIGINT else "ended by a signal"
     with suppress(OSError):
         os.write(2, f"\nsdhj was {what}; no unfinished file is left, and existing files are unchanged\n".encode())
     os._exit(128 + number)
@@ -56,7 +57,7 @@ METHOD = click.Choice([*INTERPOLATED, "certified"])
 RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
-READINGS = click.Choice(["relative", "printed"])
+READINGS = click.Choice(KINEMATICS)
 WARM_CELLS = (63, 63, 18, 18)  # enough cells that the tubes of the certified table grow, so that every kernel is called
 
 
@@ -118,22 +119,16 @@ def solve_command(
     counts = None if cells is None else numbers("cells", cells, int)
     writable_file(output)
     problem = arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
-    chosen = Certified(cells=counts) if method == "certified" else method
-    table = solve(problem, chosen)
-    _save(table, output)
-    name = click.format_filename(output)
-    share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(f"{name}: target reachable from {share:.1%} of C within {steps} steps; solved in {seconds:.1f} s")
-
-
-def _save(table: Any, output: Path) -> None:
-    """Save a table; if that fails, as on a full disk, in the folder for temporary files, which the error names."""
+    table = solve(problem, Certified(cells=counts) if method == "certified" else method)
     try:
         table.save(output)
-    except OSError as error:
+    except OSError as error:  # as on a full disk
         kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
         table.save(kept)
         raise Refusal(f"{error}; the table was saved as {kept} instead") from error
+    name = click.format_filename(output)
+    share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
+    click.echo(f"{name}: target reachable from {share:.1%} of C within {steps} steps; solved in {seconds:.1f} s")
 
 
 @main.command("simulate")
@@ -171,11 +166,9 @@ def info(table: Path) -> None:
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
     click.echo(f"{name}: {head['problem']}, method {head['method']}, written by sdhj {head['sdhj_version']}")
-    for axis in range(grid.ndim):
+    for axis, (low, high, n) in enumerate(zip(grid.lower, grid.upper, grid.shape, strict=True)):
         kind = "periodic" if grid.periodic[axis] else "bounded"
-        click.echo(
-            f"  {grid.names[axis]}: {grid.shape[axis]} nodes on [{grid.lower[axis]:g}, {grid.upper[axis]:g}], {kind}"
-        )
+        click.echo(f"  {grid.names[axis]}: {n} nodes on [{low:g}, {high:g}], {kind}")
     click.echo(f"  {steps} steps of {head['delta']:g} s, {len(head['inputs'])} inputs, view-time {head['view_time']}")
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
@@ -203,12 +196,11 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
         velocity = reduce(np.add, pushes.T, found["drift"].entries[0]).tolist()
     u = ", ".join(format(one, "g") for one in head["inputs"][0])
     lines = [f"dynamics under the first of {len(head['inputs'])} inputs, u = ({u}):"]
-    text = shown(velocity, grid.names, ["t", *v])
-    lines += text[: len(text) - len(velocity)]
-    lines += [f"d{name}/dt = {one}" for name, one in zip(grid.names, text[len(text) - len(velocity) :], strict=False)]
-    most = shown(bounds.tolist(), grid.names)
-    lines += [f"|{one}| <= {bound}" for one, bound in zip(v, most[-len(v) :], strict=True) if bound != "0"]
-    lines[1:] = [f"  {one}" for one in lines[1:]]
+    text, most = shown(velocity, grid.names, ["t", *v]), shown(bounds.tolist(), grid.names)[-len(v) :]
+    letters, rates = text[: len(text) - len(velocity)], text[len(text) - len(velocity) :]
+    text = letters + [f"d{name}/dt = {one}" for name, one in zip(grid.names, rates, strict=False)]
+    text += [f"|{one}| <= {bound}" for one, bound in zip(v, most, strict=True) if bound != "0"]
+    lines += [f"  {one}" for one in text]
     for name, entry in sets_in(head).items():
         if name in found:
             *letters, value = shown(found[name].outputs, [grid.names[axis] for axis in entry["axes"]])
@@ -218,12 +210,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
 
 @main.command("verify")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option(
-    "--samples",
-    default=0,
-    type=click.IntRange(0),
-    help="Check a random sample of this many cells (for the arm, pairs of joint cells); 0 checks every claim.",
-)
+@click.option("--samples", default=0, type=SEED, help="Check so many random cells (of the arm, pairs of them); 0: all.")
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
 @click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
 @click.pass_context
@@ -233,10 +220,10 @@ def verify_command(context: click.Context, table: Path, samples: int, seed: int,
     if header(table)["method"] != "certified":
         how = "make a certified table with `sdhj solve --method certified`"
         raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
-    began, own = time.perf_counter(), user_problem(problem)
-    if own is not None:
-        load(table, problem=own)  # which compares: what is proved of another problem says nothing of the file's
-    report = check(table, own, samples=samples or None, seed=seed)
+    began, given = time.perf_counter(), user_problem(problem)
+    if given is not None:
+        load(table, problem=given)  # which compares: what is proved of another problem says nothing of the file's
+    report = check(table, given, samples=samples or None, seed=seed)
     click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
     context.exit(0 if report.ok else 1)
 

@@ -145,11 +145,10 @@ def arm_case_study(
     MemoryError
         If there is not enough memory for that many nodes.
     """
-    recipe = _recipe("arm_case_study", locals())  # locals() holds only the arguments here
+    recipe = _recipe("arm_case_study", locals())  # only the arguments here
     scene = _scene(recipe)
     pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
-    goal = TargetSet(JOINTS, scene.target_value)
-    return _problem(recipe, goal, (*scene.obstacle_sets(), pursuer))
+    return _problem(recipe, TargetSet(JOINTS, scene.target_value), (*scene.obstacle_sets(), pursuer))
 
 
 def evader_case_study(
@@ -193,16 +192,12 @@ def evader_case_study(
     MemoryError
         If there is not enough memory for that many nodes.
     """
-    recipe = _recipe("evader_case_study", locals())  # locals() holds only the arguments here
+    recipe = _recipe("evader_case_study", locals())  # only the arguments here
     scene = _scene(recipe)
-    goal = TargetSet(ALL_AXES, scene.evader_value, name="evader")
-    return _problem(recipe, goal, scene.obstacle_sets())
+    return _problem(recipe, TargetSet(ALL_AXES, scene.evader_value, name="evader"), scene.obstacle_sets())
 
 
-BUILDERS: dict[str, Callable[..., ReachAvoidProblem]] = {
-    "arm_case_study": arm_case_study,
-    "evader_case_study": evader_case_study,
-}
+BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "evader_case_study": evader_case_study}
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
@@ -284,23 +279,14 @@ def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeS
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]
     levels = np.linspace(-given["u_max"], given["u_max"], given["input_levels"])
     inputs = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
-    grid = Grid(
-        lower=(-math.pi, -math.pi, -box, -box),
-        upper=(math.pi, math.pi, box, box),
-        shape=given["nodes"],
-        periodic=(True, True, False, False),
-        names=AXES,
-        ends="wall",  # the agent's centre stays in its box
-    )
+    angle, periodic = math.pi, (True, True, False, False)
+    ends = (-angle, -angle, -box, -box), (angle, angle, box, box)
+    grid = Grid(*ends, given["nodes"], periodic, names=AXES, ends="wall")  # the agent's centre stays in its box
     grid.require_room()  # before the sets are sampled
+    bounds = [given["v_d_max"], given["v_d_max"], speed, speed]
     return ReachAvoidProblem(
         grid=grid,
-        dynamics=Dynamics(
-            inputs=inputs,
-            drift=np.hstack([inputs, np.zeros_like(inputs)]),
-            gain=np.eye(4),
-            bounds=np.array([given["v_d_max"], given["v_d_max"], speed, speed]),
-        ),
+        dynamics=Dynamics(inputs, np.hstack([inputs, np.zeros_like(inputs)]), np.eye(4), bounds),
         target=target,
         unsafe=unsafe,
         delta=given["delta"],

@@ -99,6 +99,13 @@ def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTr
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
+def _refused(what: str, instead: str) -> Any:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise NotTraced(what, instead)
+
+    return refuse
+
+
 class Traced(NDArrayOperatorsMixin):
     """An array of nodes that behaves as NumPy's array of the values would, or refuses.
 
@@ -127,25 +134,19 @@ class Traced(NDArrayOperatorsMixin):
     T = property(lambda self: self._moved("transpose"))
     real = property(lambda self: self)
 
-    def _decided(self, *_: Any, **__: Any) -> Any:
-        raise NotTraced("a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE)
-
-    def _converted(self, *_: Any, **__: Any) -> Any:
-        raise NotTraced("a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS)
-
-    __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _converted
-    __bool__ = __contains__ = __hash__ = __reduce_ex__ = _decided
-
-    def _shown(self, *_: Any) -> Any:
-        raise NotTraced("a text of values, by print or an f-string", "when a function is read, there are none")
-
-    __str__ = __format__ = _shown
+    __bool__ = __contains__ = __hash__ = __reduce_ex__ = _refused(
+        "a decision (if, and, or, min, max, while) or a conversion, which needs a value", WHERE
+    )
+    __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _refused(
+        "a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS
+    )
+    __array__ = _refused("a conversion to a plain array", "use np.stack, or write into np.zeros((len(points), ...))")
+    __str__ = __format__ = _refused(
+        "a text of values, by print or an f-string", "when a function is read, there are none"
+    )
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
-
-    def __array__(self, *_: Any, **__: Any) -> Any:
-        raise NotTraced("a conversion to a plain array", "use np.stack, or write into np.zeros((len(points), ...))")
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -323,11 +324,6 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
-    return _resolved(ufunc, tuple(kinds))
-
-
-@functools.cache
-def _resolved(ufunc: Any, kinds: tuple[Any, ...]) -> Any:
     return ufunc.resolve_dtypes((*kinds, *[None] * ufunc.nout))[-1]
 
 
@@ -363,19 +359,11 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
         state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
         raise NotTraced(f"more than {MOST_NODES:,} operations", "use sdhj.gridded for a table")
-    return np.asarray(_of_entries(function, len(arrays))(*arrays), dtype=object)
-
-
-_of_entries = functools.lru_cache(maxsize=256)(functools.partial(np.frompyfunc, nout=1))
-
-
-@functools.cache
-def _maker(op: str) -> Callable[..., Node]:
-    return functools.partial(make, op)
+    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
 def _each(op: str, *arrays: Any) -> Any:
-    return mapped(_maker(op), *arrays)
+    return mapped(functools.partial(make, op), *arrays)
 
 
 def _true(array: Any) -> Any:
@@ -387,7 +375,7 @@ def _true(array: Any) -> Any:
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
     if ufunc is np.matmul:
-        return _multiplied(np.matmul, *arrays)
+        return _summed(np.matmul, *arrays)
     if dtype == TRUTH and ufunc in LOGICAL:
         return Traced(mapped(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
     if dtype == TRUTH and ufunc in COMPARED:
@@ -454,14 +442,19 @@ MADE: dict[Any, Callable[..., Any]] = {
 REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.logical_or, np.logical_and)
 
 
+def _counted(array: Traced) -> Traced:
+    """Truth values as whole numbers, which NumPy's sums are of."""
+    return array.astype(np.int64) if array.dtype == TRUTH else array
+
+
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
     """A sum or the like along one axis, several, or all."""
-    array, counts = traced_array(array), ufunc in (np.add, np.multiply)
+    array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
         array = array.astype(bool)
-    elif counts and array.dtype == TRUTH:
-        array = array.astype(np.int64)  # NumPy counts
+    elif ufunc in (np.add, np.multiply):
+        array = _counted(array)
     places = range(array.ndim) if axis is None else normalize_axis_tuple(axis, array.ndim)
     join = (LOGICAL if array.dtype == TRUTH else OPERATIONS)[ufunc]
     nothing = {np.add: constant(0.0), np.multiply: constant(1.0)}.get(ufunc)
@@ -532,26 +525,6 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
     return out
 
 
-def _diff(a: Any, n: int = 1, axis: int = -1) -> Any:
-    for _ in range(n):
-        size = a.shape[axis]
-        a = np.take(a, range(1, size), axis) - np.take(a, range(size - 1), axis)
-    return a
-
-
-@SILENT
-def _cumsum(a: Any, axis: Any = None) -> Any:
-    array = traced_array(a)
-    if axis is None and array.ndim != 1:
-        raise NotTraced("numpy.cumsum of all", "sum along an axis")
-    array = array.astype(np.int64) if array.dtype == TRUTH else array
-    return Traced(np.add.accumulate(array.entries, axis or 0), array.dtype)
-
-
-def _ptp(a: Any, axis: Any = None) -> Any:
-    return np.max(a, axis=axis) - np.min(a, axis=axis)
-
-
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
@@ -559,19 +532,12 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
     return Traced(room, fill.dtype)
 
 
-def _empty_like(a: Any, dtype: Any = None) -> Traced:
-    """Of what is undefined until it is written."""
-    return Traced(_full_like(a, np.nan, FLOAT).entries, np.dtype(dtype or traced_array(a).dtype))
-
-
-def _multiplied(function: Any, *args: Any, optimize: Any = False) -> Any:
-    """A product of matrices: NumPy's own, which adds and multiplies entries."""
-    if function is not np.einsum and len(args) != 2:
-        raise NotTraced("a product of matrices that is written into an array")
-    arrays = [one for one in args if not isinstance(one, str)]
-    kind = np.result_type(*map(weak_type, arrays))
+@SILENT
+def _summed(function: Any, *args: Any) -> Any:
+    """A product of matrices, or the like: NumPy's own, which adds, subtracts and multiplies entries."""
+    kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
-        raise NotTraced("a product of truth values", "np.where(condition, 1.0, 0.0) is a number")
+        raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
     return _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
 
 
@@ -579,12 +545,18 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **{np.sum: _reducing(np.add), np.prod: _reducing(np.multiply), np.mean: _mean, np.linalg.norm: _norm},
     **dict.fromkeys((np.min, np.amin), _reducing(np.minimum)),
     **dict.fromkeys((np.max, np.amax), _reducing(np.maximum)),
-    **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.ptp: _ptp, np.full_like: _full_like},
-    **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp, np.diff: _diff, np.cumsum: _cumsum},
+    **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.full_like: _full_like},
+    **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp},
+    np.ptp: lambda a, axis=None: np.max(a, axis=axis) - np.min(a, axis=axis),
     np.zeros_like: lambda a, dtype=None: _full_like(a, 0, dtype),
-    **{np.ones_like: lambda a, dtype=None: _full_like(a, 1, dtype), np.empty_like: _empty_like},
-    **{one: functools.partial(_multiplied, one) for one in (np.dot, np.einsum, np.inner, np.outer, np.cross)},
-    np.tensordot: lambda a, b, axes=2: _multiplied(functools.partial(np.tensordot, axes=axes), a, b),
+    np.ones_like: lambda a, dtype=None: _full_like(a, 1, dtype),
+    # of what is undefined until it is written
+    np.empty_like: lambda a, dtype=None: Traced(_full_like(a, np.nan, FLOAT).entries, dtype or traced_array(a).dtype),
+    **{one: lambda a, b, one=one: _summed(one, a, b) for one in (np.dot, np.inner, np.outer, np.cross)},
+    np.einsum: lambda *args, optimize=False: _summed(np.einsum, *args),
+    np.tensordot: lambda a, b, axes=2: _summed(functools.partial(np.tensordot, axes=axes), a, b),
+    np.diff: lambda a, n=1, axis=-1: _summed(functools.partial(np.diff, n=n, axis=axis), a),
+    np.cumsum: lambda a, axis=None: _summed(functools.partial(np.cumsum, axis=axis), _counted(traced_array(a))),
     np.broadcast_arrays: lambda *args: tuple(
         _wrapped(one, np.result_type(weak_type(given)))
         for one, given in zip(np.broadcast_arrays(*map(entries_of, args)), args, strict=True)

@@ -9,6 +9,8 @@ what is no more than a difference between two sides would be taken for a slope.
 import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
 
 ZERO, ONE = constant(0.0), constant(1.0)
@@ -53,7 +55,7 @@ def _derived(one: Node, found: Found) -> Node:
     if one.op == "gridded":
         return _interpolated(one, slopes)
     if one.op == "sqrt" and (parts := _squares(one.args[0])) is not None:
-        return _sum([_share(part, one) * found[part] for part in parts])
+        return sum((_share(part, one) * found[part] for part in parts), ZERO)
     if one.op in ("sin", "cos"):
         slopes = [_turning(one.args[0], found)]
     return CHAIN[one.op](one, one.args, slopes)
@@ -68,10 +70,6 @@ def _turning(one: Node, found: Found) -> Node:
     if one.op == "mod" and one.args[1] is TURN:
         return _turning(one.args[0], found)
     return _turned(one.args, [found[arg] for arg in one.args]) if one.op == "arctan2" else found[one]
-
-
-def _sum(nodes: Sequence[Node]) -> Node:
-    return sum(nodes, ZERO)
 
 
 def _settled(one: Node) -> Node:
@@ -95,14 +93,11 @@ def _squares(one: Node) -> list[Node] | None:
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
     """Of a table: up to the largest difference between neighbours, either way, along each axis."""
-    values, terms = one.value.values, list[Node]()
+    terms = list[Node]()
     for axis, slope in enumerate(slopes):
-        differences = abs(
-            values.take(range(1, values.shape[axis]), axis) - values.take(range(values.shape[axis] - 1), axis)
-        )
-        steepest = float(differences.max()) / one.value.spacing[axis] * (1 + 1e-12)
+        steepest = float(abs(np.diff(one.value.values, axis=axis)).max()) / one.value.spacing[axis] * (1 + 1e-12)
         terms.append(EITHER * constant(steepest) * slope)
-    return _sum(terms)
+    return sum(terms, ZERO)
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
@@ -113,7 +108,7 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
     compared = _compared(condition)
     if not all(_meet(each, branches) for each in compared):
         return out + _settled(condition)
-    return out + _sum([ZERO * found[arg] for each in compared for arg in each.args])  # they must not jump, too
+    return out + sum((ZERO * found[arg] for each in compared for arg in each.args), ZERO)  # they must not jump, too
 
 
 def _compared(condition: Node) -> list[Node]:

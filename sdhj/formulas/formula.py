@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
-from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
+from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.tape import Tape, packed
@@ -40,6 +41,7 @@ class Formula:
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # for messages
     source: Callable[..., Any] | None = field(default=None, repr=False)  # until a problem has compared the two
+    _restricted: dict[tuple[int, ...], "Formula"] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -82,13 +84,17 @@ class Formula:
 
         ValueError where a value is undefined or infinite; NaN is what is undefined where they need not be finite.
         """
-        if Traced in map(type, (points, *parameters)):
-            self._fits(np.shape(points), parameters)
+        traced = Traced in map(type, (points, *parameters))
+        points = points if traced else np.ascontiguousarray(points, np.float64)
+        if len(shape := np.shape(points)) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
+            raise ValueError(
+                f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
+                f"first; got points of shape {shape} and {len(parameters)} more"
+            )
+        if traced:
             return self._inlined(points, parameters)
-        points = np.ascontiguousarray(points, np.float64)
         if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
             points = points.copy()
-        self._fits(points.shape, parameters)
         out = np.empty((len(self.outputs), len(points)))
         if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:
             row = int(np.argmin(np.isfinite(out).all(axis=0)))
@@ -101,26 +107,16 @@ class Formula:
             return out[0]
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
-    def _fits(self, shape: tuple[int, ...], parameters: Sequence[Any]) -> None:
-        """Raise ValueError for points of another shape, or another number of parameters."""
-        if len(shape) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
-            raise ValueError(
-                f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
-                f"first; got points of shape {shape} and {len(parameters)} more"
-            )
-
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).
 
         -inf and inf where it may be undefined somewhere in the box.
         """
-        out = np.empty((2, len(self.outputs), len(low)))
-        ends = np.array(parameters, dtype=np.float64).reshape(-1, 2).T
-        low, high = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high))
-        _play_bounds(self.tape, low, high, np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1]), out)
+        out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
+        low, high, begin, end = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, *ends))
+        _play_bounds(self.tape, low, high, begin, end, out)
         undefined = np.isnan(out[0])
-        if undefined.any():
-            out[0][undefined], out[1][undefined] = -np.inf, np.inf
+        out[0][undefined], out[1][undefined] = -np.inf, np.inf
         least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)
         return least, greatest
 
@@ -190,10 +186,6 @@ class Formula:
                 self.name, lambda points, *given: self(points[:, places], *given), len(axes), self.parameters
             )
         return known[tuple(axes)]
-
-    @cached_property
-    def _restricted(self) -> "dict[tuple[int, ...], Formula]":
-        return {}
 
     @cached_property
     def tape(self) -> Tape:
@@ -267,11 +259,10 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
     """
     given = points.copy()
     given.setflags(write=False)
+    ends = formula.bounds(points, points, *((t, t) for t in parameters))
+    low, high = (end.reshape(len(points), -1) for end in ends)
     with np.errstate(all="ignore"):
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
-    least, greatest = formula.bounds(points, points, *((t, t) for t in parameters))
-    low, high = (end.reshape(len(points), -1) for end in (least, greatest))
-    with np.errstate(all="ignore"):
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
         good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
     if not good.all():
@@ -351,10 +342,11 @@ class BlackBox:
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
         for name in ("slope", "rate"):
             given = getattr(self, name)
-            if given is not None:
-                array = np.asarray(given, dtype=np.float64)
-                if not (np.isfinite(array).all() and (array >= 0).all()):
-                    raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
+            if (
+                given is not None
+                and not ((array := np.asarray(given, np.float64)) >= 0).all() & np.isfinite(array).all()
+            ):
+                raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
         if self.reads is not None:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
@@ -366,15 +358,10 @@ class BlackBox:
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
         """As `Formula.clipped`."""
 
-        def cut(points: FloatArray) -> FloatArray:
-            return np.minimum(np.maximum(points, lower), upper)
+        def cut(function: Any, count: int) -> Any:
+            return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
-        function, enclosure = self.function, self.enclosure
-        return replace(
-            self,
-            function=lambda points, *others: function(cut(points), *others),
-            enclosure=enclosure and (lambda low, high, *others: enclosure(cut(low), cut(high), *others)),
-        )
+        return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
 
     def under(self, u: FloatArray) -> "BlackBox":
         """A drift or a gain under one input, as a function of points and time."""

@@ -6,6 +6,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,26 +22,23 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
     """The lines of some nodes; look-ups are added to `tables` where they are not in it yet."""
-    order = ordered(outputs)
-    number = {one: place for place, one in enumerate(order)}
-    lines = [" ".join([one.op, *_details(one, [number[arg] for arg in one.args], tables)]) for one in order]
-    return [*lines, " ".join(["return", *(str(number[one]) for one in outputs)])]
-
-
-def _details(one: Node, operands: list[int], tables: list[Lookup]) -> list[str]:
-    words = list(map(str, operands))
-    if one.op in ("x", "p"):
-        return [str(one.value[0])]
-    if one.op == "const":
-        return [one.value.hex()]
-    if one.op == "power":
-        return [*words, str(one.value)]
-    if one.op == "gridded":
-        if one.value not in tables:
-            tables.append(one.value)
-        ends = (["lower", *map(float.hex, one.value.lower)], ["spacing", *map(float.hex, one.value.spacing)])
-        return [str(tables.index(one.value)), *words, *ends[0], *ends[1]]
-    return words
+    order, lines = ordered(outputs), list[str]()
+    number = {one: str(place) for place, one in enumerate(order)}
+    for one in order:
+        words = [number[arg] for arg in one.args]
+        if one.op in ("x", "p"):
+            words = [str(one.value[0])]
+        elif one.op == "const":
+            words = [one.value.hex()]
+        elif one.op == "power":
+            words += [str(one.value)]
+        elif one.op == "gridded":
+            if one.value not in tables:
+                tables.append(one.value)
+            ends = ["lower", *map(float.hex, one.value.lower), "spacing", *map(float.hex, one.value.spacing)]
+            words = [str(tables.index(one.value)), *words, *ends]
+        lines.append(" ".join([one.op, *words]))
+    return [*lines, " ".join(["return", *(number[one] for one in outputs)])]
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
@@ -51,7 +49,36 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
     nodes: list[Node] = []
-    limits, lookups = {"x": coordinates, "p": parameters}, dict[tuple[str, ...], Lookup]()
+    limits = {"x": coordinates, "p": parameters}
+
+    @lru_cache  # where many nodes look up one table, it is copied and its digest computed once
+    def looked_up(number: str, *ends: str) -> Lookup:
+        table, cut = tables[_index(number, len(tables))], ends.index("spacing")
+        lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
+        return Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
+
+    def node(op: str, words: list[str]) -> Node:
+        value: Any = None
+        if op not in RULES:
+            raise ValueError(f"{op!r} is no operation")
+        arity = RULES[op].arity + (op in ("x", "p", "const", "power"))  # with a number, or an exponent
+        if op == "gridded":
+            cut = words.index("lower")
+            words, value = words[1:cut], looked_up(words[0], *words[cut:])
+            arity = value.values.ndim
+        if len(words) != arity:
+            raise ValueError(f"{op} has {arity} operands")
+        if op in limits:
+            return leaf(op, _index(words[0], limits[op]))
+        if op == "const":
+            return constant(float.fromhex(words[0]))
+        if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
+            raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
+        operands = tuple(nodes[_index(word, len(nodes))] for word in words)
+        if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
+            raise ValueError(f"{op} needs truth values")
+        return interned(op, operands, value)
+
     for place, line in enumerate(lines):
         try:
             op, *words = line.split()
@@ -59,56 +86,10 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
                 if op != "return" or not words:
                     raise ValueError("the last line must be `return` and the results")
                 return tuple(nodes[_index(word, place)] for word in words)
-            nodes.append(_node(op, words, nodes, tables, limits, lookups))
+            nodes.append(node(op, words))
         except (ValueError, IndexError, OverflowError, AttributeError) as error:
             raise ValueError(f"line {place} of a formula, {str(line)[:80]!r}, cannot be read: {error}") from None
     raise AssertionError
-
-
-def _node(
-    op: str,
-    words: list[str],
-    nodes: list[Node],
-    tables: Sequence[Any],
-    limits: Mapping[str, int],
-    lookups: dict[tuple[str, ...], Lookup],
-) -> Node:
-    if op not in RULES:
-        raise ValueError(f"{op!r} is no operation")
-    if op in limits:
-        (word,) = words
-        return leaf(op, _index(word, limits[op]))
-    if op == "const":
-        (word,) = words
-        return constant(float.fromhex(word))
-    if op == "power":
-        base, exponent = words
-        if not abs(int(exponent)) <= MOST_EXPONENT:
-            raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
-        return interned(op, (nodes[_index(base, len(nodes))],), int(exponent))
-    if op == "gridded":
-        return _gridded(words, nodes, tables, lookups)
-    if len(words) != RULES[op].arity:
-        raise ValueError(f"{op} has {RULES[op].arity} operands")
-    operands = tuple(nodes[_index(word, len(nodes))] for word in words)
-    if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
-        raise ValueError(f"{op} needs truth values")
-    return interned(op, operands)
-
-
-def _gridded(
-    words: list[str], nodes: list[Node], tables: Sequence[Any], lookups: dict[tuple[str, ...], Lookup]
-) -> Node:
-    one, two = words.index("lower"), words.index("spacing")
-    table = tables[_index(words[0], len(tables))]
-    lower, spacing = (list(map(float.fromhex, part)) for part in (words[one + 1 : two], words[two + 1 :]))
-    operands = tuple(nodes[_index(word, len(nodes))] for word in words[1:one])
-    lookup = lookups.get(key := (words[0], *words[one:]))
-    if lookup is None:
-        lookup = lookups[key] = Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
-    if len(operands) != lookup.values.ndim:
-        raise ValueError(f"a table of {lookup.values.ndim} axes needs as many operands")
-    return interned("gridded", operands, lookup)
 
 
 def _index(word: str, most: int) -> int:

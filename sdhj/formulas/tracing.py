@@ -14,24 +14,10 @@ from typing import Any
 import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 
-from sdhj.formulas.arrays import (
-    FUNCTIONS,
-    REDUCED,
-    TRUTH,
-    NotTraced,
-    Traced,
-    entries_of,
-    holds_traced,
-    installed,
-    noted,
-    stacked,
-    state,
-    traced_array,
-    weak_type,
-)
+from sdhj.formulas import arrays
+from sdhj.formulas.arrays import FUNCTIONS, REDUCED, TRUTH, NotTraced, Traced, holds_traced, noted, state, traced_array
 from sdhj.formulas.graph import Node, leaf
 
-__all__ = ["NotTraced", "Traced", "entries_of", "parameter", "points_of", "rows_for", "traced"]
 _numbers = itertools.count(1)
 
 # ---- what is replaced in numpy
@@ -40,7 +26,7 @@ LISTS = "min max amin amax sum prod mean any all where clip"  # which may be giv
 
 
 def _joined(value: Any) -> Any:
-    return stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
+    return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
 def _listing(original: Any) -> Callable[..., Any]:
@@ -67,7 +53,7 @@ NUMPY = {"np", "numpy"}  # as users' modules call it
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(weak_type(fill_value)))
+    return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
 def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
@@ -160,7 +146,7 @@ def _users(modules: tuple[int, ...]) -> list[dict[str, Any]]:
 def _is_users(name: str, module: Any) -> bool:
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
-    return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not installed(file))
+    return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
 @contextmanager
@@ -251,6 +237,22 @@ def _traced_once(
     return list(answer[0]), one
 
 
+def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
+    """Whether nodes are the same of point 0 and of point `row`, and read no other one."""
+    pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
+    for one, its in pairs:  # to which operands are added
+        if known.get(one) is its:
+            continue
+        same = one is its or (bool(one.args) and (one.op, one.value) == (its.op, its.value))
+        if one.op == "x":
+            same = not one.value[1] and its is leaf("x", one.value[0], row)
+        if one in known or not same:
+            return False
+        known[one] = its
+        pairs += zip(one.args, its.args, strict=True)
+    return True
+
+
 def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Callable[[int], Sequence[Any]]) -> Any:
     """The entries of what a function answers; NotTraced where anything has refused on the way."""
     before = dict(vars(state))
@@ -276,22 +278,3 @@ def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Calla
     if answer.dtype == TRUTH:
         raise ValueError(f"{name} must return real numbers, negative inside a set, got bool: a comparison")
     return answer.entries
-
-
-def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
-    """Whether nodes are the same of point 0 and of point `row`, and read no other one."""
-    left, known = list(zip(first, other, strict=True)), dict[Node, Node]()
-    while left:
-        one, its = left.pop()
-        if one in known:
-            if known[one] is not its:
-                return False
-            continue
-        known[one] = its
-        if one.op == "x":
-            if one.value[1] or its is not leaf("x", one.value[0], row):
-                return False
-        elif (one.op, one.value, len(one.args)) != (its.op, its.value, len(its.args)) and one is not its:
-            return False
-        left.extend(zip(one.args, its.args, strict=True))
-    return True

@@ -19,16 +19,7 @@ from tqdm import tqdm
 
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import (
-    CACHE_BYTES,
-    STORE_FORMAT,
-    TableStore,
-    create,
-    free_name,
-    functions_of,
-    room_for,
-    values_as_text,
-)
+from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
@@ -64,13 +55,13 @@ def solve_stored(
     refuse(problem, method)
     with announced(progress):
         if resume and path.exists():
-            head = TableStore(path).head
-            plan = replace(planned(problem, method, cut_of(path, head, problem, method)), path=path)
+            cut = cut_of(TableStore(path), problem, method)
+            plan = replace(planned(problem, method, cut), path=path)
         else:
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
             room_for(path, bytes_of(_arrays(plan)))
-            create(path, _told_of(plan))
+            create(path, _head_of(plan))
         with tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
@@ -111,13 +102,12 @@ def refuse(problem: ReachAvoidProblem, method: Any) -> None:
         f"method {method.name!r}, but sdhj.HJI and sdhj.HopfLax": not isinstance(method, HJI | HopfLax),
         'games="joint"': isinstance(method, HJI) and method.games == "joint",
         "steps=None": problem.steps is None,
-        "sensing": bool(problem.sensing),
+        "sensing": problem.sensing,
         "dynamics that depend on time": dynamics.timed,
         "safe ends": problem.grid.has("safe"),
     }
-    for reason, holds in reasons.items():
-        if holds:
-            raise ValueError(f"a store does not take {reason}; leave store= out to solve in memory")
+    if reason := next((reason for reason, applies in reasons.items() if applies), None):
+        raise ValueError(f"a store does not take {reason}; leave store= out to solve in memory")
 
 
 # ---- the plan
@@ -140,7 +130,10 @@ def planned(
     Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
     vector loops of the kernels otherwise than those of the whole grid.
     """
-    check_some_resolution(problem)
+    some = copy.copy(problem)  # with the unsafe sets that fit into memory on the axes that they depend on
+    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
+    some.__dict__.update(unsafe=kept)
+    check_resolution(some, stacklevel=4)
     shape, found = problem.grid.shape, dangers(problem)
     axis, width = cut or (0, shape[0])
     games = tuple(map(AvoidGame, found))
@@ -158,7 +151,7 @@ def planned(
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.slabs > 1:
-        problem.__dict__.pop("_static", None)  # what has been sampled of the whole grid is neither kept nor sent
+        problem._static.clear()  # what has been sampled of the whole grid is neither kept nor sent
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(
@@ -166,14 +159,6 @@ def planned(
             f"either side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
         )
     return plan
-
-
-def check_some_resolution(problem: ReachAvoidProblem) -> None:
-    """As `check_resolution`, of the unsafe sets that fit into memory on the axes that they depend on."""
-    some = copy.copy(problem)
-    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
-    some.__dict__.update(unsafe=kept, _static=problem._static)  # what is sampled here stays with the problem
-    check_resolution(some, stacklevel=5)
 
 
 def task_bytes(plan: Plan) -> int:
@@ -216,8 +201,8 @@ def _tasks(plan: Plan) -> int:
 # ---- which problem it is
 
 
-def _told_of(plan: Plan) -> dict[str, Any]:
-    """What a store tells of its problem, its method and its arrays."""
+def _head_of(plan: Plan) -> dict[str, Any]:
+    """The head of a store: its problem, its method and its arrays."""
     problem, method = plan.problem, plan.method
     head = head_of_table(problem, method.name, {}, problem.digest) | {
         "store": STORE_FORMAT,
@@ -225,7 +210,7 @@ def _told_of(plan: Plan) -> dict[str, Any]:
         "cut": [plan.axis, plan.width],
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
-        "functions": {name: values_as_text(values) for name, values in arrays_of(problem).items()},
+        "functions": {name: values.tolist() for name, values in arrays_of(problem).items()},
         "arrays": _arrays(plan),
     }
     return dict(json.loads(json.dumps(head)))
@@ -235,24 +220,23 @@ def _arrays(plan: Plan) -> dict[str, Any]:
     """Shapes and kinds of the arrays of a store."""
     shape, count, dtype = plan.problem.grid.shape, len(plan.problem.inputs), plan.method.options["dtype"]
     rooms = LookupTable.rooms(plan.problem)
-    arrays: dict[str, Any] = {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]}
-    for kind, lead in (("static", 1), ("moving", plan.problem.steps)):
-        arrays[f"avoid_{kind}"] = [[lead, count, *(shape[axis] for axis in plan.avoid_axes[kind])], dtype]
-    return arrays
+    static, moving = ([count, *(shape[axis] for axis in plan.avoid_axes[kind])] for kind in ("static", "moving"))
+    avoid = {"avoid_static": [[1, *static], dtype], "avoid_moving": [[plan.problem.steps, *moving], dtype]}
+    return {"tubes": [[rooms, *shape], dtype], "masks": [[rooms, -(-count // 8), *shape], "uint8"]} | avoid
 
 
-def cut_of(path: Path, head: Mapping[str, Any], problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
+def cut_of(store: TableStore, problem: ReachAvoidProblem, method: Any) -> tuple[int, int]:
     """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
-    if head["sdhj_version"] != VERSION:
+    path, head = store.path, store.head
+    if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(
-            f"{path} was begun by sdhj {head['sdhj_version']}, and this is {VERSION}, which may round "
-            "otherwise; solve it anew"
+            f"{path} was begun by sdhj {its}, and this is {VERSION}, which may round otherwise; solve it anew"
         )
     options = json.loads(json.dumps(method.options))
     if head["method"] != method.name or head["options"] != options:
         its = f"method {head['method']!r} with {head['options']}"
         raise TableFileError(f"{path} is being solved by {its}, and this is {method.name!r} with {options}")
-    problem_of_file(path, checked_head(head), functions_of(head), problem)
+    problem_of_file(path, checked_head(head), store.functions, problem)
     axis, width = head["cut"]
     return axis, width
 
@@ -312,11 +296,8 @@ class StoredSets:
         runs = [self.plan.runs(slab, axes) for slab in slabs]
         todo = [slab for slab in slabs if not all(self.store.there(one, lead, runs[slab]) for one in names)]
         self.tick(len(slabs) - len(todo))
-        found = []
-        for one in self.run([task._replace(slab=slab) for slab in todo]):
-            found.append(one)
-            self.tick(1)
-        return found
+        done = self.run([task._replace(slab=slab) for slab in todo])
+        return [(one, self.tick(1))[0] for one in done]
 
     def _warn_unless_felt(self, kind: str, found: list[list[bool]]) -> None:
         """As `avoid.avoid_tubes` warns, of what this solve has looked at from end to end."""

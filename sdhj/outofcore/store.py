@@ -5,13 +5,12 @@
     avoid_static  (1, L, *subgrid)         avoid tubes, as `AvoidTubes`
     avoid_moving  (N, L, *subgrid)
 
-Its attributes tell the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
+Its attributes say the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
 one file: a compressed chunk with its CRC-32C, or a *shard* of several, each small enough for a controller to read. A
 file appears under its name when it is whole, so what is there is finished: this is all that going on after a crash
 needs. Zarr takes what is missing for empty; here it is an error.
 """
 
-import base64
 import hashlib
 import importlib
 import itertools
@@ -24,7 +23,7 @@ import uuid
 import warnings
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +59,7 @@ class TableStore:
             self.group = zarr.open_group(str(self.path), mode="r+" if os.access(self.path, os.W_OK) else "r")
             text = self.group.attrs["sdhj"]
             if hashlib.sha256(text.encode()).hexdigest() != self.group.attrs["sha256"]:
-                raise ValueError("what it tells of itself has another digest")
+                raise ValueError("its attributes have another digest")
             self.head: dict[str, Any] = json.loads(text)
             if self.head["store"] != STORE_FORMAT:
                 raise ValueError(f"it has store version {self.head['store']}, and this sdhj reads {STORE_FORMAT}")
@@ -75,10 +74,15 @@ class TableStore:
         except Exception as error:  # whatever Zarr makes of files that are not what they were
             raise TableFileError(f"{self.path} is damaged or no store of a table ({error}); solve it anew") from error
 
+    @property
+    def functions(self) -> dict[str, FloatArray]:
+        """The tables that formulas look up, and values of black boxes, by name."""
+        return {name: np.array(values, dtype=np.float64) for name, values in self.head["functions"].items()}
+
     # ---- its slabs
 
     def files(self, name: str, lead: int, runs: Runs) -> Iterator[tuple[Path, Any, tuple[slice, ...]]]:
-        """The files that hold some of `array[lead]`, where in it that is, and where in what is asked for."""
+        """The files with some of `array[lead]`, where in it that is, and where in what is read or written."""
         array = self.arrays[name]
         between = array.ndim - len(runs) - 1  # axes of which a shard has all
         for place, parts, here in blocks(runs, (array.shards or array.chunks)[array.ndim - len(runs) :]):
@@ -123,31 +127,34 @@ class TableStore:
             self._cache.popitem(last=False)
         return values
 
-    def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
-        """Write `array[lead]` from begin to end of each axis of the grid, whole shards."""
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
         try:
-            between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
-            self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
-            if name != "masks":  # which a solve does not read
-                self._remember((name, lead, tuple(runs)), values)
+            yield
         except OSError as error:
             raise OSError(
                 f"cannot write in {self.path}: {error.strerror or error}; what is finished stays: make room, or see "
                 "who may write there, and solve with resume=True"
             ) from error
 
+    def write(self, name: str, lead: int, runs: Runs, values: FloatArray) -> None:
+        """Write `array[lead]` from begin to end of each axis of the grid, whole shards."""
+        with self._writing():
+            between = [slice(None)] * (self.arrays[name].ndim - len(runs) - 1)
+            self.arrays[name][(lead, *between, *(slice(*run) for run in runs))] = values
+        if name != "masks":  # which a solve does not read
+            self._remember((name, lead, tuple(runs)), values)
+
     def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
         """Say which entry is which tube, and that all are there."""
-        try:
-            self.arrays["tubes"].resize((int(index.max()) + 1, *self.arrays["tubes"].shape[1:]))
-            self.arrays["masks"].resize((int(index.max()) + 1, *self.arrays["masks"].shape[1:]))
+        with self._writing():
+            for array in (self.arrays["tubes"], self.arrays["masks"]):
+                array.resize((int(index.max()) + 1, *array.shape[1:]))
             self.group.update_attributes(attributes(self.head | {"index": index.tolist(), "details": dict(details)}))
-        except OSError as error:
-            raise OSError(f"cannot write in {self.path}: {error.strerror}; solve with resume=True") from error
 
 
 def blocks(runs: Runs, size: Sequence[int]) -> Iterator[tuple[tuple[int, ...], Runs, tuple[Any, ...]]]:
-    """The blocks of an array that hold some runs of it: their places, which part of the runs, where in what is read."""
+    """The blocks of an array with some runs of it: their places, which part of the runs, where in what is read."""
     ranges = [range(begin // n, -(-end // n)) for (begin, end), n in zip(runs, size, strict=True)]
     for place in itertools.product(*ranges):
         each = zip(place, size, runs, strict=True)
@@ -157,7 +164,7 @@ def blocks(runs: Runs, size: Sequence[int]) -> Iterator[tuple[tuple[int, ...], R
 
 
 def attributes(head: Mapping[str, Any]) -> dict[str, str]:
-    """What a store tells, and the digest of that."""
+    """The attributes of a store: a head as text, and the digest of that."""
     text = json.dumps(head, sort_keys=True)
     return {"sdhj": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
@@ -177,7 +184,7 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
 
 
 def create(path: Path, head: Mapping[str, Any]) -> None:
-    """Make an empty store that tells this; the folder appears when it is whole. FileExistsError if there is one."""
+    """Make an empty store with this head; the folder appears when it is whole. FileExistsError if there is one."""
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
@@ -205,9 +212,7 @@ def create(path: Path, head: Mapping[str, Any]) -> None:
 def free_name(path: Path) -> None:
     """Raise FileExistsError where there is something of that name."""
     if os.path.lexists(path):
-        raise FileExistsError(
-            f"{path} is there already; go on with it by resume=True, remove it, or choose another name"
-        )
+        raise FileExistsError(f"{path} exists already; go on with it by resume=True, remove it, or choose another name")
 
 
 def room_for(path: Path, needed: int) -> None:
@@ -219,17 +224,3 @@ def room_for(path: Path, needed: int) -> None:
                 "free; where the disk is full the solve ends, and goes on with resume=True",
                 stacklevel=4,
             )
-
-
-def values_as_text(values: FloatArray) -> dict[str, Any]:
-    """An array of float64 as JSON."""
-    whole = np.ascontiguousarray(values, dtype="<f8")
-    return {"shape": list(whole.shape), "base64": base64.b64encode(whole.tobytes()).decode()}
-
-
-def functions_of(head: Mapping[str, Any]) -> dict[str, FloatArray]:
-    """What `values_as_text` wrote of a problem's functions, by name."""
-    return {
-        name: np.frombuffer(base64.b64decode(one["base64"]), "<f8").reshape(one["shape"]).astype(np.float64)
-        for name, one in head["functions"].items()
-    }

@@ -13,7 +13,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.outofcore.slabs import KINDS, read_window
-from sdhj.outofcore.store import Runs, TableStore, blocks, functions_of
+from sdhj.outofcore.store import Runs, TableStore, blocks
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -27,7 +27,7 @@ LOOKED_UP = 2**23  # values that are looked up in at a time
 def load_stored(path: str | os.PathLike[str], problem: ReachAvoidProblem | None = None) -> "StoredTable":
     """As `sdhj.load`, of a store."""
     store = TableStore(path)
-    given = problem_of_file(path, checked_head(store.head), functions_of(store.head), problem)
+    given = problem_of_file(path, checked_head(store.head), store.functions, problem)
     return StoredTable(given, store)
 
 

@@ -21,7 +21,6 @@ from sdhj.table.files import probed, replaced_whole, unwritable
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
-FORMATS = ("pdf", "svg", "png")
 UNDATED: dict[str, dict[str, Any]] = {  # metadata without a date, so that equal figures give equal files
     "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},
     "svg": {"Date": None, "Creator": "sdhj"},
@@ -36,13 +35,7 @@ TARGET_LOOKS: Looks = {"facecolor": "#7fb2e5", "edgecolor": "#0b3c5d", "hatch": 
 PURSUER_LOOKS: Looks = {"facecolor": "none", "edgecolor": "#000000", "linestyle": (0, (1, 1.1)), "linewidth": 2.0}
 FULL_LOOKS: Looks = {"facecolor": "#cfe3f3", "edgecolor": "#0b3c5d", "hatch": "", "linewidth": 1.2}
 INNER_LOOKS: Looks = {"facecolor": "#2a8c82", "edgecolor": "#052e2a", "linewidth": 1.2, "linestyle": (0, (4, 1.5))}
-LOOKS: dict[str, Looks] = {
-    "obstacles": UNSAFE_LOOKS,
-    "unsafe": UNSAFE_LOOKS,
-    "pursuer": PURSUER_LOOKS,
-    "target": TARGET_LOOKS,
-    "evader": TARGET_LOOKS,
-}
+LOOKS = {"pursuer": PURSUER_LOOKS, "target": TARGET_LOOKS, "evader": TARGET_LOOKS}
 OUTCOME_INK = "#c44e00"  # a run, on blue tubes
 
 
@@ -52,7 +45,7 @@ def style() -> AbstractContextManager[None]:
 
 
 def look(name: str) -> Looks:
-    """Matplotlib's keywords for the set `name`; a name without a style of its own is drawn as an unsafe set."""
+    """Matplotlib's keywords for the set `name`; a name without a style is drawn as an unsafe set."""
     return LOOKS.get(name, UNSAFE_LOOKS)
 
 
@@ -89,11 +82,9 @@ def save(
 
     Equal figures give equal files. ValueError for another format, OSError if the folder cannot be written to.
     """
-    unknown = set(formats) - set(FORMATS)
-    if unknown:
-        raise ValueError(f"formats must be among {', '.join(FORMATS)}, got {', '.join(sorted(unknown))}")
-    folder = writable_folder(folder)
-    files = [folder / f"{name}.{form}" for form in formats]
+    if unknown := set(formats) - set(UNDATED):
+        raise ValueError(f"formats must be among {', '.join(UNDATED)}, got {', '.join(sorted(unknown))}")
+    files = [writable_folder(folder) / f"{name}.{form}" for form in formats]
     logging.getLogger("fontTools").setLevel(logging.ERROR)  # it warns that the file has no date
     with style():
         for file in files:

@@ -38,11 +38,9 @@ def draw_arm(
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
     """Draw faint outlines of a moving disk at the given times, and the path of its centre."""
-    if disk.speed == 0.0:
-        return
-    plain = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "linestyle": "-"}
+    plain: Looks = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "alpha": 0.55}
     for t in times:
-        ax.add_artist(Circle(tuple(disk.centre(float(t))), disk.radius, alpha=0.55, zorder=1.5, gid=gid, **plain))
+        ax.add_artist(Circle(tuple(disk.centre(float(t))), disk.radius, zorder=1.5, gid=gid, **plain))
     fine = np.linspace(times[0], times[-1], 60)
     ax.plot(*disk.centre(fine).T, color=looks["edgecolor"], linestyle=":", linewidth=0.8, zorder=1.6)
 
@@ -70,7 +68,7 @@ def draw_workspace(
     if scene.target is not None:
         disks.append((scene.target, TARGET_LOOKS, "target"))
     for disk, looks, gid in disks:
-        if trail is not None:
+        if trail is not None and disk.speed:
             draw_trail(ax, disk, np.asarray(trail, dtype=np.float64), looks, f"{gid}-trail")
         ax.add_artist(Circle(tuple(disk.centre(time)), disk.radius, zorder=2.0, gid=gid, **looks))
     if state is not None:

@@ -11,15 +11,7 @@ from matplotlib.patches import Patch
 
 from sdhj.certified.labels import LABELS, labels
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import (
-    FULL_LOOKS,
-    INK,
-    INNER_LOOKS,
-    OUTCOME_INK,
-    Looks,
-    look,
-    step_colours,
-)
+from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, OUTCOME_INK, Looks, look, step_colours
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -59,6 +51,10 @@ class Plane:
         """Interpolate values on the grid at the points of the slice, shape (Y, X)."""
         return self.shaped(grid.interpolate(values, self.points))
 
+    def true(self, part: TargetSet | UnsafeSet, t: float) -> FloatArray:
+        """The level-set function of a set at time t, without interpolation, shape (Y, X)."""
+        return self.shaped(part.level_set(self.points[:, part.axes], t))
+
 
 def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
     """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
@@ -90,45 +86,25 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
     low, high = float(values.min()), float(values.max())
     if low > 0.0:
         return
-    if looks.get("facecolor", "none") != "none" or looks.get("hatch"):
-        face = looks["facecolor"]
-        filled = ax.contourf(
-            where.x,
-            where.y,
-            values,
-            levels=[min(low, -1e-9) - 1.0, 0.0],
-            colors=["none" if face == "none" else face],
-            hatches=[looks.get("hatch") or None],
-            zorder=zorder,
-        )
-        filled.set_edgecolor(looks["edgecolor"])
-        filled.set_linewidth(0.0)
-        filled.set_gid(gid)
+    face, hatch = looks.get("facecolor", "none"), looks.get("hatch") or None
+    if face != "none" or hatch:
+        levels = [min(low, -1e-9) - 1.0, 0.0]
+        filled = ax.contourf(where.x, where.y, values, levels, colors=[face], hatches=[hatch], zorder=zorder)
+        filled.set(edgecolor=looks["edgecolor"], linewidth=0.0, gid=gid)
     if low < 0.0 < high:
-        edge = ax.contour(
-            where.x,
-            where.y,
-            values,
-            levels=[0.0],
-            colors=[looks["edgecolor"]],
-            linewidths=looks["linewidth"],
-            linestyles=[looks.get("linestyle", "-")],
-            zorder=zorder + 0.5,
-        )
-        edge.set_gid(f"{gid}-edge")
+        line: dict[str, Any] = {"linewidths": looks["linewidth"], "linestyles": [looks.get("linestyle", "-")]}
+        line |= {"colors": [looks["edgecolor"]], "zorder": zorder + 0.5}
+        ax.contour(where.x, where.y, values, [0.0], **line).set_gid(f"{gid}-edge")
 
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
     """Set the limits, ticks and labels (with units) of a slice."""
     for axis, name in zip(axes, "xy", strict=True):
-        low, high = grid.lower[axis], grid.upper[axis]
-        getattr(ax, f"set_{name}lim")(low, high)
-        label = grid.names[axis]
-        getattr(ax, f"set_{name}label")(AXIS_LABELS.get(label, label))
-        if grid.periodic[axis] and np.allclose((low, high), (-np.pi, np.pi)):
+        ends, label = (grid.lower[axis], grid.upper[axis]), grid.names[axis]
+        ax.set(**{f"{name}lim": ends, f"{name}label": AXIS_LABELS.get(label, label)})
+        if grid.periodic[axis] and np.allclose(ends, (-np.pi, np.pi)):
             getattr(ax, f"set_{name}ticks")(RIGHT_ANGLES, QUARTER_LABELS)
-    for spine in ax.spines.values():  # the full frame: a path that leaves a periodic axis enters at its other end
-        spine.set_visible(True)
+    ax.spines[:].set_visible(True)  # the full frame: a path that leaves a periodic axis enters at its other end
     if all(grid.periodic[axis] for axis in axes):
         ax.set_aspect("equal")
 
@@ -149,13 +125,9 @@ def draw_constraints(
     contour. `parts` selects some of them by name.
     """
     where = plane(problem.grid, through, axes, resolution)
-    t = step * problem.delta
-    everything: list[TargetSet | UnsafeSet] = [problem.target, *problem.unsafe]
-    for place, part in enumerate(everything):
-        if parts is not None and part.name not in parts:
-            continue
-        values = where.shaped(part.level_set(where.points[:, part.axes], t))
-        draw_set(ax, where, values, look(part.name), part.name, zorder=2.0 + place)
+    for place, part in enumerate((problem.target, *problem.unsafe)):
+        if parts is None or part.name in parts:
+            draw_set(ax, where, where.true(part, step * problem.delta), look(part.name), part.name, 2.0 + place)
     frame_slice(ax, problem.grid, axes)
 
 
@@ -185,9 +157,8 @@ def draw_tubes(
         draw_set(ax, where, values, looks, f"tube-{n}", zorder=1.0 + (within - n) / (table.steps + 1))
     if unsafe:
         for part in table.problem.unsafe:
-            values = where.shaped(part.level_set(where.points[:, part.axes], start * table.problem.delta))
             outline = look(part.name) | {"facecolor": "none"}
-            draw_set(ax, where, values, outline, part.name, zorder=2.5)
+            draw_set(ax, where, where.true(part, start * table.problem.delta), outline, part.name, 2.5)
     frame_slice(ax, grid, axes)
 
 
@@ -212,15 +183,8 @@ def draw_path(
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
     ax.plot(*unwrapped(grid, states, axes).T, scalex=False, scaley=False, **looks)
     if marks is not None and len(marks):
-        ax.plot(
-            *grid.wrapped(marks)[:, list(axes)].T,
-            "o",
-            color="white",
-            markeredgecolor=OUTCOME_INK,
-            markersize=3.6,
-            zorder=6.5,
-            gid="marks",
-        )
+        dots: dict[str, Any] = {"markeredgecolor": OUTCOME_INK, "markersize": 3.6, "zorder": 6.5, "gid": "marks"}
+        ax.plot(*grid.wrapped(marks)[:, list(axes)].T, "o", color="white", **dots)
 
 
 def draw_labels(
@@ -242,7 +206,7 @@ def draw_labels(
     colours, norm = ListedColormap(LABEL_COLOURS), BoundaryNorm(edges, len(LABELS))
     image = ax.pcolormesh(where.x, where.y, found, cmap=colours, norm=norm, shading="nearest", rasterized=True)
     image.set_gid("labels")
-    outline = FULL_LOOKS | {"facecolor": "none", "hatch": "", "edgecolor": INK}
+    outline = FULL_LOOKS | {"facecolor": "none", "edgecolor": INK}
     draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), outline, "tube", 3.0)
     frame_slice(ax, table.grid, axes)
 

@@ -29,9 +29,8 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
     n = int(run.steps_to_go[0])
     draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
     draw_constraints(ax, problem, through=run.states[0], axes=axes)
-    if problem.target is not None:
-        then = where.shaped(problem.target.level_set(where.points[:, problem.target.axes], float(run.times[-1])))
-        draw_set(ax, where, then, THEN_LOOKS, f"{problem.target.name}-then", zorder=5.0)
+    then = where.true(problem.target, float(run.times[-1]))
+    draw_set(ax, where, then, THEN_LOOKS, f"{problem.target.name}-then", zorder=5.0)
     draw_path(ax, problem.grid, run.states, axes, marks=run.samples)
 
 

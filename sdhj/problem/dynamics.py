@@ -4,7 +4,7 @@ dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),  
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from typing import Any
 
@@ -75,6 +75,9 @@ class Dynamics:
     gain: Any = None
     bounds: Any = None
     velocity: Any = None
+    _parts: dict[str, Formula] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # by name, once read
 
     def __post_init__(self) -> None:
         inputs = finite_array("inputs", self.inputs)
@@ -178,11 +181,6 @@ class Dynamics:
         self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
         return self._parts[name]
 
-    @cached_property
-    def _parts(self) -> dict[str, Formula]:
-        """What was read last from each function, by name."""
-        return {}
-
 
 def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
     """Gain and bounds; bounds that depend on the state go into the gain, and are 1 then."""
@@ -224,11 +222,7 @@ class VectorField:
     drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
     gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
-
-    @cached_property
-    def derived(self) -> dict[Any, Formula]:
-        """Formulas that were made from those of the dynamics, by what they are."""
-        return {}
+    derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # made of these, by what they are
 
     def made(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
@@ -277,18 +271,16 @@ class VectorField:
     @cached_property
     def alike(self) -> bool:
         """Whether gain and bounds are the same for every input."""
-        if not isinstance(self.gain, Formula):
-            return False
-        return all(bool((part.entries == part.entries[0]).all()) for part in (self.gain, self.bounds))
+        parts = (self.gain, self.bounds)
+        return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
     @cached_property
     def pushes(self) -> FloatArray:
         """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
-        out = np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
-        if isinstance(self.gain, Formula):
-            zero = constant(0.0)
-            out = ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
-        return out
+        if not isinstance(self.gain, Formula):
+            return np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
+        zero = constant(0.0)
+        return ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
 
     @cached_property
     def reads(self) -> FloatArray:
@@ -304,15 +296,11 @@ class VectorField:
 
     def couples(self, axes: Sequence[int]) -> bool:
         """Whether a component of the disturbance moves several of some axes, so that their velocity set is no box."""
-        if self.gain is None:
-            return False  # it is bounded by a box
+        moved = self.pushes[:, list(axes)].any(axis=0)
         if self.constant:
-            _, gain, bounds = self.arrays
-            pushed = np.abs(gain)[list(axes)] * bounds
+            pushed = np.abs(self.arrays[1])[list(axes)] * self.arrays[2]
             moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
-        else:
-            moved = self.pushes[:, list(axes)].any(axis=0)
-        return bool((np.count_nonzero(moved, axis=0) > 1).any())
+        return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
         """The same dynamics, states past some ends moving as at the end."""
@@ -329,11 +317,17 @@ class VectorField:
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
-            if not isinstance(part, Formula):
-                return part and _black_box_on(part, keep, full)
-            return Formula.traced(
-                part.name, lambda points, *given: part(full(points), *given)[:, :, keep], len(keep), part.parameters
-            )
+            function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
+
+            def of_some(points: Any, *given: Any) -> Any:
+                return function(full(points), *given).take(keep, axis)
+
+            if part is None or isinstance(part, Formula):
+                return part and Formula.traced(part.name, of_some, len(keep), part.parameters)
+            reads = part.reads and tuple(keep.index(axis) for axis in part.reads if axis in keep)
+            slope = None if part.slope is None else np.broadcast_to(part.slope, (self.ndim,) * 2)[np.ix_(keep, keep)]
+            shape = (len(keep), *part.shape[1:])
+            return replace(part, function=of_some, reads=reads, slope=slope, enclosure=None, shape=shape)
 
         bounds = replace(self.bounds, coordinates=len(keep))
         return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds)
@@ -345,11 +339,9 @@ class VectorField:
     @cached_property
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
-        parts = {name: part for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None}
-        return {
-            name: part.rows if isinstance(part, Formula) else list(map(part.under, self.inputs))
-            for name, part in parts.items()
-        }
+        parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
+        rows = [one.rows if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
+        return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
         """One number of the drift, the gain or the "extremes" under an input."""
@@ -482,17 +474,4 @@ def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = No
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """What a function answers to what it takes."""
     return function(*_taken(takes, *given))
-
-
-def _black_box_on(part: BlackBox, keep: list[int], full: Callable[[FloatArray], FloatArray]) -> BlackBox:
-    """A drift or a gain of some axes alone; `full` makes states of their coordinates."""
-    ndim, function = part.shape[0], part.function
-
-    def some(points: FloatArray, *others: Any) -> FloatArray:
-        return np.asarray(function(full(points), *others))[:, keep]
-
-    reads = None if part.reads is None else tuple(keep.index(axis) for axis in part.reads if axis in keep)
-    slope = part.slope if part.slope is None else np.broadcast_to(part.slope, (ndim, ndim))[np.ix_(keep, keep)]
-    return BlackBox(some, reads, slope, part.rate, name=part.name, shape=(len(keep), *part.shape[1:]))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.tracing import Traced
+from sdhj.formulas.arrays import Traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole

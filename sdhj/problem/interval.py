@@ -4,8 +4,8 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
@@ -67,10 +67,8 @@ class Velocities:
     @property
     def nbytes(self) -> int:
         """Bytes of what is kept."""
-        ends = [
-            part.nbytes for end in (self.low, self.high) for part in ([end] if isinstance(end, np.ndarray) else end)
-        ]
-        return sum(ends) + sum(part.nbytes for part in (self.drift, self.gain) if part is not None)
+        parts = [part for part in (self.low, self.high, self.drift, self.gain) if part is not None]
+        return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
         """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
@@ -131,6 +129,7 @@ class Interval:
     delta: float
     early: float = 0.0
     wider: FloatArray | float = 0.0
+    _known: dict[Any, Velocities] = field(default_factory=dict, init=False)  # of some times, for all steps to go
 
     @property
     def end(self) -> float:
@@ -143,7 +142,7 @@ class Interval:
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """What the adversary's box adds to the velocity of each state (M, ndim) under its own input, (M, ndim, D)."""
+        """What the adversary's box adds to the velocity of each state (M, ndim) under its input (M,): (M, ndim, D)."""
         points = self.grid.wrapped(states)
         if self.dynamics.alike:
             return self.dynamics.gain_at(points, 0, t)
@@ -153,14 +152,14 @@ class Interval:
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
-        """Half-widths of the adversary's box for each of the inputs (M,) held: (M, D)."""
+        """Half-widths of the adversary's box under each of the inputs (M,): (M, D)."""
         if self.dynamics.alike:
             return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.adversaries))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
         return table[inputs]
 
     def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """Velocity of each state (M, ndim) under its own input, given by its index (M,), no adversary: (M, ndim)."""
+        """Velocity of each state (M, ndim) under its input (M,) without an adversary: (M, ndim)."""
         if self.dynamics.constant:
             return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
@@ -171,11 +170,10 @@ class Interval:
     def advance(
         self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
     ) -> FloatArray:
-        """States `duration` s after t under held inputs (M,) and v (M, D), clipped at the walls of the grid.
+        """States `duration` s after t under constant inputs (M,) and v (M, D), clipped at the walls of the grid.
 
         Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
         """
-
         if self.dynamics.constant:
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
             return self.grid.clipped(moved) if walls else moved
@@ -215,12 +213,8 @@ class Interval:
         Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
         midpoint rule.
         """
-        if self.dynamics.constant:
-            return self.delta * self.dynamics.arrays[0][None]
-        return self._as_formula(("displaced", self.delta), self._displaced, self.grid.ndim)(states, self.begin)
-
-    def _displaced(self, states: Any, begin: Any) -> Any:
-        return self._moves(states, begin)[1]
+        ahead = self.ahead(states)
+        return np.moveaxis(ahead[2] + ahead[3], -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
         """Where every input takes the states by the velocity at the begin, and by that halfway: both (M, L, ndim)."""
@@ -323,12 +317,12 @@ class Interval:
 
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
         """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
-        own = [axis for axis in seen if formula.reads[0, axis]]
-        if not own:
+        read = [axis for axis in seen if formula.reads[0, axis]]
+        if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
-        grid, some = self.grid.subgrid(own), formula.restricted(own)
+        grid, some = self.grid.subgrid(read), formula.restricted(read)
         values = np.concatenate([some(piece.points(), t) for piece in grid.pieces()]).reshape(grid.shape)
-        return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in own])
+        return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
         """The least and the greatest velocity along each axis under u_j, each on the axes that it reads: (*shape)."""
@@ -353,7 +347,7 @@ class Interval:
         part.__dict__["speeds"] = self.speeds
         return part
 
-    def closed(self, axes: Sequence[int]) -> tuple[int, ...]:
+    def closed(self, axes: Iterable[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
         known = set(axes)
         while grown := {int(k) for i in known for k in np.flatnonzero(self.dynamics.reads[i])} - known:
@@ -378,11 +372,6 @@ class Interval:
                 self._known.clear()
             self._known[key] = found if found.coupled else found.kept()
         return self._known[key]
-
-    @cached_property
-    def _known(self) -> dict[Any, Velocities]:
-        """Velocities at some times, which each number of steps to go asks for again."""
-        return {}
 
     def _velocities(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities:
         dynamics = self.dynamics
@@ -416,17 +405,14 @@ class Interval:
         if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
             return None
         dynamics.bounds_at(j, t)  # refuses what is below 0
-        ends: tuple[list[FloatArray], list[FloatArray]] = ([], [])
-        swayed = 0
+        lows, highs, swayed = list[FloatArray](), list[FloatArray](), 0
         for axis in axes:
-            low, high = (
-                self._sampled(dynamics.component("extremes", j, axis + side), seen, t) for side in (0, self.grid.ndim)
-            )
-            hull = low.min(axis=outside, keepdims=True), high.max(axis=outside, keepdims=True)
-            swayed += bool((low != hull[0]).any() or (high != hull[1]).any())
-            for end, one in zip(ends, hull, strict=True):
-                end.append(one.reshape([n for place, n in enumerate(one.shape) if place not in outside]))
-        return Velocities(*ends, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
+            both = (dynamics.component("extremes", j, row) for row in (axis, axis + dynamics.ndim))
+            low, high = (self._sampled(one, seen, t) for one in both)
+            lows.append(low.min(axis=outside))
+            highs.append(high.max(axis=outside))
+            swayed += bool(np.ptp(low, axis=outside).any() or np.ptp(high, axis=outside).any())
+        return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points(self, seen: list[int]) -> FloatArray:
         """States (M, ndim) at the nodes of some axes, at the lower ends of the others."""

@@ -17,8 +17,9 @@ difference of s between neighbours over their distance, at most 1; in any direct
 map the function is its value at the nearest point of the map, less the distance to that point: its slope is at most 1
 along the normal of the edge and along the edge, so the same bounds hold.
 
-A polygon needs no samples: its distance is the least one to an edge, and which side it is on follows from the lines of
-the edges (`_inside`) or, where a corner lies on the line of another edge, from the turns around the point (`_around`).
+A polygon needs no samples: its distance is the least one to an edge, and a point is inside where it is to the left of
+all edges of a convex part, which is the polygon or a triangle of it. Of a box that meets several triangles bounds do
+not say that it is inside.
 """
 
 import math
@@ -26,7 +27,6 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -203,79 +203,30 @@ def polygon_level_set(vertices: FloatArray, *, radius: float = 0.0) -> MapLevelS
     shape = shapely.Polygon(corners)
     if not shape.is_valid or shape.area == 0.0:
         raise ValueError(f"vertices must go around a polygon whose edges do not meet: {shapely.is_valid_reason(shape)}")
-    corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]
-    corners = corners if shape.exterior.is_ccw else corners[::-1]
-    edges = np.roll(corners, -1, axis=0) - corners
-    lengths = np.hypot(*edges.T)
-    directions = edges / lengths[:, None]
-    general = _general(corners, directions)
+    shape = shapely.orient_polygons(shapely.Polygon(corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]))
+    convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
+    corners, *parts = (np.array(part.exterior.coords[:-1]) for part in (shape, *map(shapely.orient_polygons, convex)))
+    rounding = 1e-12 * np.ptp(corners, axis=0).max()  # or a point on an edge of two parts could be in neither
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        out = points[:, None] - corners
-        along = (out * directions).sum(axis=2)
-        right = out[..., 0] * directions[:, 1] - out[..., 1] * directions[:, 0]  # of the line of each edge
+        along, right, lengths = _beside(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)
-        side = _inside(right, corners, directions) if general else _around(right, points[:, 1], corners[:, 1])
-        return np.where(side < 0.0, -distance, distance) - radius
+        outside = np.min([_outside(points, part) for part in parts], axis=0)
+        return np.where(outside <= rounding, -distance, distance) - radius
 
     return level_set
 
 
-def _general(corners: FloatArray, directions: FloatArray) -> bool:
-    """Whether no corner lies on the line of an edge that it is no end of."""
-    x, y = np.moveaxis(corners[None] - corners[:, None], 2, 0)  # of each corner, from the start of each edge
-    off = np.abs(x * directions[:, 1:] - y * directions[:, :1])
-    start = np.arange(len(corners))
-    off[start, start] = off[start, (start + 1) % len(corners)] = np.inf
-    return bool(off.min() > 1e-9 * np.ptp(corners, axis=0).max())
+def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How far points (M, 2) are along each edge and to its right, both (M, K), and the edges' lengths (K,)."""
+    edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
+    lengths = np.hypot(*edges.T)
+    x, y = (edges / lengths[:, None]).T
+    return out[..., 0] * x + out[..., 1] * y, out[..., 0] * y - out[..., 1] * x, lengths
 
 
-def _around(right: FloatArray, height: FloatArray, heights: FloatArray) -> FloatArray:
-    """As `_inside`, for any polygon: by how often it goes around a point; bounds are open at the height of a corner."""
-    begin, end, height = heights, np.roll(heights, -1), height[:, None]
-    up = (begin <= height) & (height < end) & (right < 0.0)
-    down = (end <= height) & (height < begin) & (right > 0.0)
-    return 0.5 - np.where(up, 1.0, np.where(down, -1.0, 0.0)).sum(axis=1)
-
-
-def _inside(right: FloatArray, corners: FloatArray, directions: FloatArray) -> FloatArray:
-    """A number (M,) that is < 0 inside a polygon and > 0 outside, of those for each edge's line, right (M, K).
-
-    From its leftmost to its rightmost corner the polygon is two chains, one below and one above, each of which its
-    first and last edge prolong to infinity. Such a chain is cut at a corner of its convex hull, where the lines of both
-    edges leave the hull for good; left of it is what is left of both parts if it turns left there, else of one of them.
-    Every edge comes once. No corner may be on the line of another edge. (Dobkin, Guibas, Hershberger, Snoeyink: An
-    efficient algorithm for finding the CSG representation of a simple polygon, Algorithmica 10, 1993.)
-    """
-    count = len(corners)
-    low, *_, high = np.lexsort((corners[:, 1], corners[:, 0])).tolist()
-    high += count * (high < low)
-    todo: list[Any] = [np.maximum, (low, high), (high, low + count)]  # chains of edges, and what puts two together
-    done: list[FloatArray] = []
-    while todo:
-        one = todo.pop()
-        if not isinstance(one, tuple):
-            done.append(one(done.pop(), done.pop()))
-            continue
-        first, last = one
-        if last - first == 1:
-            done.append(right[:, first % count])
-        else:
-            corner, turns_left = _cut(first, last, corners, directions)
-            todo += [np.maximum if turns_left else np.minimum, (first, corner), (corner, last)]
-    return done[0]
-
-
-def _cut(first: int, last: int, corners: FloatArray, directions: FloatArray) -> tuple[int, bool]:
-    """A corner on the convex hull of the chain of edges from `first` to before `last`; whether the chain turns left."""
-    count = len(corners)
-    ahead, behind = directions[first % count], directions[(last - 1) % count]
-    out = ahead - behind  # farthest that way is a corner: both rays go back
-    if np.hypot(*out) < 1e-6:  # they are opposite: to the side, to which the other ray does not go
-        out = np.array([-ahead[1], ahead[0]])
-        out = -out if (out * behind).sum() > 0.0 else out
-    between = np.arange(first + 1, last)
-    corner = int(between[np.argmax((corners[between % count] * out).sum(axis=1))])
-    ways = directions[(corner - 1) % count] + directions[corner % count]
-    return corner, bool(out[0] * ways[1] - out[1] * ways[0] > 0.0)
+def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """A number (M,) that is <= 0 in a convex polygon only; the box around it tells intervals so at acute corners."""
+    beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
+    return np.maximum(_beside(points, corners)[1].max(axis=1), beyond.max(axis=1))

@@ -9,7 +9,7 @@ import json
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -102,6 +102,8 @@ class ReachAvoidProblem:
     name: str = "problem"
     recipe: Mapping[str, Any] = field(default_factory=dict)
     sensing: Sensing = field(default_factory=Sensing)
+    _intervals: dict[int, Interval] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _static: dict[UnsafeSet, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._check_parts()
@@ -197,13 +199,9 @@ class ReachAvoidProblem:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
-            held = self.sensing.hold(self.delta)
-            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *held, self.half_widths[1])
+            lasts = self.sensing.hold(self.delta)
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
         return self._intervals[step]
-
-    @cached_property
-    def _intervals(self) -> dict[int, Interval]:
-        return {}
 
     @cached_property
     def rimmed(self) -> "ReachAvoidProblem":
@@ -235,11 +233,7 @@ class ReachAvoidProblem:
         Also those with safe ends, because a state that has left through one can no longer collide.
         """
         safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
-        axes: tuple[int, ...] = tuple(sorted({*part.axes, *np.flatnonzero(safe).tolist()}))
-        intervals = [self.interval(step) for step in range(self.steps if self.dynamics.timed else 1)]
-        while (grown := reduce(lambda axes, interval: interval.closed(axes), intervals, axes)) != axes:
-            axes = grown
-        return axes
+        return self.interval(0).closed({*part.axes, *np.flatnonzero(safe).tolist()})
 
     @cached_property
     def timeless(self) -> bool:
@@ -251,8 +245,9 @@ class ReachAvoidProblem:
         if grid is self.grid:
             return self
         part = object.__new__(ReachAvoidProblem)  # its functions have been checked
-        part.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)}, grid=grid)
-        part.__dict__.update({name: one for name, one in vars(self).items() if name == "half_widths"})
+        kept = {one.name for one in fields(self)} | {"half_widths"}
+        part.__dict__.update({name: one for name, one in vars(self).items() if name in kept})
+        part.__dict__.update(grid=grid, _intervals={}, _static={})
         if not (self.dynamics.timed or self.dynamics.stateless):
             part._intervals[0] = self.interval(0).on(grid)
         return part
@@ -263,33 +258,15 @@ class ReachAvoidProblem:
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
-        return self._sample_on(self.grid.subgrid(axes), function, name)
-
-    def _sample_on(self, grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        values = [self._checked(function(piece.points()), name, piece.size) for piece in grid.pieces()]
-        return np.concatenate(values).reshape(grid.shape)
-
-    def _checked(self, values: FloatArray, name: str, size: int | None = None) -> FloatArray:
-        values = finite_array(f"level set of {name!r}", values, None if size is None else (size,))
-        if (largest := float(np.abs(values).max())) > LARGEST:
-            raise ValueError(
-                f"level set of {name!r} reaches {largest:.3g}, and single precision supports at most {LARGEST:g}; clip "
-                "it, because far from the boundary only the sign matters"
-            )
-        if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
-            raise ValueError(
-                f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision rounds magnitudes below "
-                f"{SMALLEST:.2g} to 0, which would change the set; scale the function, or return 0 there"
-            )
-        return values
+        return _sampled_on(self.grid.subgrid(axes), function, name)
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        samples = [values for one, values in self._static if one is part]
-        if not samples:
-            samples = [self._sampled(part, lambda points: part.level_set(points, t))]
-            self._static.extend((part, values) for values in samples if not part.moving)
-        return samples[0]
+        if part.moving:
+            return self._sampled(part, lambda points: part.level_set(points, t))
+        if part not in self._static:
+            self._static[part] = self._sampled(part, lambda points: part.level_set(points, t))
+        return self._static[part]
 
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
@@ -306,20 +283,16 @@ class ReachAvoidProblem:
         grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
-            values = least_in_cells(whole, lambda points: self._checked(function(points), part.name))
+            values = least_in_cells(whole, lambda points: _checked(function(points), part.name))
             values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
-            values = self._sample_on(grid, function, part.name)
+            values = _sampled_on(grid, function, part.name)
             if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR)).any():
                 more, middle = _with_nodes_around(grid)
-                values = closed(more, self._sample_on(more, function, part.name))[middle]
+                values = closed(more, _sampled_on(more, function, part.name))[middle]
             else:
                 values = closed(grid, values)
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
-
-    @cached_property
-    def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
-        return []
 
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
@@ -380,7 +353,10 @@ class ReachAvoidProblem:
     @property
     def opaque(self) -> dict[str, str]:
         """Of each function that is a black box its name, and what its author declares of it."""
-        return {name: _declared(part) for name, part in self.functions.items() if isinstance(part, BlackBox)}
+        boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
+        fields = ("reads", "slope", "rate", "enclosure")
+        known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
+        return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
         """The black box of that name."""
@@ -432,6 +408,27 @@ class ReachAvoidProblem:
         numbers["sets"] = [one | {"name": ""} for one in numbers["sets"]]
         whole = json.dumps([numbers, texts, [one.digest for one in tables], boxes], sort_keys=True)
         return hashlib.sha256(whole.encode()).hexdigest()
+
+
+def _sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+    values = [_checked(function(piece.points()), name) for piece in grid.pieces()]
+    return np.concatenate(values).reshape(grid.shape)
+
+
+def _checked(values: FloatArray, name: str) -> FloatArray:
+    """Values of a level-set function at nodes; ValueError where single precision does not support them."""
+    values = finite_array(f"level set of {name!r}", values)
+    if (largest := float(np.abs(values).max())) > LARGEST:
+        raise ValueError(
+            f"level set of {name!r} reaches {largest:.3g}, and single precision supports at most {LARGEST:g}; clip "
+            "it, because far from the boundary only the sign matters"
+        )
+    if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
+        raise ValueError(
+            f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision rounds magnitudes below "
+            f"{SMALLEST:.2g} to 0, which would change the set; scale the function, or return 0 there"
+        )
+    return values
 
 
 def check_sensing(problem: ReachAvoidProblem) -> None:
@@ -508,10 +505,8 @@ def worst_around(problem: ReachAvoidProblem, values: FloatArray, points: FloatAr
 
 def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
     """The largest difference between neighbours along an axis; 0 where there is one node, as values are alike there."""
-    if values.shape[axis] == 1:
-        return 0.0
     here, there = grid.edges(values, axis)
-    return float(np.abs(there - here).max())
+    return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
@@ -600,11 +595,6 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return values
 
 
-def _declared(part: BlackBox) -> str:
-    known = [name for name in ("reads", "slope", "rate", "enclosure") if getattr(part, name) is not None]
-    return f"a BlackBox with {', '.join(known)}" if known else "a BlackBox of which nothing is declared"
-
-
 def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
     """Values of a black box at random states and some times: what tells one from another, (values,)."""
     function, rng = problem.black_box(name), np.random.default_rng(0)
@@ -658,14 +648,13 @@ def _check_functions(problem: "ReachAvoidProblem") -> None:
 
 def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
-    assert part.swept is not None
     grid, rng = problem.grid.subgrid(part.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
-    held = problem.sensing.hold(problem.delta)[0]
+    lasting = problem.sensing.hold(problem.delta)[0]
     for step in np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, SWEPT_STATES)).astype(int)).tolist():
         t0, t1 = problem.span(step)
         swept = part.swept(points, t0, t1)
-        for t in (t0 + INSTANTS * held).tolist():
+        for t in (t0 + INSTANTS * lasting).tolist():
             excess = swept - part.level_set(points, t)
             if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
                 worst = points[int(excess.argmax())].tolist()

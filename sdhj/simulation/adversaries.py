@@ -163,17 +163,17 @@ def worst(moment: Moment) -> FloatArray:
     """
     predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
-    corners = _at_vertices(predicted, np.moveaxis(push, 2, 0))
+    corners = at_vertices(predicted, np.moveaxis(push, 2, 0))
     danger = np.full(corners.shape[:2], -np.finfo(np.float64).max)  # vertices first: so the maxima below are fast
     for part in moment.problem.unsafe:
         value, *changes = _effects(moment, part, predicted, end, push)
-        danger = np.maximum(danger, -_at_vertices(value, changes))
+        danger = np.maximum(danger, -at_vertices(value, changes))
     score = np.maximum(moment.tube(corners.swapaxes(0, 1)).T, danger)
     worst_of_all = np.argmax(np.where(score == score.max(axis=0), danger, -np.inf), axis=0)
-    return _at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
+    return at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
 
 
-def _at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
+def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
     """value +- each of D changes of its shape, in all combinations: (2^D, ...)."""
     out = value[None]
     for change in changes:

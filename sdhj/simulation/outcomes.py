@@ -20,8 +20,8 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 
 def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, walls: bool, substeps: range = range(SUBSTEPS)
-) -> tuple[FloatArray, FloatArray]:
-    """Hold the inputs over some substeps of an interval; the final states (M, ndim) and the outcomes so far (M,)."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Apply the inputs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v."""
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
     lost = ("unsafe",) if walls else ("unsafe", "wall")
@@ -41,7 +41,7 @@ def play_interval(
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():
             break
-    return states, ended
+    return states, ended, v
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:

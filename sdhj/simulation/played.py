@@ -12,15 +12,8 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
-from sdhj.simulation.runs import (
-    MOST_RUNS,
-    admissible_states,
-    adversary_of,
-    named,
-    play_length,
-    rollouts,
-    score_interval,
-)
+from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
+from sdhj.simulation.sensed import rollouts
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller

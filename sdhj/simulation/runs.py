@@ -30,9 +30,9 @@ from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
 from sdhj.problem.memory import require
 from sdhj.problem.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
-from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, OUTCOMES, REACHED, UNDECIDED, Watch, play_interval
-from sdhj.simulation.sensed import sensed_rollouts
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment
+from sdhj.simulation.outcomes import OUTCOMES
+from sdhj.simulation.sensed import rollouts
 from sdhj.table.batches import CHUNK, threads
 from sdhj.table.controller import Controller
 
@@ -259,20 +259,8 @@ def monte_carlo(
             bar.update(len(result[0]))
             results.append(result)
     starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
-    return _report(controller, adversary, seed, starts, outcomes, taken, time.perf_counter() - began)
-
-
-def _report(
-    controller: Controller,
-    adversary: str | Adversary,
-    seed: int,
-    starts: FloatArray,
-    outcomes: FloatArray,
-    steps: FloatArray,
-    seconds: float,
-) -> Report:
     return Report(
-        runs=len(outcomes),
+        runs=runs,
         adversary=named(adversary),
         rule=named(controller.rule),
         method=controller.table.method,
@@ -280,8 +268,8 @@ def _report(
         counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
         starts=starts,
         outcomes=outcomes,
-        steps=steps,
-        seconds=seconds,
+        steps=taken,
+        seconds=time.perf_counter() - began,
     )
 
 
@@ -343,48 +331,3 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         f"{controller.table.fraction(start=0, within=steps):.2g}), so no run can start from it; use more steps or "
         "nodes, or a larger target"
     )
-
-
-def rollouts(
-    controller: Controller,
-    starts: FloatArray,
-    play: Adversary,
-    rng: np.random.Generator,
-    watch: Watch | None = None,
-    *,
-    walls: bool = True,
-    steps: int | None = None,
-    sensing: Sensing | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
-
-    `steps` is what `play_length` returns.
-    """
-    problem, last = controller.problem, controller.problem.steps if steps is None else steps
-    if sensing := problem.sensing if sensing is None else sensing:
-        return sensed_rollouts(controller, starts, play, rng, watch, walls, steps, sensing)
-    states, alive = starts.copy(), np.arange(len(starts))
-    outcomes, taken = np.full(len(starts), UNDECIDED), np.zeros(len(starts), dtype=np.int64)
-    outcomes[problem.unsafe_value(states, problem.time(0)) <= 0] = COLLIDED
-    for number in range(last + 1):
-        step, now = number if steps is None else 0, problem.time(number)
-        alive = alive[outcomes[alive] == UNDECIDED]
-        inside = np.full(alive.size, problem.stays and number == last)
-        if alive.size and not problem.stays:
-            inside = problem.target_value(states[alive], now) <= 0
-        outcomes[alive[inside]] = REACHED
-        alive = alive[~inside]
-        if number == last or not alive.size:
-            break
-        batch = controller.batch(states[alive], step)
-        inputs = controller.choose(batch)
-        outcomes[alive[inputs < 0]] = LEFT
-        known = inputs >= 0
-        alive, to_go = alive[known], batch.steps_to_go[known]
-        if not alive.size:
-            break
-        begun = first_moment(controller.table, problem, states[alive], inputs[known], to_go, step, now, alive, rng)
-        states[alive], outcomes[alive] = play_interval(begun, play, watch, walls)
-        taken[alive] += 1
-    outcomes[outcomes == UNDECIDED] = LATE
-    return outcomes, taken

@@ -1,9 +1,9 @@
-"""Closed-loop simulation of a robot with measurement errors, a delay, and jitter of its sampling times.
+"""The closed loop of many robots at once, with or without measurement errors, delay and jitter.
 
-The adversary then makes three choices: the disturbance, at every substep; the error of every measurement; and when the
-next input starts. A run begins when the first input starts, from a state that the controller has measured up to an
-error in the box E of `sdhj.problem.sensing`. Runs end as in `sdhj.simulation.runs`, with one difference: a run counts
-as reached only when the prediction has no steps to go and the state is in the true target.
+With these the adversary makes three choices: the disturbance, at every substep; the error of every measurement; and
+when the next input starts. A run begins when the first input starts, from a state that the controller has measured up
+to an error in the box E of `sdhj.problem.sensing`. Runs end as `sdhj.simulation.runs` says, but for one difference: a
+run counts as reached only when the prediction has no steps to go and the state is in the true target.
 
 An adversary that is a plain function of a `Moment` chooses the disturbance only. An adversary may also have the methods
 `mislead(sight)`, which returns the errors (M, ndim), and `shift(moment)`, which returns for each run (M,) -1, 0 or 1:
@@ -22,7 +22,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import real_array, sealed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, first_moment
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, at_vertices, first_moment
 from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
 from sdhj.table.controller import Controller, predicted
 
@@ -62,26 +62,23 @@ class Sight:
     rng: np.random.Generator
 
 
-def pushes(moment: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
-    """Displacements by each vertex of the disturbance box over a time span (M,): (vertices, M, ndim)."""
-    interval = moment.problem.interval(moment.step)
-    gain, bounds = interval.gain(states, inputs, t), interval.bounds(inputs, t)
-    signs = np.array(list(product((-1.0, 1.0), repeat=bounds.shape[1])))
-    return span[:, None] * np.einsum("mad,vmd->vma", gain, signs[:, None] * bounds)
+def corners(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
+    """Where states may be a time span (M,) later, at each vertex of the disturbance box: (vertices, M, ndim)."""
+    interval = seen.problem.interval(seen.step)
+    push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
+    return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
 
 
 def mislead_worst(sight: Sight) -> FloatArray:
     """The measurement error, a vertex of the box or 0, for which the controller's input is worst for the true state."""
     problem, count = sight.problem, len(sight.states)
-    corners = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
+    vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
     best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
     t, span = problem.time(sight.step), np.full(count, problem.delta)
-    for corner in np.concatenate([np.zeros((1, len(sight.box))), corners]):
-        errors = np.tile(corner, (count, 1))
+    for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
+        errors = np.tile(vertex, (count, 1))
         inputs, to_go = sight.ask(errors)
-        applied = np.maximum(inputs, 0)
-        velocity = problem.interval(sight.step).undisturbed(sight.starting, applied, t)
-        ends = sight.starting + span[:, None] * velocity + pushes(sight, sight.starting, applied, t, span)
+        ends = corners(sight, sight.starting, np.maximum(inputs, 0), t, span)
         score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
         score = np.where(inputs < 0, LOST, score)
         best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
@@ -90,11 +87,10 @@ def mislead_worst(sight: Sight) -> FloatArray:
 
 def shift_worst(moment: Moment) -> FloatArray:
     """The end of the interval, of the three, at which the adversary can push the state farthest out of its tube."""
-    velocity, scores = moment.interval.undisturbed(moment.states, moment.inputs, moment.time), []
+    scores = []
     for late in (-1, 0, 1):
         span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
-        push = pushes(moment, moment.states, moment.inputs, moment.time, span)
-        ends = moment.states + span[:, None] * velocity + push
+        ends = corners(moment, moment.states, moment.inputs, moment.time, span)
         scores.append(moment.tube(np.moveaxis(ends, 0, 1)).max(axis=1))
     return np.argmax(scores, axis=0) - 1
 
@@ -127,16 +123,17 @@ class _Runs:
         name = next((name for name, other in ADVERSARIES.items() if other is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
         self.shift = getattr(play, "shift", SHIFTING[name])
-        self.controller, self.play, self.rng = controller, play, rng
-        self.problem = problem = controller.problem
-        if sensing != problem.sensing:
-            self.problem = replace(problem, sensing=sensing)
-        self.states, count = starts.copy(), len(starts)
-        self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (name != "none")
+        self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
+        same = sensing == controller.problem.sensing
+        self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
+        self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)
-        self.predictions = self.measured(0, starts, np.zeros(count, np.int64), self.problem.half_widths[0])
+        self.predictions = self.states  # the same array: nothing is measured without sensing
+        if sensing:
+            self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (name != "none")
+            self.predictions = self.measured(0, starts, self.taken, self.problem.half_widths[0])
 
-    def measured(self, step: int, states: FloatArray, held: FloatArray, box: FloatArray | None = None) -> FloatArray:
+    def measured(self, step: int, states: FloatArray, before: FloatArray, box: FloatArray | None = None) -> FloatArray:
         """The controller's predictions (M, ndim) from its measurements; with a `box`, of states where inputs start."""
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
@@ -144,7 +141,7 @@ class _Runs:
 
         def predict(off: FloatArray) -> FloatArray:
             seen = states + off
-            return problem.grid.clipped(seen) if begun else self.controller.predict(seen, held, step)
+            return problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
             batch = self.controller.batch(predict(off), step)
@@ -153,7 +150,7 @@ class _Runs:
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
-        starting = states if begun else predicted(problem, states, held, step)
+        starting = states if begun else predicted(problem, states, before, step)
         seen, at = (sealed(states), sealed(errors)), min(step, table.steps - 1)  # adversaries only read
         errors_made = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
         off = real_array("the errors that the adversary returns", errors_made, states.shape)
@@ -161,89 +158,98 @@ class _Runs:
             raise ValueError(f"the adversary must return measurement errors within +-{errors.tolist()}")
         return predict(off)
 
-    def following(self, step: int) -> int:
-        """The step whose tubes are used next."""
-        return 0 if self.ever else step + 1
+    def begins(self, number: int, offset: int) -> float:
+        """When the interval of that number begins, s."""
+        return self.problem.time(number) + offset * self.problem.sensing.jitter
 
-    def begins(self, step: int, offset: int) -> float:
-        return self.problem.time(step) + offset * self.problem.sensing.jitter
+    def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
+        """The first moment of an interval."""
+        step, table = 0 if self.ever else number, self.controller.table
+        return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng)
 
-    def decide(self, step: int, alive: FloatArray, last: bool) -> Moment | None:
-        """End the runs that have reached the target or have no answer; the first moment of the others' interval."""
-        problem, states = self.problem, self.states
-        batch = self.controller.batch(self.predictions[alive], step)
+    def interval(self, number: int, last: bool, watch: Watch | None, walls: bool) -> None:
+        """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
+        problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
         reached = np.full(alive.size, problem.stays and last)
-        if not problem.stays:  # with jitter the target stands still
-            reached = (batch.steps_to_go == 0) & (problem.target_value(states[alive], problem.time(step)) <= 0)
+        if alive.size and not problem.stays:
+            reached = problem.target_value(self.states[alive], problem.time(number)) <= 0
+            if problem.sensing:  # the robot has to know; with jitter the target stands still
+                known = self.controller.batch(self.predictions[alive[reached]], step).steps_to_go == 0
+                reached[reached] = known
         self.outcomes[alive[reached]] = REACHED
-        if last:
-            return None
+        alive = alive[~reached]
+        if last or not alive.size:
+            return
+        batch = self.controller.batch(self.predictions[alive], step)
         inputs = self.controller.choose(batch)
-        self.outcomes[alive[(inputs < 0) & ~reached]] = LEFT
-        going = (inputs >= 0) & ~reached
-        rows, to_go, now, table = alive[going], batch.steps_to_go[going], problem.time(step), self.controller.table
-        return first_moment(table, problem, states[rows], inputs[going], to_go, step, now, rows, self.rng)
+        self.outcomes[alive[inputs < 0]] = LEFT
+        rows, to_go, inputs = alive[inputs >= 0], batch.steps_to_go[inputs >= 0], inputs[inputs >= 0]
+        ends = np.zeros(rows.size, np.int64)
+        if problem.sensing and rows.size:
+            answer = self.shift(self.first(number, problem.time(number), rows, inputs, to_go))
+            ends = real_array("what the adversary's shift returns", answer, rows.shape)
+            if not np.isin(ends, (-1, 0, 1)).all():
+                raise ValueError(f"the adversary's shift must return -1, 0 or 1 for each run, got {ends.tolist()}")
+            ends = ends * (problem.sensing.jitter > 0)
+        groups = 3 * self.offsets[rows] + ends
+        for group in np.unique(groups):
+            some = groups == group
+            self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]), watch, walls)
 
-    def hold(self, moment: Moment, some: FloatArray, ends: int, watch: Watch | None, walls: bool) -> None:
-        """Simulate some runs of a moment, whose interval begins and ends alike, with the measurement in it."""
-        problem, rows = self.problem, moment.runs[some]
-        begin, end = self.begins(moment.step, self.offsets[rows[0]]), self.begins(moment.step + 1, ends)
-        delay, length = problem.sensing.delay, end - begin
-        after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
-        states, inputs, to_go = moment.states[some], moment.inputs[some], moment.steps_to_go[some]
-        begun = first_moment(self.controller.table, problem, states, inputs, to_go, moment.step, begin, rows, self.rng)
-        begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
-        last = {"v": begun.previous}
-
-        def play(now: Moment) -> FloatArray:
-            last["v"] = real_array("what the adversary returns", self.play(now))
-            return last["v"]
-
-        states, ended = play_interval(begun, play, watch, walls, range(SUBSTEPS - after))
+    def hold(
+        self,
+        number: int,
+        rows: FloatArray,
+        inputs: FloatArray,
+        to_go: FloatArray,
+        ends: int,
+        watch: Watch | None,
+        walls: bool,
+    ) -> None:
+        """Simulate some runs, whose interval begins and ends alike, with the measurement in it."""
+        sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
+        begun = self.first(number, begin, rows, inputs, to_go)
+        if sensing:
+            end, delay = self.begins(number + 1, ends), sensing.delay
+            length = end - begin
+            after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
+            begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
+        states, ended, v = play_interval(begun, self.play, watch, walls, range(SUBSTEPS - after))
         seen = states
         if after:
             rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
-            parts = range(SUBSTEPS - after, SUBSTEPS)
-            later = replace(begun, states=states, previous=last["v"], **rest)
-            states, then = play_interval(later, play, watch, walls, parts)
+            later = replace(begun, states=states, previous=v, **rest)
+            states, then, _ = play_interval(later, self.play, watch, walls, range(SUBSTEPS - after, SUBSTEPS))
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
         self.taken[rows] += 1
         on = ended == UNDECIDED
-        if on.any():
-            self.predictions[rows[on]] = self.measured(self.following(moment.step), seen[on], begun.inputs[on])
+        if sensing and on.any():
+            self.predictions[rows[on]] = self.measured(0 if self.ever else number + 1, seen[on], inputs[on])
 
 
-def sensed_rollouts(
+def rollouts(
     controller: Controller,
     starts: FloatArray,
     play: Adversary,
     rng: np.random.Generator,
-    watch: Watch | None,
-    walls: bool,
-    steps: int | None,
-    sensing: Sensing,
+    watch: Watch | None = None,
+    *,
+    walls: bool = True,
+    steps: int | None = None,
+    sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sdhj.simulation.runs.rollouts`, with the given sensing, whatever the table was solved for."""
-    runs, jitter = _Runs(controller, starts, play, rng, sensing, ever=steps is not None), sensing.jitter
-    last, step = runs.problem.steps if steps is None else steps, 0
-    for offset in (-1, 0, 1):
-        some = runs.offsets == offset
-        hit = runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0
-        runs.outcomes[np.flatnonzero(some)[hit]] = COLLIDED
+    """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
+
+    `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
+    """
+    sensing = controller.problem.sensing if sensing is None else sensing
+    runs = _Runs(controller, starts, play, rng, sensing, ever=steps is not None)
+    for offset in np.unique(runs.offsets):
+        some = np.flatnonzero(runs.offsets == offset)
+        runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0]] = COLLIDED
+    last = runs.problem.steps if steps is None else steps
     for number in range(last + 1):
-        alive = np.flatnonzero(runs.outcomes == UNDECIDED)
-        moment = runs.decide(step, alive, number == last) if alive.size else None
-        step = runs.following(step)
-        if moment is None or not moment.runs.size:
-            break
-        ends = real_array("what the adversary's shift returns", runs.shift(moment), moment.runs.shape)
-        if not np.isin(ends, (-1, 0, 1)).all():
-            raise ValueError(f"the adversary's shift must return -1, 0 or 1 for each run, got {ends.tolist()}")
-        ends = ends * (jitter > 0)
-        groups = 3 * runs.offsets[moment.runs] + ends
-        for group in np.unique(groups):
-            some = np.flatnonzero(groups == group)
-            runs.hold(moment, some, int(ends[some[0]]), watch, walls)
+        runs.interval(number, number == last, watch, walls)
     runs.outcomes[runs.outcomes == UNDECIDED] = LATE
     return runs.outcomes, runs.taken

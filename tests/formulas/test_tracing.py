@@ -19,11 +19,11 @@ from numpy import min as minimum_of
 from numpy import zeros
 
 from sdhj.formulas import arrays
-from sdhj.formulas.arrays import installed
+from sdhj.formulas.arrays import NotTraced, installed
 from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
-from sdhj.formulas.tracing import NotTraced, parameter, points_of, rows_for, traced
+from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 
 T = 0.7
 RNG = np.random.default_rng(0)
@@ -519,7 +519,7 @@ REFUSE = {
     "a generator's": (lambda p, t: p[:, 0] + RNG.random(), LONG),
     "a generator's rows": (lambda p, t: p[:, 0] + RNG.random(len(p)), LONG),
     "shuffled": (lambda p, t: RNG.permuted(p, axis=0)[:, 0], "conversion"),
-    "product into": (lambda p, t: np.dot(p, CENTRE, np.zeros(7)), "written into an array"),
+    "product into": (lambda p, t: np.dot(p, CENTRE, np.zeros(7)), "numpy.dot"),
     "single room": (lambda p, t: np.full(len(p), np.float32(1.0)), "float32"),
     "copied into": (lambda p, t: np.copyto(np.zeros(len(p)), p[:, 0]), "numpy.copyto"),
     "not the module's": (lambda p, t: minimum_of([p[:, 0], p[:, 1]], axis=0), "conversion"),

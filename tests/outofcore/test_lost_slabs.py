@@ -91,7 +91,7 @@ def test_a_stopped_solve_goes_on(problem, memory, table, tmp_path, monkeypatch, 
         sdhj.solve(problem, store=tmp_path / "t.zarr", memory=memory)
     with pytest.raises(sdhj.TableFileError, match=r"is not finished; go on with .*resume=True"):
         sdhj.load(tmp_path / "t.zarr", problem=problem)
-    with pytest.raises(FileExistsError, match="is there already; go on with it by resume=True, remove it"):
+    with pytest.raises(FileExistsError, match="exists already; go on with it by resume=True, remove it"):
         sdhj.solve(problem, store=tmp_path / "t.zarr")
     monkeypatch.undo()
     done = stop_after(monkeypatch, 10**6, Stopped())
