@@ -85,13 +85,13 @@ def one_row(table):
 
 @cache
 def interval_table():
-    """Exact but for rounding: tubes are piecewise linear with kinks at nodes."""
-    return sdhj.solve(interval_problem(), sdhj.HopfLax("linear", "float64"), progress=False)
+    """Exact but for rounding, in single precision as all that is compiled: tubes are piecewise linear with kinks at nodes."""
+    return sdhj.solve(interval_problem(), sdhj.HopfLax("linear"), progress=False)
 
 
 @cache
 def torus_table():
-    return sdhj.solve(torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
+    return sdhj.solve(torus_problem(nodes=32), sdhj.HopfLax(), progress=False)
 
 
 @cache

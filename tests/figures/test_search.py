@@ -26,7 +26,7 @@ START = np.array([-2.4, -0.4])
 
 @cache
 def torus_table() -> sdhj.LookupTable:
-    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(dtype="float64"), progress=False)
+    return sdhj.solve(toys.torus_problem(nodes=32), sdhj.HopfLax(), progress=False)
 
 
 @cache
