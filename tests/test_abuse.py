@@ -3,6 +3,7 @@
 import os
 import re
 import resource
+import runpy
 import subprocess
 import sys
 import time
@@ -397,11 +398,18 @@ def test_more_runs_than_memory_holds_are_refused(runs):
         sdhj.monte_carlo(Controller(interval_table()), runs)
 
 
-@pytest.mark.parametrize("asked", ["many", "99999999"])
-def test_a_number_of_threads_that_is_none_is_told(asked):
-    done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS=asked)
+@pytest.mark.parametrize("asked", ["0", "4097", "99999999", "-1", "1.5", ""])
+def test_a_number_of_threads_that_is_none_is_told(asked, monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", asked)
+    with pytest.warns(UserWarning, match=f"NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got {asked};"):
+        runpy.run_path(sdhj.__file__)
+    assert "NUMBA_NUM_THREADS" not in os.environ
+
+
+def test_before_numba_is_imported():
+    done = run_python("import sdhj, numba; print(numba.get_num_threads())", NUMBA_NUM_THREADS="many")
     assert done.returncode == 0 and int(done.stdout) >= 1, done.stderr
-    said = f"NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got {asked};"
+    said = "NUMBA_NUM_THREADS must be a whole number from 1 to 4096, got many;"
     assert said in done.stderr and "Traceback" not in done.stderr
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shlex
 import subprocess
 import sys
 
@@ -260,14 +261,21 @@ def test_a_reader_that_has_seen_enough_ends_it_quietly(saved):
 def test_without_standard_error_it_works_all_the_same(tmp_path):
     """As under pythonw, and for services that close it: Python's sys.stderr is None."""
     path = tmp_path / "table.h5"
-    done = ran(f"{sys.executable} -m sdhj solve --nodes 7 --steps 1 -o {path} 2>&-")
-    assert done.returncode == 0 and "solved in" in done.stdout
-    code = (
-        "import sys, sdhj; sys.stderr = None; table = sdhj.load(sys.argv[1]); sdhj.solve(table.problem, method='lax')\n"
-        "print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
-    assert done.stdout == "5\n", done.stderr
+    code = f'''
+import sys, sdhj
+from sdhj.cli import command
+assert sys.stderr is None
+sys.argv = ["sdhj", "solve", "--nodes", "7", "--steps", "1", "-o", {str(path)!r}]
+try:
+    command()
+except SystemExit as ended:
+    assert not ended.code
+table = sdhj.load({str(path)!r})
+sdhj.solve(table.problem, method="lax")
+print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)
+'''
+    done = ran(f"{sys.executable} -c {shlex.quote(code)} 2>&-")
+    assert done.returncode == 0 and "solved in" in done.stdout and done.stdout.endswith("\n5\n"), done.stdout
 
 
 @pytest.mark.parametrize("option", ["--version", "--help"])

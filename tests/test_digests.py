@@ -8,7 +8,6 @@ RECORDED = recorded()
 # One for each method, and of the games on one to four axes, for what other tests compile too; the rest is slow.
 QUICK = {
     "line",
-    "line, lax",
     "torus",
     "plane, turned adversary",
     "cart, safe ends, certified",

@@ -79,10 +79,10 @@ def leaving(ends, lower=-4.0, upper=4.0, nodes=81, part=None):
 
 
 METHODS = {
-    "hji": HJI(sdhj.Scheme(dtype="float64")),
-    "fixed": HJI(sdhj.Scheme(dtype="float64", frame="fixed")),
-    "joint": HJI(sdhj.Scheme(dtype="float64"), games="joint"),
-    "lax": HopfLax("linear", "float64"),
+    "hji": HJI(),
+    "fixed": HJI(sdhj.Scheme(frame="fixed")),
+    "joint": HJI(games="joint"),
+    "lax": HopfLax("linear"),
 }
 
 

@@ -100,14 +100,14 @@ def test_finite_differences_converge_to_the_closed_form():
         grid = Grid([-np.pi, -np.pi], [np.pi, np.pi], [n, n], [True, True])
         x, y = grid.points().T
         lower, upper = np.array([0.4, -0.8]), np.array([1.0, -0.2])
-        values = (np.cos(x) + np.cos(y)).reshape(grid.shape)
+        values = (np.cos(x) + np.cos(y)).reshape(grid.shape).astype(np.float32)
 
         def best(z, a, b):  # maximum of cos over [z + a, z + b]: one where the interval holds a multiple of 2 pi
             hit = np.floor((z + b) / (2 * np.pi)) > np.floor((z + a) / (2 * np.pi))
             return np.where(hit, 1.0, np.maximum(np.cos(z + a), np.cos(z + b)))
 
         exact = (best(x, lower[0], upper[0]) + best(y, lower[1], upper[1])).reshape(grid.shape)
-        scheme = Scheme(dtype="float64", frame="fixed")
+        scheme = Scheme(frame="fixed")
         hji = evolve(grid, values, Velocities(lower, upper), 1.0, scheme)
         (_, lax), *_ = maximum_over_boxes(grid, values, lower[None], upper[None], "linear")
         differences["hji"].append(np.abs(hji - exact).mean())

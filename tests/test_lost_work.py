@@ -9,15 +9,17 @@ import signal
 import stat
 import subprocess
 import sys
+import tempfile
 
 import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from toys import interval_problem
 
 import sdhj
-from sdhj import cli
+from sdhj import cli, plotting
 from sdhj import cli as cli_module
 from sdhj.table.files import replaced_whole, writable_file
 
@@ -164,35 +166,29 @@ def test_recipes_that_no_file_takes_are_found_before():
 # ---- full disks; a limit on the size of files stands for them
 
 
-FULL = """
-import resource, sys
-import sdhj
-from matplotlib.figure import Figure
-from sdhj import plotting
-sys.path.insert(0, TESTS)
-from toys import interval_problem
-table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
-figure = Figure()
-figure.subplots().plot(range(1000))
-plotting.save(figure, "warm", "x")
-resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-for save in [lambda: table.save("t.h5"), *(lambda f=f: plotting.save(figure, ".", "x", (f,)) for f in FORMATS)]:
-    try:
-        save()
-    except OSError as error:
-        print(error)
-print(table.fraction(start=0, within=1) > 0)
-""".replace("TESTS", repr(os.path.dirname(__file__))).replace("FORMATS", '("png", "pdf", "svg")')
+def test_a_table_outlives_a_full_disk(tmp_path, files_of_at_most):
+    table = sdhj.solve(interval_problem(nodes=9, steps=1), progress=False)
+    with files_of_at_most(1000), pytest.raises(OSError, match=r"cannot write .*t\.h5: File too large") as told:
+        table.save(tmp_path / "t.h5")
+    assert "still in memory: save it elsewhere" in str(told.value)
+    assert table.fraction(start=0, within=1) > 0 and os.listdir(tmp_path) == []
+    table.save(tmp_path / "t.h5")
+    assert (tmp_path / "t.h5").stat().st_size > 1000
 
 
-def test_a_table_outlives_a_full_disk_and_pictures_are_an_error_in_words(tmp_path):
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    first, *others, last = done.stdout.splitlines()
-    assert "cannot write" in first and "t.h5: File too large" in first, done.stderr
-    assert "still in memory: save it elsewhere" in first and last == "True"
-    assert len(others) == 3 and all("File too large; free some space, or choose another" in one for one in others)
-    assert os.listdir(tmp_path) == ["warm"]
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_pictures_on_a_full_disk_are_an_error_in_words(tmp_path, monkeypatch, files_of_at_most, kind):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    figure = Figure()
+    figure.subplots().plot(range(1000))
+    plotting.save(figure, tmp_path / "whole", "x", (kind,))
+    assert (tmp_path / "whole" / f"x.{kind}").stat().st_size > 1000
+    with (
+        files_of_at_most(1000),
+        pytest.raises(OSError, match="File too large; free some space, or choose another"),
+    ):
+        plotting.save(figure, tmp_path, "x", (kind,))
+    assert os.listdir(tmp_path) == ["whole"]
 
 
 def solve_to(path):

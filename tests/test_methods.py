@@ -19,7 +19,7 @@ from sdhj.solver.recursion import GridSets
 class ShiftGames:
     """The games of an interval: under u_j the state moves by any number of nodes from `low` to `high`."""
 
-    dtype, solved = "float64", 0
+    dtype, solved = "float32", 0
 
     def __init__(self, problem):
         corners = np.array(problem.interval(0).reached(0.0, problem.delta)) / problem.grid.spacing[0]
@@ -34,7 +34,8 @@ class ShiftGames:
 
     def avoid(self, part, step):
         wall = -self.problem.unsafe_over(part, self.problem.time(step), self.problem.time(step + 1))
-        return np.stack([self.highest(wall, min(low, 0), max(high, 0)) for low, high in zip(*self.moves, strict=True)])
+        tubes = [self.highest(wall, min(low, 0), max(high, 0)) for low, high in zip(*self.moves, strict=True)]
+        return np.stack(tubes).astype(self.dtype)
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Shift:
     def sets(self, problem, progress=None):
         if problem.grid.ndim != 1 or not problem.grid.periodic[0]:
             raise ValueError("shift needs one periodic axis")
-        return GridSets(problem, self.name, ShiftGames, "float64", {"exact": True})
+        return GridSets(problem, self.name, ShiftGames, "float32", {"exact": True})
 
 
 def ring_problem(*, rate=0.0, steps=5):
@@ -81,7 +82,7 @@ def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
         [problem.goal(k) for k in range(6)], lambda values, k: [highest(values, *move) for move in moves], avoid
     )
     for (k, n), expected in tubes.items():
-        np.testing.assert_array_equal(table.values(start=k, within=n), expected)
+        np.testing.assert_array_equal(table.values(start=k, within=n), expected.astype(np.float32))
         if n:
             own = np.stack([marks[k, n, j] for j in range(3)], axis=-1)
             np.testing.assert_array_equal(table.inputs(start=k, within=n), own)
@@ -91,10 +92,10 @@ def test_a_method_of_ones_own_solves_what_the_twin_does(rate):
 
 def test_it_is_the_formula_where_that_is_exact():
     problem = ring_problem(rate=0.5)
-    own, lax = (sdhj.solve(problem, method, progress=False) for method in (Shift(), HopfLax("linear", "float64")))
+    own, lax = (sdhj.solve(problem, method, progress=False) for method in (Shift(), HopfLax("linear")))
     for start, within in itertools.product(range(6), repeat=2):
         one, other = (table.values(start=start, within=within) for table in (own, lax))
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5)  # in single precision, of numbers up to 8
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.5])

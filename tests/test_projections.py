@@ -166,7 +166,7 @@ def test_a_grid_of_one_axis_has_none_to_drop():
 def test_projections_are_those_of_the_twin(axes, rng):
     problem = chase_problem(nodes=5)
     games = projected_games(problem, [axes])
-    values = rng.normal(size=problem.grid.shape)
+    values = rng.normal(size=problem.grid.shape).astype(np.float32)
     np.testing.assert_array_equal(games.inner_projection(values, axes), naive.inner_projection(values, axes))
     g = problem.sample((0, 1, 2), lambda p: problem.unsafe[0].level_set(p, 0.0), "ball")
     walls = games.outer_projections(problem.unsafe[0], (0, 1, 2), -g)[axes]

@@ -13,8 +13,8 @@ from sdhj import HJI, HopfLax, Projected, Scheme
 from sdhj.solver.games import HJIGames, HopfLaxGames
 from sdhj.solver.recursion import recursion
 
-DOUBLE = Scheme(dtype="float64")
-LINEAR = HopfLax("linear", "float64")
+FIXED = Scheme(frame="fixed")
+LINEAR = HopfLax("linear")
 
 
 class FiniteSets:
@@ -111,8 +111,8 @@ def test_what_has_stopped_growing_in_a_row_has_stopped_in_the_row_before():
 @pytest.mark.parametrize("method", ["hji", "lax"])
 def test_table_equals_the_slow_recursion(method):
     problem = torus_problem(nodes=9, steps=3)
-    table = sdhj.solve(problem, {"hji": HJI(DOUBLE), "lax": LINEAR}[method])
-    games = HJIGames(problem, DOUBLE) if method == "hji" else HopfLaxGames(problem, "linear", "float64")
+    table = sdhj.solve(problem, {"hji": HJI(), "lax": LINEAR}[method])
+    games = HJIGames(problem, Scheme()) if method == "hji" else HopfLaxGames(problem, "linear", "float32")
     steps, count = problem.steps, len(problem.inputs)
     goals = [problem.goal(k) for k in range(steps + 1)]
     avoid = [games.avoid(problem.unsafe[0], k) for k in range(steps)]
@@ -124,14 +124,15 @@ def test_table_equals_the_slow_recursion(method):
     tubes, marks = naive.recursion(goals, reach, avoid)
     assert len(tubes) == (steps + 1) * (steps + 2) // 2
     for (k, n), expected in tubes.items():
-        np.testing.assert_allclose(table.values(start=k, within=n), expected, rtol=0, atol=1e-12)
+        # maxima and minima of what is rounded are those that are rounded
+        np.testing.assert_array_equal(table.values(start=k, within=n), expected.astype(np.float32))
         if n:
             inputs = table.inputs(start=k, within=n)
             assert inputs.shape == (9, 9, count)
             assert np.array_equal(inputs, np.stack([marks[k, n, j] for j in range(count)], axis=-1))
 
 
-@pytest.mark.parametrize("method", [HJI(DOUBLE), HopfLax(dtype="float64")], ids=lambda method: method.name)
+@pytest.mark.parametrize("method", [HJI(), HopfLax()], ids=lambda method: method.name)
 def test_tubes_in_one_dimension_have_their_closed_form(method):
     """Each step adds (1 - 0.2) * 0.5 on both sides; the wall at 3 caps what may be touched."""
     problem = interval_problem(nodes=321, steps=5)
@@ -148,7 +149,7 @@ def test_tubes_in_one_dimension_have_their_closed_form(method):
 
 def test_static_problem_depends_on_steps_to_go_only():
     problem = interval_problem(steps=4)
-    table = sdhj.solve(problem, HJI(DOUBLE))
+    table = sdhj.solve(problem)
     for n in range(4):
         assert np.array_equal(table.values(start=0, within=n), table.values(start=1, within=n))
 
@@ -170,8 +171,7 @@ def test_joint_and_decomposed_tables_agree_up_to_scheme_error():
     gaps = []
     for nodes in (16, 32):
         problem = torus_problem(nodes=nodes)
-        fixed = dataclasses.replace(DOUBLE, frame="fixed")
-        pair = [sdhj.solve(problem, HJI(fixed, games)) for games in ("decomposed", "joint")]
+        pair = [sdhj.solve(problem, HJI(FIXED, games)) for games in ("decomposed", "joint")]
         gaps.append(np.abs(pair[0].values(start=0, within=3) - pair[1].values(start=0, within=3)).mean())
     print("mean difference of joint and decomposed tubes", gaps)
     assert gaps[1] < gaps[0] / 1.4
@@ -250,6 +250,7 @@ def test_hji_and_lax_close_in_on_each_other_as_the_grid_refines():
     assert differ[31] < differ[25] < differ[15] < 0.05
 
 
+@pytest.mark.slow
 def test_single_precision_moves_the_shares_by_little():
     problem = torus_problem(nodes=64, steps=4)
     single, double = (sdhj.solve(problem, HJI(Scheme(dtype=dtype))) for dtype in ("float32", "float64"))

@@ -20,7 +20,7 @@ METHODS = {
     "joint": HJI(games="joint"),
     "projected": Projected([(0, 1)]),
     "lax": HopfLax(),
-    "linear": HopfLax("linear", "float64"),
+    "linear": HopfLax("linear"),
 }
 # what is compiled for one order alone is slow; of one axis it also runs as plain Python
 USED = [pytest.param(name, marks=pytest.mark.slow if "third" in name else ()) for name in METHODS]

@@ -101,7 +101,8 @@ def test_constant_velocities_equal_the_slow_twin(rng, monkeypatch, plain, flux, 
     wall = rng.normal(size=shape) - 1
     lower = rng.uniform(-2, 1, size=len(shape))
     upper = lower + rng.uniform(0, 2, size=lower.shape)
-    scheme = dataclasses.replace(DOUBLE, flux=flux, order=order)
+    double = plain or len(shape) != 2 or (flux, order) != USUAL  # what is slow besides
+    scheme = dataclasses.replace(DOUBLE if double else SINGLE, flux=flux, order=order)
     if plain:
         run_plainly(monkeypatch)
     got = evolve(grid, values, Velocities(lower, upper), 0.05, scheme, steps=2, obstacle=wall)
@@ -111,7 +112,7 @@ def test_constant_velocities_equal_the_slow_twin(rng, monkeypatch, plain, flux, 
         return naive.right_hand_side(phi, grid.spacing, periodic, *full, order, flux)
 
     expected = naive.evolve(values, rhs, 0.05, 2, "rk2", obstacle=lambda tau: wall)
-    np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING if double else SINGLE_ROUNDING)
 
 
 @pytest.mark.parametrize(("plain", "flux"), either(FLUXES))
@@ -323,12 +324,14 @@ def test_mirror_image_and_translation(rng, monkeypatch, plain, kind):
     grid = Grid([0.0, 0.0], [1.0, 1.0], (12, 9), (True, False))
     values = rng.normal(size=grid.shape)
     lower, upper = np.array([-0.5, 0.2]), np.array([0.8, 0.9])
-    scheme = dataclasses.replace(DOUBLE, flux=flux, order=order)
+    double = plain or kind != USUAL
+    scheme = dataclasses.replace(DOUBLE if double else SINGLE, flux=flux, order=order)
+    atol = ROUNDING if double else SINGLE_ROUNDING
     straight = evolve(grid, values, Velocities(lower, upper), 0.1, scheme, steps=3)
     mirrored = evolve(grid, values[::-1, ::-1], Velocities(-upper, -lower), 0.1, scheme, steps=3)
-    np.testing.assert_allclose(mirrored[::-1, ::-1], straight, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(mirrored[::-1, ::-1], straight, rtol=0, atol=atol)
     moved = evolve(grid, np.roll(values, 5, axis=0), Velocities(lower, upper), 0.1, scheme, steps=3)
-    np.testing.assert_allclose(np.roll(moved, -5, axis=0), straight, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(np.roll(moved, -5, axis=0), straight, rtol=0, atol=atol)
 
 
 def test_single_precision_stays_within_its_rounding(monkeypatch):
@@ -350,11 +353,10 @@ def test_single_precision_stays_within_its_rounding(monkeypatch):
 
 def test_no_motion_and_no_time_leave_the_values_alone(rng):
     grid = Grid([0.0, 0.0], [1.0, 1.0], (6, 6), (True, False))
-    values = rng.normal(size=(6, 6))
-    assert np.array_equal(evolve(grid, values, box([0, 0], [0, 0]), 1.0, DOUBLE), values)
-    wall = rng.normal(size=(6, 6))
+    values, wall = rng.normal(size=(2, 6, 6)).astype(np.float32)
+    assert np.array_equal(evolve(grid, values, box([0, 0], [0, 0]), 1.0, SINGLE), values)
     assert np.array_equal(
-        evolve(grid, values, box([0, 0], [0, 0]), 1.0, DOUBLE, obstacle=wall), np.maximum(values, wall)
+        evolve(grid, values, box([0, 0], [0, 0]), 1.0, SINGLE, obstacle=wall), np.maximum(values, wall)
     )
 
 

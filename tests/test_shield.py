@@ -79,9 +79,9 @@ def test_fallback_on_the_line_is_the_closed_form() -> None:
     controller = Controller(table)
     for q in (-3.9, -2.0, 2.0, 2.89, 2.95, 3.2):
         hazards = [q + max(0.0, 0.5 * (u + 0.2)) - 3.0 for u in (-1, 0, 1)]
-        np.testing.assert_allclose(table.hazards(np.array([[q]]), 0)[0], hazards, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(table.hazards(np.array([[q]]), 0)[0], hazards, rtol=0, atol=1e-6)  # single precision
         told = controller.fallback([q], 0)
-        assert told.input == 0 and told.hazard == pytest.approx(hazards[0], abs=1e-12)
+        assert told.input == 0 and told.hazard == pytest.approx(hazards[0], abs=1e-6)
         assert told.steps == (q < 3.0)
     assert controller.fallback([-3.95], 0).steps == 1  # no tube of five steps holds it
     with pytest.raises(sdhj.NotAdmissible):
@@ -90,7 +90,7 @@ def test_fallback_on_the_line_is_the_closed_form() -> None:
 
 def test_where_nothing_is_unsafe_the_fallback_leads_back() -> None:
     problem = toys.interval_problem(unsafe=False)
-    controller = Controller(sdhj.solve(problem, sdhj.HopfLax("linear", "float64"), progress=False))
+    controller = Controller(sdhj.solve(problem, sdhj.HopfLax("linear"), progress=False))
     for q, expected in ((3.9, 0), (-3.9, 2)):
         told = controller.fallback([q], 0)
         assert controller.steps_to_go([q], 0) is None

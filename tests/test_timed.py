@@ -131,8 +131,8 @@ CASES = {
 METHODS = {
     "hji": HJI(),
     "joint": HJI(games="joint"),
-    "lax": HopfLax("linear", "float64"),
-    "limited": HopfLax(dtype="float64"),
+    "lax": HopfLax("linear"),
+    "limited": HopfLax(),
 }
 
 

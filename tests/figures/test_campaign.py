@@ -48,6 +48,7 @@ def test_rows_are_written(tmp_path) -> None:
     assert (1 - upper_bound(500)) ** 500 == pytest.approx(0.05)
 
 
+@pytest.mark.slow
 def test_campaign_from_the_command_line(tmp_path) -> None:
     problem = sdhj.arm_case_study(nodes=9, steps=2)
     sdhj.solve(problem, sdhj.Certified(cells=(63, 63, 18, 18)), progress=False).save(tmp_path / "proved.h5")

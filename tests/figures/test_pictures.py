@@ -37,6 +37,7 @@ def test_comparison_lays_two_tables_over_each_other(table):
     assert len(fig13_comparison.comparison_legend()) == 4
 
 
+@pytest.mark.slow
 def test_every_step_to_go_is_seen():
     """Each adds at least a hundredth of the slice, on the grid that Figs. 10 and 11 show."""
     fine = sdhj.solve(sdhj.arm_case_study(), method="lax", progress=False)

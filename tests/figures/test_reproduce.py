@@ -13,6 +13,7 @@ def run(*arguments: object):
     return CliRunner().invoke(reproduce.main, [str(a) for a in arguments])
 
 
+@pytest.mark.slow  # the main job does the same
 def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figures themselves are tested on their own."""
     asked = []

@@ -117,6 +117,7 @@ def test_rules_are_drawn_with_their_intervals(compared):
     np.testing.assert_allclose(ends, [mean_interval(outcome.time) for outcome in compared])
 
 
+@pytest.mark.slow
 def test_sampled_obstacles_let_collisions_through():
     """A thin obstacle at 20 m/s: the gaps between 20 samples are wider than the arm, and runs end in them."""
     nodes = (25, 25, 5, 5)  # the pursuer's axes matter little here
@@ -182,7 +183,7 @@ def small_car():
     return replace(car(), grid=sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [21, 21, 16], [False, False, True]), steps=2)
 
 
-@pytest.mark.parametrize("kind", ["error", "delay", "jitter"])
+@pytest.mark.parametrize("kind", ["error", *(pytest.param(one, marks=pytest.mark.slow) for one in ("delay", "jitter"))])
 def test_more_uncertainty_promises_less(small_car, kind):
     """Sets shrink, as `sdhj.problem.sensing` says; the first value is that of the perfect robot."""
     methods = {"hji": "hji", "certified": sdhj.Certified(cells=(28, 28, 26), parts=2)}

@@ -32,11 +32,11 @@ def test_every_mutant_of_a_solution_is_refused_or_is_the_same(chapter: str) -> N
 
 
 def test_a_sample_of_mutants_is_refused_or_is_the_same() -> None:
-    """What takes no solve, every fifth."""
+    """What takes no solve, every tenth."""
     chapters = sorted({f"{int(number.split('.')[0]):02d}" for number in QUICK})
-    chosen = [mutant for chapter in chapters for mutant in mutants(chapter) if mutant.number in QUICK][::5]
-    assert len(chosen) >= 60
-    assert Counter(map(judge, chosen))["refused"] >= 40
+    chosen = [mutant for chapter in chapters for mutant in mutants(chapter) if mutant.number in QUICK][::10]
+    assert len(chosen) >= 30
+    assert Counter(map(judge, chosen))["refused"] >= 20
 
 
 @pytest.mark.slow

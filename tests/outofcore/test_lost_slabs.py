@@ -244,9 +244,11 @@ def test_a_store_of_another_version_is_refused(problem, store, monkeypatch):
     sdhj.load(store, problem=problem)  # to be read it need not be the same
 
 
-def test_two_processes_on_one_store(memory, table, tmp_path):
+def test_two_processes_on_one_store(problem, memory, table, tmp_path, monkeypatch):
     path = tmp_path / "t.zarr"
-    run_until(path, memory, signal.SIGKILL)
+    stop_after(monkeypatch, 9, Stopped())
+    with pytest.raises(Stopped):
+        sdhj.solve(problem, store=path, memory=memory)
     with ThreadPoolExecutor(2) as pool:
         both = [pool.submit(run_until, path, memory, None, resume=True) for _ in range(2)]
     assert [one.result()[0] for one in both] == [0, 0], both
