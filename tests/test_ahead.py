@@ -225,17 +225,17 @@ def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
     """For the filter's scores, too; at the last step, and one input at a time."""
     table = controller_of(name).table
     for step, within in ((0, 1), (0, table.steps), (table.steps - 1, 1), (table.steps, 1)):
-        states = states_of(table.problem, 600, rng)
-        scores = rng.integers(0, 3, (600, len(table.problem.inputs))).astype(float)
+        states = states_of(table.problem, 2000, rng)
+        scores = rng.integers(0, 3, (2000, len(table.problem.inputs))).astype(float)
         for one in (scores, None):
             fast, slow = (table.answers(states, step, within, one) for _ in range(2))
             Table._decide(
-                table, slow, slow.margins if one is None else one, LOOK, np.arange(600)
+                table, slow, slow.margins if one is None else one, LOOK, np.arange(2000)
             )  # into the same arrays
             for field in ("steps_to_go", "safe", "margins", "best"):
                 np.testing.assert_array_equal(getattr(fast, field), getattr(slow, field))
         if step < table.steps:
-            inputs, left = rng.integers(0, len(table.problem.inputs), 600), rng.integers(0, 2, 600)
+            inputs, left = rng.integers(0, len(table.problem.inputs), 2000), rng.integers(0, 2, 2000)
             found = table.passes(states, inputs, step, left)
             monkeypatch.setattr(LookupTable, "_decide", Table._decide)
             np.testing.assert_array_equal(found, table.passes(states, inputs, step, left))

@@ -33,6 +33,11 @@ def solved(problem: ReachAvoidProblem, method: str = "lax") -> LookupTable:
 
 
 @cache
+def double_table() -> LookupTable:
+    return sdhj.solve(toys.torus_problem(), sdhj.HopfLax("linear", "float64"), progress=False)
+
+
+@cache
 def free_table() -> LookupTable:
     return solved(free_problem())
 
@@ -61,6 +66,10 @@ def tables() -> dict[str, LookupTable]:
         "arm": solved(sdhj.arm_case_study(nodes=9, steps=3), "hji"),
         "coupled": solved(coupled_problem(), "hji"),
     }
+
+
+NAMES = ("interval", "free", "torus", "unicycle", "arm", "coupled")
+DOUBLE = pytest.param("double", marks=pytest.mark.slow)  # what is compiled for double precision alone
 
 
 def random_states(problem: ReachAvoidProblem, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -143,9 +152,9 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
     return boxes, order, avoid, told
 
 
-@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
+@pytest.mark.parametrize("name", [*NAMES, DOUBLE])
 def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
-    table, seen = tables[name], set()
+    table, seen = tables[name] if name != "double" else double_table(), set()
     controller = Controller(table)
     for step, all_left in product(range(table.steps + 1), (False, True)):
         states = random_states(table.problem, 40, rng)
@@ -164,9 +173,9 @@ def test_controller_equals_its_slow_twin(tables: dict[str, LookupTable], name: s
     assert None in seen and len(seen) >= 3  # states in and out of the tubes were compared
 
 
-@pytest.mark.parametrize("name", ["interval", "free", "torus", "unicycle", "arm", "coupled"])
+@pytest.mark.parametrize("name", [*NAMES, DOUBLE])
 def test_fallback_equals_its_slow_twin(tables: dict[str, LookupTable], name: str, rng: np.random.Generator) -> None:
-    table, promised = tables[name], set()
+    table, promised = tables[name] if name != "double" else double_table(), set()
     for step in range(table.steps):
         states = random_states(table.problem, 8, rng)
         chosen, steps, hazards = fallbacks(table, states, step)

@@ -475,7 +475,7 @@ def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
     assert not problem.interval(0).velocities(0, (0,)).coupled
     x = problem.grid.nodes(0)
     away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
-    for j, phi in games.reach(problem.goal(0), 0):
+    for j, phi in games.reach(problem.goal(0).astype(np.float32), 0):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * 0.7 - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]  # a kink is spread over a few cells
@@ -492,7 +492,7 @@ def test_a_dropped_coordinate_that_moves_more_and_more_has_its_closed_form(step)
 
     problem = replace(problem, dynamics=Dynamics(problem.inputs, drift, np.eye(2), [0.2, 0.3]))
     x, away = problem.grid.nodes(0), np.abs(problem.grid.nodes(0)) < 2.0
-    for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0), step):
+    for j, phi in projected_games(problem, [(0,)]).reach(problem.goal(0).astype(np.float32), step):
         exact = np.abs(x + 0.4 * problem.inputs[j, 0]) + 0.4 * (0.7 + 0.5 * 0.4 * (step + 0.5)) - 1.0
         error = np.abs(phi - exact[:, None])[away]
         assert error.max() < 1.5 * problem.grid.spacing[0]
@@ -512,7 +512,7 @@ def test_coupled_modes_have_their_closed_form():
         assert problem.interval(0).velocities(0, (0, 1)).coupled
         x, y = np.meshgrid(problem.grid.nodes(0), problem.grid.nodes(1), indexing="ij")
         ring = (np.hypot(x, y) > 0.5) & (np.hypot(x, y) < 1.2)
-        target = np.broadcast_to((np.hypot(x, y) - 0.8)[..., None], problem.grid.shape)
+        target = np.broadcast_to((np.hypot(x, y) - 0.8).astype(np.float32)[..., None], problem.grid.shape)
         worst = 0.0
         for j, phi in games.reach(target, 0):
             exact = np.hypot(x + 0.2 * problem.inputs[j, 0], y) + 0.1 - 0.8

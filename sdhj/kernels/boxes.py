@@ -57,11 +57,14 @@ def _end(out, values, taps, weight, start, stop, raised):
 
 @kernel()
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`.
+
+    Constants are given as `np.bool_(True)`: True alone is a type of its own, for which this is compiled once more.
+    """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
-        _end(out, values, taps[1], weight[1], start, stop, True)
+        _end(out, values, taps[1], weight[1], start, stop, np.bool_(True))
         for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
             raise_to(out, values[other % values.shape[0], start:stop])
 
@@ -77,7 +80,7 @@ def _turned(out, values, kind, leaves, raised):
             for i in range(after):
                 turned[node, row * after + i] = values[row, node, i]
     for node in range(nodes):
-        over_interval(found, turned, 0, width, node, kind, leaves, False)
+        over_interval(found, turned, np.int64(0), width, node, kind, leaves, np.bool_(False))
         for row in range(rows):
             for i in range(after):
                 value = found[row * after + i]

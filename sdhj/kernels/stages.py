@@ -317,7 +317,7 @@ def to_planes(values, out, layout):
         for row in range(layout.rows):
             for i in range(layout.nodes):
                 out[plane, layout.top + row, layout.ghosts + i] = values[plane, row, i]
-        _fill_ghosts(out[plane].ravel(), layout, 0, layout.rows)
+        _fill_ghosts(out[plane].ravel(), layout, np.int64(0), layout.rows)
 
 
 @kernel(parallel=True, least=FEW)

@@ -91,7 +91,7 @@ def test_explanations_agree_with_the_table():
         (replace(sdhj.arm_case_study(**SMALL), sensing=sensing), (32, 32, 12, 12)),
     ):
         made = sdhj.solve(problem, sdhj.Certified(cells=cells, parts=4), progress=False, play=False)
-        for q in rng.uniform(made.grid.lower, made.grid.upper, (6, made.grid.ndim)):
+        for q in rng.uniform(made.grid.lower, made.grid.upper, (12, made.grid.ndim)):
             told = made.explain(q, 1, 2)
             assert told.certified == made.contains(q[None], start=1, within=2)[0]
             if told.failures:

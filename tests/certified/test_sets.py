@@ -87,7 +87,7 @@ def test_a_case_study_that_was_changed_is_proved_as_any_robot(rng):
     for changed in (dataclasses.replace(still, target=None), dataclasses.replace(arm, unsafe=(*arm.unsafe, wall))):
         table = sdhj.solve(changed, sdhj.Certified(cells=(24, 24, 10, 10), parts=4), progress=False)
         assert table.proof.kind == "enclosed" and table.fraction(start=0, within=1) > 0.001
-        states = naive.states_in(table, rng, 300)
+        states = naive.states_in(table, rng, 600)
         assert (changed.unsafe_value(states, 0.0) > 0).all()
         naive.assert_runs_succeed(table, states, rng, pieces=4)
     assert (np.abs(states[:, 0]) > 0.3).all()
