@@ -128,10 +128,8 @@ class Grid:
     @cached_property
     def spacing(self) -> tuple[float, ...]:
         """Distance between neighbouring nodes on each axis."""
-        return tuple(
-            (hi - lo) / (n if p else n - 1)
-            for lo, hi, n, p in zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
-        )
+        each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        return tuple((high - low) / (n if periodic else n - 1) for low, high, n, periodic in each)
 
     def nodes(self, axis: int) -> FloatArray:
         """Coordinates of the nodes on one axis, shape (shape[axis],)."""

@@ -139,9 +139,8 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
     for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
         most = dynamics.disturbance(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
-        slope = np.maximum(
-            slope, sum(shares[name] * np.broadcast_to(opaque[name].slope, slope.shape) for name in opaque)
-        )
+        rates = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
+        slope = np.maximum(slope, rates)
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)

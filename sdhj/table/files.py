@@ -137,9 +137,8 @@ def probed(folder: Path, name: str = "probe") -> None:
 
 
 def unwritable(folder: Path, error: OSError) -> OSError:
-    return OSError(
-        f"cannot write in {folder}: {error.strerror or error}; choose a folder that exists and can be written"
-    )
+    why = error.strerror or error
+    return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
 
 # ---- tables
