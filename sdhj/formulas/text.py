@@ -132,7 +132,7 @@ RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
 def shown(
     outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",), width: int = 400
 ) -> list[str]:
-    """Results as mathematics; what is used more than once, and is long, gets a letter and a line of its own."""
+    """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
     order = ordered(outputs)
     uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
     text: dict[Node, str] = {}
