@@ -75,15 +75,22 @@ def _unit(angle: FloatArray) -> FloatArray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
+class _Path:
+    """The path of a point, given by points (x, y), velocities and numbers, which are checked."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            of_two = name in ("centre", "start", "velocity")
+            least = 0.0 if name == "radius" else -np.inf
+            object.__setattr__(self, name, pair(name, value) if of_two else number(name, value, least=least))
+
+
 @dataclass(frozen=True)
-class Still:
+class Still(_Path):
     """A point that stays at `centre`."""
 
     centre: tuple[float, float]
     speed = 0.0  # m/s
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", pair("centre", self.centre))
 
     def at(self, t: ArrayLike) -> FloatArray:
         """Position at the times t; shape (*t.shape, 2)."""
@@ -95,15 +102,11 @@ class Still:
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(_Path):
     """A point at `start` + t * `velocity` (m, m/s)."""
 
     start: tuple[float, float]
     velocity: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "start", pair("start", self.start))
-        object.__setattr__(self, "velocity", pair("velocity", self.velocity))
 
     @property
     def speed(self) -> float:
@@ -116,25 +119,18 @@ class Line:
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
         """Distance (...) from segments to the trace over [t0, t1], here a segment."""
-        speed = self.speed
-        direction = np.array(self.velocity) / speed if speed else np.array([1.0, 0.0])
-        return segment_distance(segment, Segment(self.at(t0), direction, speed * (t1 - t0)))
+        direction = np.array(self.velocity) / self.speed if self.speed else np.array([1.0, 0.0])
+        return segment_distance(segment, Segment(self.at(t0), direction, self.speed * (t1 - t0)))
 
 
 @dataclass(frozen=True)
-class Circle:
+class Circle(_Path):
     """A point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s, rad)."""
 
     centre: tuple[float, float]
     radius: float
     rate: float
     phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", pair("centre", self.centre))
-        object.__setattr__(self, "radius", number("radius of the circle", self.radius, least=0.0))
-        object.__setattr__(self, "rate", number("rate", self.rate))
-        object.__setattr__(self, "phase", number("phase", self.phase))
 
     @property
     def speed(self) -> float:
@@ -284,9 +280,7 @@ class Arm:
         try:
             from shapely import LineString  # only drawing needs it
         except ImportError as error:
-            raise ImportError(
-                "the outline of an arm needs Shapely, which is not installed: pip install 'sdhj[plot]'"
-            ) from error
+            raise ImportError("an arm's outline needs Shapely, not installed: pip install 'sdhj[plot]'") from error
         elbow, tip = self.joints(np.asarray(q, dtype=np.float64).reshape(2))
         skeleton = np.stack([np.zeros(2), elbow, tip, elbow, np.zeros(2)])
         if self.half_width == 0.0:

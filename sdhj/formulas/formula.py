@@ -255,7 +255,7 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
     """Raise ValueError where a function's values (M, *shape) at points (M, n) are not in the formula's intervals there.
 
-    Those are widened by 4 units in the last place and by their own width, as NumPy may add in another order.
+    Those are widened by 4 units in the last place and by their width, as NumPy may add in another order.
     """
     given = points.copy()
     given.setflags(write=False)

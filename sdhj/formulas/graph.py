@@ -105,7 +105,7 @@ def leaf(kind: str, index: int, row: int = 0) -> Node:
 
 
 def constant(value: float) -> Node:
-    return interned("const", (), float(value) + 0.0)  # signs of zeros are not told apart
+    return interned("const", (), float(value) + 0.0)  # a zero has no sign
 
 
 def node(value: Any) -> Node:

@@ -5,7 +5,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -132,35 +132,34 @@ RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
 def shown(
     outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",), width: int = 400
 ) -> list[str]:
-    """Results as mathematics; what is used more than once, and is long, gets a letter and a line of its own."""
+    """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
     order = ordered(outputs)
     uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
     text: dict[Node, str] = {}
     letters, lines = iter("abcdefghijklmnopqrs"), []
+
+    def inside(arg: Node, rank: int) -> str:
+        whole = arg.op not in RANK or " " not in text[arg]
+        return text[arg] if whole or RANK[arg.op] >= rank else f"({text[arg]})"
+
     for one in order:
-        text[one] = _shown(one, text, names, parameters)
+        rank, given = RANK.get(one.op, 0), [text[arg] for arg in one.args]
+        if one.op in ("x", "p"):
+            text[one] = (names if one.op == "x" else parameters)[one.value[0]]
+        elif one.op == "const":
+            text[one] = format(one.value, ".6g")
+        elif one.op in SIGNS:
+            second = inside(one.args[1], rank + (one.op in ("sub", "div")))
+            text[one] = f"{inside(one.args[0], rank)}{SIGNS[one.op]}{second}"
+        elif one.op in ("sqr", "power"):
+            text[one] = f"{inside(one.args[0], rank + 1)}^{2 if one.op == 'sqr' else one.value}"
+        elif one.op == "neg":
+            text[one] = f"-{inside(one.args[0], rank)}"
+        else:
+            text[one] = f"|{given[0]}|" if one.op == "abs" else f"{one.op}({', '.join(given)})"
         if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
             lines.append(f"{letter} = {text[one]}")
             text[one] = letter
         if len(text[one]) > width:
             text[one] = f"{text[one][:width]}..."
     return [*lines, *(text[one] for one in outputs)]
-
-
-def _shown(one: Node, text: Mapping[Node, str], names: Sequence[str], parameters: Sequence[str]) -> str:
-    def inside(arg: Node, more: int = 0) -> str:
-        whole = arg.op not in RANK or " " not in text[arg]
-        return text[arg] if whole or RANK[arg.op] >= RANK[one.op] + more else f"({text[arg]})"
-
-    if one.op in ("x", "p"):
-        return (names if one.op == "x" else parameters)[one.value[0]]
-    if one.op == "const":
-        return format(one.value, ".6g")
-    if one.op in SIGNS:
-        return f"{inside(one.args[0])}{SIGNS[one.op]}{inside(one.args[1], one.op in ('sub', 'div'))}"
-    if one.op in ("sqr", "power"):
-        return f"{inside(one.args[0], 1)}^{2 if one.op == 'sqr' else one.value}"
-    if one.op == "neg":
-        return f"-{inside(one.args[0])}"
-    given = ", ".join(text[arg] for arg in one.args)
-    return f"|{given}|" if one.op == "abs" else f"{one.op}({given})"

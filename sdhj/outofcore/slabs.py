@@ -7,7 +7,7 @@ floor(d / order) stages. After K time steps of S stages a node is right that is
     h = order * S * K     nodes inside.
 
 A shift by c cells, or the Hopf-Lax maximum over a box of them, reads floor(c) + 2 more: the last of them for the
-limited second difference. K is that of the whole grid, from its fastest velocity: a slab with a time step of its own
+limited second difference. K is that of the whole grid, from its fastest velocity: a slab with another time step
 would be right too, and other bits. A periodic axis is gone around; where a window would meet itself it is the grid.
 """
 
@@ -67,7 +67,7 @@ class Plan:
     @cached_property
     def avoid_axes(self) -> Mapping[str, Axes]:
         """The axes of the avoid tubes."""
-        return {kind: tuple(sorted({i for game in own for i in game.danger.axes})) for kind, own in self.avoid.items()}
+        return {kind: tuple(sorted({i for game in games for i in game.danger.axes})) for kind, games in self.avoid.items()}
 
     @cached_property
     def whole(self) -> Any:
@@ -168,10 +168,10 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
     if axis not in danger.axes:
         return AvoidGame(danger)
     whole, place = danger.problem, danger.axes.index(axis)
-    own, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
+    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
     counted = time_steps(method, whole, axes)
-    halo = avoid_halo(method.on(whole), axes, own, counted)
-    return AvoidGame(danger, own, danger.inside[place].start or 0, halo, counted)
+    halo = avoid_halo(method.on(whole), axes, cut, counted)
+    return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)
 
 
 def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:

@@ -168,7 +168,7 @@ class StoredTable(Table):
             if step is not None:
                 masks[row] = read_window(self._read, "masks", place, window).reshape(masks.shape[1:])
         axes = self.avoid_axes["static"], self.avoid_axes["moving"]
-        parts = [window.subgrid(own) if own else None for own in axes]
+        parts = [window.subgrid(some) if some else None for some in axes]
         static, moving = (
             np.empty((*lead, *(part.shape if part else ())), tubes.dtype)
             for lead, part in zip(((count,), (self.steps, count)), parts, strict=True)

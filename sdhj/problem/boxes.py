@@ -22,7 +22,7 @@ INTERPOLATIONS = ("linear", "limited")
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
-@lru_cache(maxsize=256)  # the recursion asks for the same few intervals hundreds of times
+@lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
 def intervals(
     nodes: int,
     periodic: bool,
@@ -85,24 +85,6 @@ class Maxima(NamedTuple):
         return out
 
 
-def _leaves(
-    grid: Grid,
-    axis: int,
-    spans: Sequence[tuple[float, float]],
-    interpolation: str,
-    dtype: str,
-    parent: Sequence[int],
-    which: Sequence[int],
-    wanted: slice = slice(None),
-) -> Leaves:
-    n, spacing = grid.shape[axis], grid.spacing[axis]
-    nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
-    cells, limited = tuple((low / spacing, high / spacing) for low, high in spans), interpolation == "limited"
-    found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
-    taps, weight, between = (np.ascontiguousarray(one[:, wanted]) for one in found[:3])
-    return Leaves(np.array(parent), np.array(which), taps, weight, between, found[3])
-
-
 class Level(NamedTuple):
     """Maxima along an axis over `spans`: leaf i is made of function parent[i] and spans[which[i]]."""
 
@@ -110,6 +92,14 @@ class Level(NamedTuple):
     spans: tuple[tuple[float, float], ...]
     parent: tuple[int, ...]
     which: tuple[int, ...]
+
+    def leaves(self, grid: Grid, limited: bool, dtype: str, wanted: slice) -> Leaves:
+        n, spacing, axis = grid.shape[self.axis], grid.spacing[self.axis], self.axis
+        nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
+        cells = tuple((low / spacing, high / spacing) for low, high in self.spans)
+        found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
+        taps, weight, between = (np.ascontiguousarray(one[:, wanted]) for one in found[:3])
+        return Leaves(np.array(self.parent), np.array(self.which), taps, weight, between, found[3])
 
 
 @lru_cache(maxsize=64)
@@ -159,11 +149,11 @@ def maxima(
         rest = [slice(None) if axis in done or not wanted else wanted[axis] for axis in range(grid.ndim)]
         # a copy of what may not be written to, for which kernels would be compiled once more
         found = np.require(values[tuple(rest)], requirements=("C", "W"))[None]
-        for axis, spans, parent, which in levels:
-            some = wanted[axis] if wanted else slice(None)
-            leaves = _leaves(grid, axis, spans, interpolation, values.dtype.str, parent, which, some)
-            whole = Maxima(first, len(parent), found, axis, leaves)
-            found = whole.of() if axis != levels[-1].axis else found
+        for level in levels:
+            some = wanted[level.axis] if wanted else slice(None)
+            leaves = level.leaves(grid, interpolation == "limited", values.dtype.str, some)
+            whole = Maxima(first, len(level.parent), found, level.axis, leaves)
+            found = whole.of() if level is not levels[-1] else found
         yield whole
 
 
@@ -186,6 +176,6 @@ def most_on_rim(grid: Grid) -> FloatArray | None:
 
 
 def out_of_danger(grid: Grid, values: FloatArray) -> FloatArray:
-    """Values (shape) held at most at `most_on_rim`."""
+    """Values (shape), at most `most_on_rim`."""
     most = most_on_rim(grid)
     return values if most is None else np.minimum(values, most, dtype=values.dtype)

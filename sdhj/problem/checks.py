@@ -143,7 +143,7 @@ def ascending(axes: Any, name: str) -> tuple[int, ...]:
 
 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `KNOWN[name]` a function takes, in its own order.
+    """Which of `KNOWN[name]` a function takes, in the order of its parameters.
 
     The first parameter is the state, called points here, unless it is called u, v or t; the others are known by their
     names. Parameters with defaults and other names are left alone.

@@ -75,25 +75,19 @@ class Dynamics:
     gain: Any = None
     bounds: Any = None
     velocity: Any = None
-    _parts: dict[str, Formula] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )  # by name, once read
+    _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
         if inputs.shape[0] > MOST_INPUTS:
-            raise ValueError(
-                f"{inputs.shape[0]} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely"
-            )
+            raise ValueError(f"{len(inputs)} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely")
         object.__setattr__(self, "inputs", inputs)
         if (self.velocity is None) == (self.drift is None) or (self.velocity is not None and self.gain is not None):
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
-            raise ValueError(
-                "gain and bounds belong together: how the disturbance moves the state, and how large it is"
-            )
+            raise ValueError("gain and bounds belong together: how the disturbance moves the state, how large it is")
         if self.bounds is not None and not callable(self.bounds):
             bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
@@ -113,20 +107,25 @@ class Dynamics:
         count = len(self.inputs)
         bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
-            raise ValueError(
-                "bounds cannot be a BlackBox: give half-widths that are large enough, or a function that can be read"
-            )
+            raise ValueError("bounds cannot be a BlackBox: give half-widths, or a function that can be read")
         D = bounds.shape[1]
         if self.velocity is not None:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
-                return VectorField(self.inputs, ndim, *_scaled_velocity(velocity, bounds))
-            drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
-            gain: Any = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
+                scaled = partial(_scaled_velocity, velocity, bounds)
+                drift, gain = Formula.traced("velocity", scaled, ndim, 1 + D) if bounds.reads.any() else velocity, None
+            else:
+                drift = Formula(tuple(part[0] for part in parts), ndim, 1, (count, ndim), "drift")
+                gain = Formula(tuple(one for part in parts for one in part[1:]), ndim, 1, (count, ndim, D), "gain")
         else:
             drift, gain = self._read("drift", ndim, (ndim,)), self._read("gain", ndim, (ndim, D))
-        return VectorField(self.inputs, ndim, drift, *_scaled(gain, bounds))
+        if bounds.reads.any():  # they go into the gain, and are 1 then
+            if isinstance(gain, BlackBox):
+                raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
+            gain = gain and Formula.traced("gain", partial(_scaled_gain, gain, bounds), ndim)
+            bounds = _constants("bounds", np.ones(bounds.shape), ndim)
+        return VectorField(self.inputs, ndim, drift, gain, bounds)
 
     def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
         """Raise ValueError where a function's values at states (M, ndim) are not what was read from it."""
@@ -182,31 +181,14 @@ class Dynamics:
         return self._parts[name]
 
 
-def _scaled(gain: Any, bounds: Any) -> tuple[Any, Any]:
-    """Gain and bounds; bounds that depend on the state go into the gain, and are 1 then."""
-    if not bounds.reads.any():
-        return gain, bounds
-    if isinstance(gain, BlackBox):
-        raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
-    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
-
-    def scaled(points: Any, t: Any) -> Any:
-        return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
-
-    return Formula.traced("gain", scaled, ndim), _constants("bounds", ones, ndim)
+def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
+    return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
-def _scaled_velocity(velocity: Any, bounds: Formula) -> tuple[Any, None, Formula]:
-    """As `_scaled`, where v does not enter linearly: each component of v is multiplied by its bound."""
-    if not bounds.reads.any():
-        return velocity, None, bounds
-    ndim, ones = bounds.coordinates, np.ones(bounds.shape)
-
-    def scaled(points: Any, t: Any, *v: Any) -> Any:
-        pairs = zip(velocity.rows, bounds.rows, strict=True)
-        return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
-
-    return Formula.traced("velocity", scaled, ndim, velocity.parameters), None, _constants("bounds", ones, ndim)
+def _scaled_velocity(velocity: Any, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
+    """Where v does not enter linearly: each component of v is multiplied by its bound."""
+    pairs = zip(velocity.rows, bounds.rows, strict=True)
+    return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:

@@ -100,19 +100,17 @@ class Grid:
             if not isinstance(periodic[axis], bool | np.bool_):
                 raise ValueError(f"periodic[{axis}] must be True or False, got {reprlib.repr(periodic[axis])}")
         nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
-        checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes}
-        checked |= {"periodic": map(bool, periodic), "names": map(str, names)}
-        for name, values in checked.items():
-            object.__setattr__(self, name, tuple(values))
         given = [ends] * ndim if isinstance(ends, str) else sequence("ends", ends)
         pairs = tuple((end, end) if isinstance(end, str) else tuple(sequence("ends", end)) for end in given)
         valid = all(len(pair) == 2 and all(isinstance(end, str) and end in ENDS for end in pair) for pair in pairs)
         if len(pairs) != ndim or not valid:
             shown = reprlib.repr(ends)
             raise ValueError(f"ends must be {', '.join(ENDS)} or a pair of them for each axis, got {shown}")
-        object.__setattr__(self, "ends", pairs)
-        rim = rim if len(rim) else [(0, 0)] * ndim
-        object.__setattr__(self, "rim", tuple((int(low), int(high)) for low, high in rim))
+        rims = [(int(low), int(high)) for low, high in rim] or [(0, 0)] * ndim
+        checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes, "rim": rims}
+        checked |= {"periodic": map(bool, periodic), "names": map(str, names), "ends": pairs}
+        for name, values in checked.items():
+            object.__setattr__(self, name, tuple(values))
 
     @property
     def ndim(self) -> int:
@@ -130,10 +128,8 @@ class Grid:
     @cached_property
     def spacing(self) -> tuple[float, ...]:
         """Distance between neighbouring nodes on each axis."""
-        return tuple(
-            (hi - lo) / (n if p else n - 1)
-            for lo, hi, n, p in zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
-        )
+        each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
+        return tuple((high - low) / (n if periodic else n - 1) for low, high, n, periodic in each)
 
     def nodes(self, axis: int) -> FloatArray:
         """Coordinates of the nodes on one axis, shape (shape[axis],)."""
@@ -179,13 +175,9 @@ class Grid:
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""
-        if tuple(axes) not in self._subgrids:
-            self._subgrids[tuple(axes)] = self._subgrid(axes)
-        return self._subgrids[tuple(axes)]
-
-    @cached_property
-    def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        return {}
+        if tuple(axes) not in (known := self.__dict__.setdefault("_subgrids", {})):
+            known[tuple(axes)] = self._subgrid(axes)
+        return known[tuple(axes)]
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
         fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
@@ -212,12 +204,8 @@ class Grid:
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
-            ends = zip(self.lower, self.upper, self.periodic, strict=True)
-            turns = [
-                (low + np.mod(x - low, high - low) if p else x)
-                for x, (low, high, p) in zip(points.T, ends, strict=True)
-            ]
-            return np.stack(turns, axis=1)
+            each = zip(points.T, self.lower, self.upper, self.periodic, strict=True)
+            return np.stack([low + np.mod(x - low, high - low) if p else x for x, low, high, p in each], axis=1)
         points = np.array(points, dtype=np.float64, order="C")
         wrap(points, *self._ends)
         return points
@@ -263,22 +251,16 @@ class Grid:
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""
-        if kinds not in self._faces:
-            ends_so = (
-                np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
-            )
+        if kinds not in (known := self.__dict__.setdefault("_faces", {})):
+            such = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
             past = np.array(self.rim).T * self.spacing
-            low = np.where(ends_so[:, 0], self.lower + past[0], -np.inf)
-            self._faces[kinds] = low, np.where(ends_so[:, 1], self.upper - past[1], np.inf)
-        return self._faces[kinds]
+            low = np.where(such[:, 0], self.lower + past[0], -np.inf)
+            known[kinds] = low, np.where(such[:, 1], self.upper - past[1], np.inf)
+        return known[kinds]
 
     def has(self, kind: str) -> bool:
         """Whether some axis has an end of this kind."""
         return bool(np.isfinite(self.faces(kind)).any())
-
-    @cached_property
-    def _faces(self) -> dict[Any, tuple[FloatArray, FloatArray]]:
-        return {}
 
     def to_ends(self, kind: str) -> FloatArray:
         """Distance of each node to the nearest end of a kind, < 0 past it, +inf without one; broadcasts to the grid."""
@@ -295,11 +277,8 @@ class Grid:
 
     def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
         """Whether states (..., ndim) are past an end of these kinds by more than rounding: bool (...)."""
-        if (kinds, SLACK) not in self._faces:
-            (low, high), slack = self.faces(*kinds), SLACK * np.array(self.spacing)
-            self._faces[kinds, SLACK] = low - slack, high + slack
-        low, high = self._faces[kinds, SLACK]
-        return np.asarray(((states < low) | (states > high)).any(axis=-1))
+        (low, high), slack = self.faces(*kinds), SLACK * np.array(self.spacing)
+        return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
     @cached_property
     def weights(self) -> FloatArray:

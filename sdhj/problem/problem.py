@@ -121,9 +121,8 @@ class ReachAvoidProblem:
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
         for part in parts:
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
-                raise ValueError(
-                    f"axes of {part.name!r} must be axes of the grid, from 0 to {ndim - 1}, ascending, got {part.axes}"
-                )
+                where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
+                raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
         if self.steps is None and not self.timeless:
             raise ValueError(
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "
@@ -131,7 +130,14 @@ class ReachAvoidProblem:
             )
         for part in parts:
             _compare_set(self, part)
-        _check_functions(self)
+        for j, step in product(range(len(self.inputs)), range((self.steps or 0) + 1) if self.dynamics.timed else [0]):
+            self.dynamics.bounds_at(j, self.time(step))
+        for part in self.unsafe:
+            corner = np.array([[self.grid.lower[axis] for axis in part.axes]])
+            part.over(corner, 0.0, self.delta, self.view_time)  # refuses a black box of which too little is known
+            if part.moving and part.swept is not None and self.view_time == "swept":
+                _check_swept(self, part)
+        _try_goals(self)
         if self.sensing:
             check_sensing(self)
 
@@ -215,10 +221,8 @@ class ReachAvoidProblem:
         wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
 
         def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
-            ends = grid.subgrid(part.axes).faces("safe")
-            return replace(
-                part, level_set=part.level_set.clipped(*ends), swept=part.swept and part.swept.clipped(*ends)
-            )
+            ends, swept = grid.subgrid(part.axes).faces("safe"), part.swept
+            return replace(part, level_set=part.level_set.clipped(*ends), swept=swept and swept.clipped(*ends))
 
         dynamics = self.dynamics.clipped(*grid.faces("safe"))
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
@@ -547,10 +551,8 @@ def closed(grid: Grid, values: FloatArray) -> FloatArray:
     rest = tuple(index[flat & ~rim] for index in inside)
     for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
         falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
-        depths = [
-            np.where(fall > 0.0, _moved(grid, out, rest, *one) - fall, -np.inf)
-            for one, fall in zip(steps, falls, strict=True)
-        ]
+        there = (_moved(grid, out, rest, *one) for one in steps)
+        depths = [np.where(fall > 0.0, one - fall, -np.inf) for one, fall in zip(there, falls, strict=True)]
         found = falls.max(axis=0) > 0.0
         at = tuple(index[found] for index in rest)
         out[at], step[at] = np.max(depths, axis=0)[found], falls.max(axis=0)[found]
@@ -633,19 +635,6 @@ def _compare_set(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet") ->
             object.__setattr__(formula, "source", None)
 
 
-def _check_functions(problem: "ReachAvoidProblem") -> None:
-    """Raise ValueError where a function is undefined or out of range at a node, or no node is where it has to be."""
-    steps = range((problem.steps or 0) + 1)
-    for j, step in product(range(len(problem.inputs)), steps if problem.dynamics.timed else [0]):
-        problem.dynamics.bounds_at(j, problem.time(step))
-    for part in problem.unsafe:
-        corner = np.array([[problem.grid.lower[axis] for axis in part.axes]])
-        part.over(corner, 0.0, problem.delta, problem.view_time)  # refuses a black box of which too little is known
-        if part.moving and part.swept is not None and problem.view_time == "swept":
-            _check_swept(problem, part)
-    _try_goals(problem)
-
-
 def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
     """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
     grid, rng = problem.grid.subgrid(part.axes), np.random.default_rng(0)
@@ -666,14 +655,14 @@ def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
 
 
 def _try_goals(problem: "ReachAvoidProblem") -> None:
-    steps = range((problem.steps or 0) + 1)
+    """Raise ValueError where no node is in the target and safe; a function may be undefined or out of range at one."""
+    steps, target = range((problem.steps or 0) + 1), problem.target
     for part, step in product(problem.pieces(), steps):
         if (part._target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
             return
     if problem.stays:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
-    axes, target = problem.target.axes, problem.target
-    points = problem.grid.subgrid(axes).points()
+    points = problem.grid.subgrid(target.axes).points()
     if not any((target.level_set(points, problem.time(step)) <= 0).any() for step in steps):
         raise ValueError(
             "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "

@@ -43,7 +43,9 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
             push[axis] = min(push[axis], greatest(moved, low, high))
         if not np.isfinite([*slope[axis], push[axis]]).all() or _seam(grid, each, low, high):
             slope[axis], push[axis] = 0.0, 0.0
-            jumps[axis] = max(_width(one, low, high) for one in each)
+            formulas = [Formula((one,), len(low)) for one in each]
+            ends = [one.bounds(*_boxes(one.reads[0], low, high), (0.0, 0.0)) for one in formulas]
+            jumps[axis] = max(float(most.max() - least.min()) for least, most in ends)
         if not np.isfinite(jumps[axis]):
             raise ValueError(
                 f"the velocity along {grid.names[axis]} may be undefined somewhere on the grid, so no bound is "
@@ -74,13 +76,6 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
     edges = np.linspace(low, high, count + 1)
     first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
     return edges[first, columns], edges[np.where(reads, first + 1, count), columns]
-
-
-def _width(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """The distance between bounds on a node over a box."""
-    formula = Formula((one,), len(low))
-    least, most = formula.bounds(*_boxes(formula.reads[0], low, high), (0.0, 0.0))
-    return float(most.max() - least.min())
 
 
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
@@ -137,17 +132,15 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
     opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
-    for name, part in opaque.items():
-        if part.slope is None:
-            raise ValueError(f"{name} is a BlackBox without a slope, which a Sensing needs")
+    if lacking := [name for name, part in opaque.items() if part.slope is None]:
+        raise ValueError(f"{lacking[0]} is a BlackBox without a slope, which a Sensing needs")
     cuts = np.linspace(0.0, end, max(1, round(end / delta)) + 1).tolist()
     times = list(pairwise(cuts)) if dynamics.timed else [(0.0, 0.0)]
     for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
         most = dynamics.disturbance(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
-        slope = np.maximum(
-            slope, sum(shares[name] * np.broadcast_to(opaque[name].slope, slope.shape) for name in opaque)
-        )
+        rates = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
+        slope = np.maximum(slope, rates)
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)

@@ -106,24 +106,20 @@ def _advice(table: Table, ways: Mapping[str, int]) -> str:
                 f'ends="wall" or "safe" for {grid.names[axis]}, or a longer axis: only the adversary moves the robot '
                 "along it, and it wins by pushing the state past an unsafe end"
             )
-    values = table.values()
-    inside = values <= 0
-    bends = []
+    values, bends = table.values(), []
     for axis in range(grid.ndim):
-        bent = np.abs(np.diff(values, 2, axis))
-        near = np.diff(inside, 1, axis)
-        near = near.take(range(near.shape[axis] - 1), axis) | near.take(range(1, near.shape[axis]), axis)
-        bends.append(float(bent[near].mean()) if near.any() else 0.0)
+        crossed = np.diff(values <= 0, 1, axis)
+        near = crossed.take(range(crossed.shape[axis] - 1), axis) | crossed.take(range(1, crossed.shape[axis]), axis)
+        bends.append(float(np.abs(np.diff(values, 2, axis))[near].mean()) if near.any() else 0.0)
     said.append(f"more nodes along {grid.names[int(np.argmax(bends))]}, where the tube bends most between nodes")
     return f'What helps: {"; ".join(said)}; or method="certified", which proves what it promises'
 
 
 def _adversary_s(table: Table) -> list[int]:
     """Axes with unsafe ends along which no input moves the robot, but the adversary does."""
-    problem, states = table.problem, np.array(table.grid.lower)[None]
-    moves = problem.interval(0).displacements(states)[0]
-    pushed = np.abs(problem.interval(0).gain(states, np.zeros(1, np.int64), problem.time(0))[0]).sum(axis=1) > 0
-    alike = np.ptp(moves, axis=0) == 0
+    interval, states = table.problem.interval(0), np.array(table.grid.lower)[None]
+    alike = np.ptp(interval.displacements(states)[0], axis=0) == 0
+    pushed = interval.gain(states, np.zeros(1, np.int64), interval.begin)[0].any(axis=1)
     ends = np.isfinite(np.stack(table.grid.faces("unsafe"))).any(axis=0)
     return np.flatnonzero(alike & pushed & ends).tolist()
 
@@ -141,9 +137,8 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
-        return (
-            play(moment) if moment.substep % DECIDES == 0 else np.clip(moment.previous, -moment.bounds, moment.bounds)
-        )
+        again = moment.substep % DECIDES == 0
+        return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
     found = played(table, runs, play if table.problem.sensing else worst, steps=EVER if stays else None)
     if found.interval[0] > ALARMING:

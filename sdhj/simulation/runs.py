@@ -181,18 +181,18 @@ def simulate(
     start = finite_array("q0", q0)
     controller.safe_inputs(start, 0)  # raises NotAdmissible
     seen: list[tuple[float, FloatArray, FloatArray]] = []
-    held: list[tuple[int, int]] = []
+    applied: list[tuple[int, int]] = []
     began: list[float] = []
 
     def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
         seen.append((moment.time + moment.duration, states[0], v[0]))
         if moment.substep == 0:
             began.append(moment.time)
-            held.append((moment.inputs[0], moment.steps_to_go[0]))
+            applied.append((moment.inputs[0], moment.steps_to_go[0]))
 
     rng, steps = np.random.default_rng(seed), play_length(controller, steps)
     outcomes, _ = rollouts(controller, start[None], play, rng, watch, walls=walls, steps=steps)
-    inputs, steps_to_go = np.array(held, dtype=np.int64).reshape(-1, 2).T
+    inputs, steps_to_go = np.array(applied, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
         times=np.array([began[0] if began else 0.0, *(t for t, _, _ in seen)]),
         states=np.array([start, *(state for _, state, _ in seen)]),
@@ -279,9 +279,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
     if steps is None and table.details.get("endless"):
         return FOREVER_PLAYED if table.problem.stays else table.steps
     if steps is not None and not table.problem.timeless:
-        raise ValueError(
-            f"steps must be left out: something depends on time, so runs follow the table's {table.steps} steps"
-        )
+        raise ValueError(f"steps must be left out: as something depends on time, runs follow the table's {table.steps}")
     return None if steps is None else whole("steps", steps, least=1)
 
 

@@ -137,9 +137,8 @@ def probed(folder: Path, name: str = "probe") -> None:
 
 
 def unwritable(folder: Path, error: OSError) -> OSError:
-    return OSError(
-        f"cannot write in {folder}: {error.strerror or error}; choose a folder that exists and can be written"
-    )
+    why = error.strerror or error
+    return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
 
 # ---- tables
@@ -200,13 +199,13 @@ def stored(
     file: h5py.File,
     name: str,
     kinds: str,
-    shape: tuple[int | set[int] | None, ...] | None,
+    shape: tuple[int | set[int], ...] | None,
     most: int | None = None,
 ) -> FloatArray:
     """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
-    A shape or length of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in
-    other files, with which a file can be forged, are refused by a ValueError.
+    A shape of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in other
+    files, with which a file can be forged, are refused by a ValueError.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
         raise ValueError(f"it contains no array {name}")
@@ -215,14 +214,9 @@ def stored(
     filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     if data.is_virtual or data.external is not None or not filters <= FILTERS:
         raise ValueError(f"its array {name} lies in another file or has another compression")
-    fits = shape is None or (
-        len(data.shape or ()) == len(shape)
-        and all(
-            one is None or other in (one if isinstance(one, set) else {one})
-            for one, other in zip(shape, data.shape, strict=True)
-        )
-    )
-    if not fits or data.dtype not in map(np.dtype, kinds.split()):
+    allowed = [one if isinstance(one, set) else {one} for one in shape or ()]
+    fits = len(data.shape or ()) == len(allowed) and all(n in some for n, some in zip(data.shape, allowed, strict=True))
+    if not (fits or shape is None) or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
     if most is not None and data.nbytes > most:
         raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")

@@ -192,9 +192,8 @@ class LookupTable(Table):
     def settled(self, last: int) -> "LookupTable":
         """A solve without a number of steps, ended: the table of its first `last` steps.
 
-        Without a target it is the table of the one set that is safe for ever (`cells_inside`).
-
-        Inputs of that set are those marked in all of the last steps.
+        Without a target it is the table of the one set that is safe for ever (`cells_inside`), whose inputs are those
+        marked in all of the last steps.
         """
         stays, steps = self.problem.stays, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array

@@ -217,7 +217,7 @@ def test_the_outline_is_where_the_clearance_is_zero(kinematics):
         (lambda: Still(0.3), "centre must be two numbers, got 0.3"),
         (lambda: Line((0.0, 0.0), (math.inf, 0.0)), r"velocity\[0\] must be finite, got inf"),
         (lambda: Line(("a", 0.0), (0.0, 0.0)), r"start\[0\] must be a number, got 'a'"),
-        (lambda: Circle((0.0, 0.0), -0.1, 1.0), "radius of the circle must be at least 0, got -0.1"),
+        (lambda: Circle((0.0, 0.0), -0.1, 1.0), "radius must be at least 0, got -0.1"),
         (lambda: Circle((0.0, 0.0), 0.1, math.nan), "rate must be finite, got nan"),
         (lambda: Disk(Still((0.0, 0.0)), -0.1), "radius of the disk must be at least 0, got -0.1"),
         (lambda: Disk((0.0, 0.0), 0.1), "path of a disk must be a Still, Line or Circle"),
