@@ -261,7 +261,7 @@ def test_a_reader_that_has_seen_enough_ends_it_quietly(saved):
 def test_without_standard_error_it_works_all_the_same(tmp_path):
     """As under pythonw, and for services that close it: Python's sys.stderr is None."""
     path = tmp_path / "table.h5"
-    code = f'''
+    code = f"""
 import sys, sdhj
 from sdhj.cli import command
 assert sys.stderr is None
@@ -273,7 +273,7 @@ except SystemExit as ended:
 table = sdhj.load({str(path)!r})
 sdhj.solve(table.problem, method="lax")
 print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)
-'''
+"""
     done = ran(f"{sys.executable} -c {shlex.quote(code)} 2>&-")
     assert done.returncode == 0 and "solved in" in done.stdout and done.stdout.endswith("\n5\n"), done.stdout
 

@@ -173,7 +173,7 @@ def test_projections_are_those_of_the_twin(axes, rng):
     np.testing.assert_array_equal(-walls, naive.outer_projection(g, axes))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("static", "moving"),
     [

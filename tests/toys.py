@@ -1,4 +1,4 @@
-"""Small problems with answers one can work out by hand, shared by the tests; each is made once, which takes 10 to 50 ms."""
+"""Small problems with answers one can work out by hand, shared by the tests; each is made once."""
 
 from dataclasses import replace
 from functools import cache
@@ -99,7 +99,7 @@ def one_row(table):
 
 @cache
 def interval_table():
-    """Exact but for rounding, in single precision as all that is compiled: tubes are piecewise linear with kinks at nodes."""
+    """Exact but for rounding, single precision's: tubes are piecewise linear with kinks at nodes."""
     return sdhj.solve(interval_problem(), sdhj.HopfLax("linear"), progress=False)
 
 
