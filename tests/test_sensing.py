@@ -323,6 +323,28 @@ def test_a_loop_falls_back_or_says_so():
         Controller(timed).step([-1.0, 0.0], 0.4)
 
 
+@pytest.mark.parametrize("method", [sdhj.HJI(), sdhj.Certified(cells=[200])], ids=["hji", "certified"])
+def test_a_loop_keeps_to_the_steps_that_were_promised(method):
+    """Gusts are the stronger: whoever stays clear for four steps does so for three after the first, not for four."""
+    problem = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1.0], [1.0], [81]),
+        dynamics=sdhj.Dynamics([[-0.5], [0.5]], [[-0.5], [0.5]], [[1.0]], [1.0]),
+        target=None,
+        unsafe=[],
+        delta=0.2,
+        steps=4,
+    )
+    table = sdhj.solve(problem, method, play=False)
+    controller, q = sdhj.Controller(table), 0.57
+    assert table.contains([[q]], start=0)[0] and not table.contains([[q + 0.1]], start=0)[0]
+    for k in range(4):
+        answer = controller.step([q], 0.2 * k)
+        assert answer.promised and answer.steps_to_go == 4 - k
+        q += 0.2 * (problem.inputs[answer.input, 0] + 1.0)
+        assert q <= 1.0
+    assert controller.step([0.0], 0.8).steps_to_go == 4  # for all steps again, from where that can be
+
+
 def test_a_prediction_is_the_measurement_moved_on():
     controller = Controller(interval_tables(PLAYED)[0])
     np.testing.assert_allclose(controller.predict([1.0], 2), [1.2])

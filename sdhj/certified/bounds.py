@@ -53,7 +53,7 @@ class Bounds:
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
-        return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.bounds(a, b, (t0, t1)))
+        return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.apart(a, b, (t0, t1)))
 
     @property
     def reads(self) -> FloatArray:

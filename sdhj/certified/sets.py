@@ -62,6 +62,7 @@ checker judges what is then proved, and tests/certified/check/test_forged_robots
     4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
     4    only what has wholly left is out of danger         "a rock at a safe end"
+    4, 9 an angle on both sides of its jump                 test_every_value_is_on_a_side_of_the_jump
     5    all of a box, not only a part                      "the far half of a tube"
     8    states near a cell, near a tube                    "states near a cell", "a set nearer than rounding"
     9    all of a goal, at its time, outside G              "a goal more", "a goal of another time", "a goal in a post"

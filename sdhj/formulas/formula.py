@@ -9,7 +9,7 @@ import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,10 @@ from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels import tape as tapes
-from sdhj.kernels.tape import Tape, packed
+from sdhj.kernels.tape import TINY, Tape, packed
 
-MOST_WRAPS = 4  # jumps of one function that are taken apart
+MOST_JUMPS = 4  # of one function that are taken apart
+ROUNDED = 2.0**-48  # more than angles and remainders are rounded by, as a share
 Ends = tuple[FloatArray, FloatArray]
 _play, _play_bounds = tapes.play, tapes.play_bounds
 if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divide by zero, and compiled ones do not
@@ -121,41 +122,41 @@ class Formula:
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Least value at points (M, coordinates) over intervals of the parameters, of one result: (M,).
+        """Least value at points (M, coordinates) over intervals of the parameters, of one result: (M,)."""
+        return self.apart(points, points, *parameters)[0]
 
-        As by `bounds`, but where a `mod` jumps, what is before and after the jump is bounded apart: the values between
-        are none that it has, and would be phantoms of sets on a circle, half a turn away from them.
+    def apart(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
+        """As by `bounds`, of one result: both (M,). What is before and after the jump of an angle is bounded apart.
+
+        The values between, where a `mod` or an `arctan2` jumps, are none that it has, and would be phantoms of sets on
+        a circle, half a turn away from them.
         """
-        found = self.bounds(points, points, *parameters)[0]
-        apart, laps, periods = self._wraps
-        if not 0 < len(periods) <= MOST_WRAPS:
-            return found
-        low, high = laps.bounds(points, points, *parameters)
-        lap = np.floor([low, high])
-        jumps = np.isfinite(low) & np.isfinite(high) & (lap[1] - lap[0] == 1)
-        if not (rows := np.flatnonzero(jumps.any(axis=1) & np.isfinite(low).all(axis=1))).size:
-            return found
-        points, low, high, lap = points[rows], low[rows], high[rows], lap[:, rows]
-        many = lap[1] - lap[0] > 1
-        begins = np.where(many, 0.0, np.clip(low - lap, 0.0, 1.0)) * periods
-        ends = np.where(many, 1.0, np.clip(high - lap, 0.0, 1.0)) * periods
-        sides = (np.array(side)[None, None] for side in product((0, 1), repeat=len(periods)))
-        picked = ([np.take_along_axis(end, side, axis=0)[0] for end in (begins, ends)] for side in sides)
-        boxes = ([np.column_stack([points, end]) for end in pair] for pair in picked)
-        each = [apart.bounds(least, most, *parameters)[0] for least, most in boxes]
-        found[rows] = np.maximum(found[rows], np.min(each, axis=0))
-        return found
+        found, (jumps, operands, rest) = np.array(self.bounds(low, high, *parameters)), self._jumps
+        if not 0 < len(jumps) <= MOST_JUMPS:
+            return found[0], found[1]
+        pairs = np.array(operands.bounds(low, high, *parameters)).transpose(2, 0, 1).reshape(-1, 2, *found.shape)
+        with np.errstate(invalid="ignore"):  # where nothing is known
+            parts = np.array([_sides(one.op, *pair) for one, pair in zip(jumps, pairs, strict=True)])
+        apart = (parts[:, 0] != parts[:, 1]).any(axis=(0, 1)) & np.isfinite(parts).all(axis=(0, 1, 2))
+        rows = np.flatnonzero(apart & np.isfinite(found).all(axis=0))
+        each = []
+        for sides in product((0, 1), repeat=len(jumps)) if rows.size else ():
+            begins, ends = parts[range(len(jumps)), sides][..., rows].transpose(1, 2, 0)
+            boxes = np.column_stack([low[rows], begins]), np.column_stack([high[rows], ends])
+            each.append(rest.bounds(*boxes, *parameters))
+        if each:
+            least, greatest = np.min(each, axis=0)[0], np.max(each, axis=0)[1]
+            found[:, rows] = np.maximum(found[0, rows], least), np.minimum(found[1, rows], greatest)
+        return found[0], found[1]
 
     @cached_property
-    def _wraps(self) -> "tuple[Formula, Formula, FloatArray]":
-        """The formula with what `mod` gives as further coordinates; the laps that these are in; their periods."""
-        mods = [one for one in ordered(self.outputs) if one.op == "mod" and one.args[1].op == "const"]
-        mods = [one for one in mods if one.args[1].value > 0]
-        new = {one: leaf("x", self.coordinates + place) for place, one in enumerate(mods)}
-        apart = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(mods))
-        laps = tuple(make("div", *one.args) for one in mods)
-        periods = np.array([one.args[1].value for one in mods])
-        return apart, replace(self, outputs=laps, shape=(len(mods),)), periods
+    def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
+        """What jumps; a pair of what each depends on; the formula with their values as further coordinates."""
+        found = [one for one in ordered(self.outputs) if one.op == "arctan2" or _by_a_period(one)]
+        new = {one: leaf("x", self.coordinates + place) for place, one in enumerate(found)}
+        rest = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(found))
+        pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
+        return found, replace(self, outputs=tuple(chain(*pairs)), shape=(2 * len(found),)), rest
 
     @cached_property
     def reads(self) -> FloatArray:
@@ -384,6 +385,8 @@ class BlackBox:
         far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
         return value - far, value + far
 
+    apart = bounds  # it is as its author says
+
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
         """As `Formula.least`, of a level set; ValueError where it is not said how fast it changes."""
         if self.enclosure is not None:
@@ -402,6 +405,27 @@ class BlackBox:
         if values.shape != (shape := (len(points), *self.shape)) or not np.isfinite(values).all():
             raise ValueError(f"{self.name} must return finite numbers of shape {shape}, got {reprlib.repr(values)}")
         return values
+
+
+def _by_a_period(node: Node) -> bool:
+    return node.op == "mod" and node.args[1].op == "const" and bool(node.args[1].value > 0)
+
+
+def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Bounds of `mod` and `arctan2` before and after the jump in a box, the same where there is none: (2, 2, M).
+
+    a, b (2, M): bounds of the number of laps and the period; or of y and x, of which the cut is y = 0, x <= 0.
+    """
+    if op == "mod":
+        laps = np.floor(a)
+        ends = np.clip(a - laps[:, None], 0.0, 1.0) * b[0]
+        ends = np.where(laps[1] - laps[0] > 1, np.array([[[0.0], [1.0]]]) * b[0], ends)
+    else:
+        cut, x = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0), b + 0.0  # of a zero's sign nothing is known
+        y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], [a[0], np.where(cut, -0.0, a[1])]])
+        corners = np.arctan2(y[:, :, None], x)
+        ends = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
+    return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ROUNDED + TINY)
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:

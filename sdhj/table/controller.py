@@ -380,8 +380,10 @@ class Controller:
         """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
 
         The measurement belongs to the sampling time nearest to it; a time near 0 begins a new loop. The controller
-        remembers the previous input. If nothing depends on time, a loop may run without end. For a prediction that is
-        not admissible, the input is that of `Controller.fallback`, or with fallback=False NotAdmissible is raised.
+        remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
+        stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
+        For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
+        NotAdmissible is raised.
 
         Raises
         ------
@@ -512,6 +514,10 @@ def acted(controller: "Controller", measurement: FloatArray, time: float, fallba
     step, previous = 0 if problem.timeless else k, last.input if last else None
     state = controller.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
     batch = controller.batch(state[None], step)
+    left = last.steps_to_go if last and not missed and problem.timeless and problem.stays else None
+    if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
+        step = controller.table.steps + 1 - left  # not for as long again, but for what is left of what was promised
+        batch = controller.batch(state[None], step)
     if step == controller.table.steps:
         raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
     chosen, to_go = int(controller.choose(batch)[0]), int(batch.steps_to_go[0])

@@ -7,20 +7,22 @@ numbers of the results. So nothing is recursive, and reading takes time in propo
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.certified.check.bits import Array
-from sdhj.certified.check.intervals import RULES, TRUTHS, Interval, gridded, sure
+from sdhj.certified.check.intervals import JUMPS, RULES, TRUTHS, Interval, gridded, sure
 from sdhj.certified.check.reading import expect
 
 MOST_LINES = 100_000  # of a formula
 MOST_EXPONENT = 64
 MOST_AXES = 6  # of a table
+MOST_JUMPS = 4  # of a function that are taken apart
 MOST_NUMBERS = 1 << 25  # in memory at once, while a formula is evaluated
 MOST_BOXES = 1 << 16  # at once
 WHOLE = re.compile("[0-9]{1,6}")
@@ -170,18 +172,28 @@ class Formula:
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)
 
-    def __call__(self, low: Array, high: Array, parameters: list[tuple[Any, Any]]) -> Iterator[Interval]:
-        """Bounds of each result over boxes (M, coordinates); arrays that broadcast to (M,)."""
+    @cached_property
+    def jumps(self) -> list[int]:
+        """The lines that jump, where there are few."""
+        found = [number for number in self.needed if self.nodes[number].name in JUMPS]
+        return found if len(found) <= MOST_JUMPS else []
+
+    def __call__(
+        self, low: Array, high: Array, parameters: list[tuple[Any, Any]], sides: Mapping[int, int]
+    ) -> Iterator[Interval]:
+        """Bounds of each result over boxes (M, coordinates); arrays that broadcast to (M,). On `sides` of jumps."""
         values: dict[int, Interval] = {}
         for number in self.needed:
             node = self.nodes[number]
-            values[number] = sure(*self.value(node, [values[n] for n in node.operands], low, high, parameters))
+            operands, side = [values[n] for n in node.operands], sides.get(number)
+            jumped = () if side is None else (side,)
+            values[number] = sure(*self.value(node, operands, low, high, parameters, *jumped))
             for operand in self.done.get(number, ()):
                 del values[operand]
         return (values[number] for number in self.results)
 
     @staticmethod
-    def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any) -> Interval:
+    def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
@@ -189,21 +201,34 @@ class Formula:
             return np.array(ends[0]), np.array(ends[1])
         if node.name == "gridded":
             return gridded(operands, *node.given)
-        return RULES[node.name][1](*operands, *node.given)
+        return RULES[node.name][1](*operands, *node.given, *side)
 
     def bounds(self, low: Array, high: Array, *parameters: tuple[Any, Any]) -> tuple[Array, Array]:
         """Least and greatest values of the results over boxes low, high (M, coordinates): both (M, results).
 
-        Parameters are pairs of numbers, or of arrays (M,).
+        Parameters are pairs of numbers, or of arrays (M,). Where the results are others on one side of the jumps of
+        angles, they are those of all sides together: what is between the sides is no value.
         """
-        out = np.empty((2, len(self.results), len(low)))
+        found = self.once(low, high, parameters, {})
+        every = [dict(zip(self.jumps, sides, strict=True)) for sides in product((0, 1), repeat=len(self.jumps))]
+        if self.jumps:
+            first = self.once(low, high, parameters, every[0])
+            rows = np.flatnonzero((first != found).any(axis=(0, 2)))
+            own = [(a[rows], b[rows]) if np.ndim(a) else (a, b) for a, b in parameters]
+            each = [first[:, rows], *(self.once(low[rows], high[rows], own, sides) for sides in every[1:])]
+            found[0, rows], found[1, rows] = np.min(each, axis=0)[0], np.max(each, axis=0)[1]
+        return found[0], found[1]
+
+    def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
+        """Bounds (2, M, results) on some sides of the jumps."""
+        out = np.empty((2, len(low), len(self.results)))
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)
                 given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-                for place, ends in enumerate(self(low[own], high[own], given)):
-                    out[0, place, own], out[1, place, own] = ends
-        return out[0].T, out[1].T
+                for place, ends in enumerate(self(low[own], high[own], given, sides)):
+                    out[0, own, place], out[1, own, place] = ends
+        return out
 
 
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:

@@ -166,10 +166,17 @@ def tan(a: Interval) -> Interval:
     return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))
 
 
-def arctan2(y: Interval, x: Interval) -> Interval:
-    """At corners, because a box that does not contain the origin is convex; any angle where the jump may be met."""
-    low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
+def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
+    """At corners, because a box that does not contain the origin is convex; any angle where the jump may be met.
+
+    Side 0 and 1: of the part of the box above and below the jump alone, where it is met.
+    """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
+    if side is not None:
+        x = x[0] + 0.0, x[1] + 0.0  # not minus zero
+        y = (np.where(jump, 0.0, y[0]), y[1] + 0.0) if side == 0 else (y[0], np.where(jump, -0.0, y[1]))
+        jump = np.array(False)
+    low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
 
 
@@ -183,10 +190,15 @@ def hypot(a: Interval, b: Interval) -> Interval:
 # ---- what jumps, and truth values: (0, 0), (1, 1), or (0, 1) where it is open
 
 
-def mod(a: Interval, b: Interval) -> Interval:
-    """a - floor(a / b) * b, between 0 and b: closer where the whole number of laps is known."""
+def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
+    """a - floor(a / b) * b, between 0 and b: closer where the whole number of laps is known.
+
+    Side 0 and 1: in the first and in the last lap alone, where there are two.
+    """
     laps = div(a, b)
     first, last = np.floor(laps[0]), np.floor(laps[1])
+    if side is not None:
+        first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))
     rest, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
     low = np.where(first == last, np.maximum(rest[0], least), least)
     high = np.where(first == last, np.minimum(rest[1], most), most)
@@ -310,4 +322,5 @@ RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of ope
     "not": (1, lambda a: (1.0 - a[1], 1.0 - a[0])),
     "where": (3, where),
 }
+JUMPS = ("arctan2", "mod")  # operations that jump: by a whole turn, as a rule, which is nothing to an angle
 TRUTHS = ("less", "lesseq", "equal", "and", "or", "not")  # operations whose result is a truth value

@@ -8,7 +8,7 @@ import flint
 import numpy as np
 import pytest
 
-from sdhj.certified.check.intervals import RULES, gridded, sure
+from sdhj.certified.check.intervals import JUMPS, RULES, gridded, sure
 
 flint.ctx.prec = 200
 
@@ -121,6 +121,21 @@ def test_every_exact_value_is_inside(name, rng):
     operands = [truths(rng, 400) if k < TRUTHS.get(name, 0) else boxes(rng, 400) for k in range(count)]
     known = check(name, rule, EXACT[name], operands, rng)
     assert known > (0.15 if name in ("sqrt", "log", "pow", "arcsin", "arccos") else 0.4)
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_every_exact_value_is_on_one_side_of_the_jump(name, rng):
+    """On both sides together, that is; and where there is one jump alone, neither side goes all the way round."""
+
+    def both(*operands):
+        ends = [RULES[name][1](*operands, side) for side in (0, 1)]
+        return np.minimum(ends[0][0], ends[1][0]), np.maximum(ends[0][1], ends[1][1])
+
+    assert check(name, both, EXACT[name], [boxes(rng, 400), boxes(rng, 400)], rng) > 0.4
+    near = {"arctan2": ((-0.1, 0.2), (-1.1, -1.0)), "mod": ((1.9, 2.1), (2.0, 2.0))}[name]
+    for side in (0, 1):
+        low, high = RULES[name][1](*[tuple(map(np.array, one)) for one in near], side)
+        assert high - low < 0.21
 
 
 @pytest.mark.parametrize(
