@@ -5,7 +5,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
