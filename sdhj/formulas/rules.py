@@ -50,9 +50,7 @@ RULES = {
         Rule("hypot", 2, "hypot", "The length of the vector (x, y)."),
         Rule("min", 2, "minimum, fmin, min, clip", "The lesser one; undefined if either is."),
         Rule("max", 2, "maximum, fmax, max, clip", "The greater one; undefined if either is."),
-        Rule(
-            "floor", 1, "floor, ceil, trunc, rint, round, floor_divide", "The largest whole number that is not larger."
-        ),
+        Rule("floor", 1, "floor, ceil, trunc, rint, round, floor_divide", "The largest whole number not above it."),
         Rule("mod", 2, "remainder, mod", "a less whole multiples of b, signed as b; undefined for b = 0.", total=False),
         Rule("sign", 1, "sign", "-1, 0 or 1."),
         Rule("less", 2, "less, greater", "Whether a < b.", truth=True),
@@ -61,9 +59,7 @@ RULES = {
         Rule("and", 2, "logical_and, &, all", "Whether both are true.", truth=True),
         Rule("or", 2, "logical_or, |, any", "Whether one is true.", truth=True),
         Rule("not", 1, "logical_not, ~", "Whether it is false.", truth=True),
-        Rule(
-            "where", 3, "where, select", "The second if the first is true, else the third; the other may be undefined."
-        ),
+        Rule("where", 3, "where, select", "The second if the first is true, else the third; the other may be NaN."),
         Rule("gridded", -1, "sdhj.gridded, interp", "Multilinear interpolation of a table, held at its ends."),
     )
 }

@@ -5,7 +5,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -57,28 +57,6 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
         return Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
 
-    def node(op: str, words: list[str]) -> Node:
-        value: Any = None
-        if op not in RULES:
-            raise ValueError(f"{op!r} is no operation")
-        arity = RULES[op].arity + (op in ("x", "p", "const", "power"))  # with a number, or an exponent
-        if op == "gridded":
-            cut = words.index("lower")
-            words, value = words[1:cut], looked_up(words[0], *words[cut:])
-            arity = value.values.ndim
-        if len(words) != arity:
-            raise ValueError(f"{op} has {arity} operands")
-        if op in limits:
-            return leaf(op, _index(words[0], limits[op]))
-        if op == "const":
-            return constant(float.fromhex(words[0]))
-        if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
-            raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
-        operands = tuple(nodes[_index(word, len(nodes))] for word in words)
-        if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
-            raise ValueError(f"{op} needs truth values")
-        return interned(op, operands, value)
-
     for place, line in enumerate(lines):
         try:
             op, *words = line.split()
@@ -86,10 +64,33 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
                 if op != "return" or not words:
                     raise ValueError("the last line must be `return` and the results")
                 return tuple(nodes[_index(word, place)] for word in words)
-            nodes.append(node(op, words))
+            nodes.append(_node(op, words, nodes, looked_up, limits))
         except (ValueError, IndexError, OverflowError, AttributeError) as error:
             raise ValueError(f"line {place} of a formula, {str(line)[:80]!r}, cannot be read: {error}") from None
     raise AssertionError
+
+
+def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
+    value: Any = None
+    if op not in RULES:
+        raise ValueError(f"{op!r} is no operation")
+    arity = RULES[op].arity + (op in ("x", "p", "const", "power"))  # with a number, or an exponent
+    if op == "gridded":
+        cut = words.index("lower")
+        words, value = words[1:cut], looked_up(words[0], *words[cut:])
+        arity = value.values.ndim
+    if len(words) != arity:
+        raise ValueError(f"{op} has {arity} operands")
+    if op in limits:
+        return leaf(op, _index(words[0], limits[op]))
+    if op == "const":
+        return constant(float.fromhex(words[0]))
+    if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
+        raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
+    operands = tuple(nodes[_index(word, len(nodes))] for word in words)
+    if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
+        raise ValueError(f"{op} needs truth values")
+    return interned(op, operands, value)
 
 
 def _index(word: str, most: int) -> int:

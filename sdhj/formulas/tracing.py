@@ -208,33 +208,29 @@ def traced(
     NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
     where its answer has another shape.
     """
+    found = list[list[Node]]()
     try:
-        nodes, one = _traced_once(name, function, rows, arguments, shape, per_point)
-        if again and nodes != _traced_once(name, function, rows + 1, arguments, shape, per_point)[0]:
+        for count in (rows, rows + 1) if again else (rows,):
+            answer = _answer(name, function, count, arguments)
+            one = answer.shape[1:] if per_point else answer.shape
+            if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (count,)):
+                shown = tuple("M" if per_point and not k and n == count else n for k, n in enumerate(answer.shape))
+                expected = () if shape is None else tuple(shape)
+                wanted = ("M", *expected) if per_point else expected
+                columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
+                raise ValueError(f"{name} must return shape {wanted}, got {shown}{columns}")
+            answer = answer.reshape(count if per_point else 1, -1)
+            if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
+                raise NotTraced(f"{name} treats points differently: what it answers for one may depend on no other")
+            found.append(list(answer[0]))
+        if found[0] != found[-1]:
             raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
     except NotTraced as error:
         raise NotTraced(
             f"{error}. What cannot be written so is wrapped, with what is known of it: "
             f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
         ) from None
-    return nodes, one
-
-
-def _traced_once(
-    name: str, function: Any, rows: int, arguments: Any, shape: Any, per_point: bool
-) -> tuple[list[Node], tuple[int, ...]]:
-    answer = _answer(name, function, rows, arguments)
-    one = answer.shape[1:] if per_point else answer.shape
-    if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (rows,)):
-        shown = tuple("M" if per_point and not k and n == rows else n for k, n in enumerate(answer.shape))
-        expected = () if shape is None else tuple(shape)
-        wanted = ("M", *expected) if per_point else expected
-        columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
-        raise ValueError(f"{name} must return shape {wanted}, got {shown}{columns}")
-    answer = answer.reshape(rows if per_point else 1, -1)
-    if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
-        raise NotTraced(f"{name} treats points differently: what it answers for one must depend on that one alone")
-    return list(answer[0]), one
+    return found[0], one
 
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:

@@ -67,7 +67,8 @@ class Plan:
     @cached_property
     def avoid_axes(self) -> Mapping[str, Axes]:
         """The axes of the avoid tubes."""
-        return {kind: tuple(sorted({i for game in games for i in game.danger.axes})) for kind, games in self.avoid.items()}
+        axes = {kind: {i for game in games for i in game.danger.axes} for kind, games in self.avoid.items()}
+        return {kind: tuple(sorted(some)) for kind, some in axes.items()}
 
     @cached_property
     def whole(self) -> Any:

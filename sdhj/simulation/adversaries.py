@@ -97,21 +97,9 @@ def first_moment(
     """An interval's first moment; `left` (M,), the steps to go at its end, is by default one fewer than `to_go`."""
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
-    return Moment(
-        problem=problem,
-        states=states,
-        inputs=inputs,
-        steps_to_go=to_go,
-        step=step,
-        substep=0,
-        time=now,
-        remaining=problem.delta,
-        duration=problem.delta / SUBSTEPS,
-        previous=np.zeros((len(states), problem.dynamics.adversaries)),
-        runs=runs,
-        tube=partial(table.values_at, step=step + 1, within=left),
-        rng=rng,
-    )
+    times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
+    previous, tube = np.zeros((len(states), problem.dynamics.adversaries)), partial(table.values_at, step=step + 1)
+    return Moment(problem, states, inputs, to_go, step, 0, *times, previous, runs, partial(tube, within=left), rng)
 
 
 def none(moment: Moment) -> FloatArray:

@@ -62,7 +62,7 @@ class Sight:
     rng: np.random.Generator
 
 
-def corners(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
+def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
     """Where states may be a time span (M,) later, at each vertex of the disturbance box: (vertices, M, ndim)."""
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
@@ -78,7 +78,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
     for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
         errors = np.tile(vertex, (count, 1))
         inputs, to_go = sight.ask(errors)
-        ends = corners(sight, sight.starting, np.maximum(inputs, 0), t, span)
+        ends = pushed(sight, sight.starting, np.maximum(inputs, 0), t, span)
         score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
         score = np.where(inputs < 0, LOST, score)
         best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
@@ -90,7 +90,7 @@ def shift_worst(moment: Moment) -> FloatArray:
     scores = []
     for late in (-1, 0, 1):
         span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
-        ends = corners(moment, moment.states, moment.inputs, moment.time, span)
+        ends = pushed(moment, moment.states, moment.inputs, moment.time, span)
         scores.append(moment.tube(np.moveaxis(ends, 0, 1)).max(axis=1))
     return np.argmax(scores, axis=0) - 1
 
