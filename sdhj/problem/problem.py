@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial, reduce
 from itertools import pairwise, product
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -32,6 +33,7 @@ SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0
 RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
+SAMPLED = WeakValueDictionary[Any, FloatArray]()  # static sets, as long as a problem needs them: others may have them too
 AROUND = 6  # nodes on each side that `closed` depends on
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
 ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
@@ -287,8 +289,13 @@ class ReachAvoidProblem:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
         samples = [values for one, values in self._static if one is part]
         if not samples:
-            samples = [self._sampled(part, lambda points: part.level_set(points, t))]
-            self._static.extend((part, values) for values in samples if not part.moving)
+            key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
+            known = None if part.moving else SAMPLED.get(key)
+            samples = [self._sampled(part, lambda points: part.level_set(points, t)) if known is None else known]
+            if not part.moving:
+                self._static.append((part, samples[0]))
+            if isinstance(part.level_set, Formula) and not part.moving:  # a black box may say something else next time
+                SAMPLED[key] = samples[0]
         return samples[0]
 
     def unsafe_over(
@@ -330,7 +337,8 @@ class ReachAvoidProblem:
         values = self._target_at(t)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
-            values = np.maximum(values, -grid.lift(over, part.axes))
+            wall = -grid.lift(over, part.axes)
+            values = np.maximum(values, wall, out=wall if wall.shape == grid.shape else None)
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
