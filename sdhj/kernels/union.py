@@ -126,9 +126,10 @@ def _join(tube, marks, reach, levels):
 
 @kernel(parallel=True, least=FEW)
 def add_inputs(tube, marks, reach, count, first, walls, before):
-    """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and their marks where that is <= 0.
+    """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
 
-    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`. reach, of the inputs from `first` on:
+    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
+    reach, of the inputs from `first` on:
         (values, *leaves), as `maximum_of_intervals` takes them, rows being parts of what lies behind its axis;
         (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat

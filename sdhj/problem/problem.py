@@ -33,7 +33,7 @@ SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0
 RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
-SAMPLED = WeakValueDictionary[Any, FloatArray]()  # static sets, as long as a problem needs them: others may have them too
+SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 AROUND = 6  # nodes on each side that `closed` depends on
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
 ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
@@ -287,16 +287,14 @@ class ReachAvoidProblem:
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        samples = [values for one, values in self._static if one is part]
-        if not samples:
-            key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
-            known = None if part.moving else SAMPLED.get(key)
-            samples = [self._sampled(part, lambda points: part.level_set(points, t)) if known is None else known]
-            if not part.moving:
-                self._static.append((part, samples[0]))
-            if isinstance(part.level_set, Formula) and not part.moving:  # a black box may say something else next time
-                SAMPLED[key] = samples[0]
-        return samples[0]
+        key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
+        known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
+        values = known.get(key)
+        if values is None:
+            values = self._sampled(part, lambda points: part.level_set(points, t))
+        if not part.moving:
+            known[key] = self._static[key] = values
+        return values
 
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
@@ -325,8 +323,8 @@ class ReachAvoidProblem:
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 
     @cached_property
-    def _static(self) -> list[tuple[UnsafeSet, FloatArray]]:
-        return []
+    def _static(self) -> dict[Any, FloatArray]:
+        return {}
 
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
@@ -523,10 +521,10 @@ def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
 
 
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node the value `by` nodes on along an axis; `past` beyond a bounded end."""
+    """For each node, or cell, the value `by` on along an axis; `past` beyond a bounded end."""
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
-        ends = slice(0, -by) if by < 0 else slice(grid.shape[axis] - by, None)
+        ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
         out[(slice(None),) * axis + (ends,)] = past
     return out
 

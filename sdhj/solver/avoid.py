@@ -64,23 +64,19 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
         if not own:
             tubes.fill(-np.inf)
         for number, danger in enumerate(own):
-            playing, at = (
-                games if danger.problem is problem else make(danger.problem),
-                [kept.index(i) for i in danger.axes],
-            )
+            playing = games if danger.problem is problem else make(danger.problem)
+            at = [kept.index(i) for i in danger.axes]
             for step in range(len(tubes)):
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
-                if number == 0 and len(tubes) == 1 and found.flags.carray and found.dtype == tubes.dtype and danger.axes == kept:
+                alike = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
+                if number == 0 and len(tubes) == 1 and alike:
                     tubes = found[None]  # to copy them all would take as long as a game
                     continue
                 for total, tube in zip(tubes[step], found, strict=True):
                     lifted = problem.grid.subgrid(kept).lift(tube, at)
-                    if number == 0:
-                        total[...] = lifted
-                    else:
-                        np.maximum(total, lifted, out=total)
+                    np.maximum(total if number else lifted, lifted, out=total)
         made.append(tubes)
     for part in problem.unsafe:
         if id(part) not in felt:

@@ -174,7 +174,7 @@ class InputRows:
     def add(
         self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, before: FloatArray | None = None
     ) -> None:
-        """Unite a tube, or one before it, with the reach-avoid sets of some inputs, and mark these. See `add_inputs`."""
+        """Unite a tube, or the one `before`, with reach-avoid sets of inputs, and mark these; see `add_inputs`."""
         behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
         if isinstance(reach, Maxima) and behind % self.size:
             reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])

@@ -62,12 +62,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
-        along = np.moveaxis(seen, axis, 0)  # a view
-        before = along.copy()
-        along[1:] |= before[:-1]
-        along[:-1] |= before[1:]
-        if grid.periodic[axis]:
-            along[[0, -1]] |= before[[-1, 0]]
+        seen = seen | beside(grid, seen, axis, -1, False) | beside(grid, seen, axis, 1, False)
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
