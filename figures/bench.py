@@ -11,10 +11,12 @@ strikes all of them alike. `measure_case_study` and `measure_controller` time wh
 controller's answers, and `limits.py` compares each part of a solve with what the machine can do.
 """
 
+import importlib
 import importlib.metadata
 import itertools
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -318,6 +320,15 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
     return found
 
 
+def measure_slider(nodes: int = 25) -> float:
+    """Median seconds of ten moves of chapter 10's sliders: each makes, solves and draws the arm's game anew."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "notebooks"))
+    explorer = importlib.import_module("course.explore.tubes").explore_arm_game(nodes)
+    first = {"v_d": 0.4, "v_p": 0.25, "delta": 0.11, "x": -0.2, "y": 0.12}
+    second = {"v_d": 0.5, "v_p": 0.3, "delta": 0.12, "x": -0.18, "y": 0.14}
+    return float(np.median([_timed(explorer.set, **{name: to[name]}) for to in (first, second) for name in to]))
+
+
 def _timed(call: Callable[..., Any], *args: Any, **options: Any) -> float:
     started = time.perf_counter()
     call(*args, **options)
@@ -426,6 +437,7 @@ def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
     click.echo(whole_table(case_study, measure_controller()) + "\n")
+    click.echo(f"chapter 10's sliders: {measure_slider():.2f} s from a move to the picture\n")
     click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))
     if output is not None:
         click.echo(plot(report, output))

@@ -10,6 +10,7 @@ import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -146,9 +147,7 @@ def arm_case_study(
         If there is not enough memory for that many nodes.
     """
     recipe = _recipe("arm_case_study", locals())  # only the arguments here
-    scene = _scene(recipe)
-    pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
-    return _problem(recipe, TargetSet(JOINTS, scene.target_value), (*scene.obstacle_sets(), pursuer))
+    return _problem(recipe, *_sets(_scene(recipe)))
 
 
 def evader_case_study(
@@ -193,8 +192,7 @@ def evader_case_study(
         If there is not enough memory for that many nodes.
     """
     recipe = _recipe("evader_case_study", locals())  # only the arguments here
-    scene = _scene(recipe)
-    return _problem(recipe, TargetSet(ALL_AXES, scene.evader_value, name="evader"), scene.obstacle_sets())
+    return _problem(recipe, *_sets(_scene(recipe)))
 
 
 BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "evader_case_study": evader_case_study}
@@ -271,6 +269,15 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
         agent_box=given[f"{agent}_box"],
         target=Disk.of(given["target"]) if agent == "pursuer" else None,
     )
+
+
+@lru_cache(maxsize=8)  # to read the functions takes longer than all else
+def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
+    """The target and the unsafe sets."""
+    if scene.target is None:
+        return TargetSet(ALL_AXES, scene.evader_value, name="evader"), scene.obstacle_sets()
+    pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
+    return TargetSet(JOINTS, scene.target_value), (*scene.obstacle_sets(), pursuer)
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:

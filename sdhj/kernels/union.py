@@ -125,10 +125,11 @@ def _join(tube, marks, reach, levels):
 
 
 @kernel(parallel=True, least=FEW)
-def add_inputs(tube, marks, reach, count, first, walls):
-    """tube = min(tube, max(reach_j, walls_j)) for `count` inputs j from `first` on, and their marks where that is <= 0.
+def add_inputs(tube, marks, reach, count, first, walls, before):
+    """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
 
-    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place. reach, of the inputs from `first` on:
+    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
+    reach, of the inputs from `first` on:
         (values, *leaves), as `maximum_of_intervals` takes them, rows being parts of what lies behind its axis;
         (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
@@ -139,6 +140,8 @@ def add_inputs(tube, marks, reach, count, first, walls):
     for block in prange(blocks):
         found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
+            for i in range(size):
+                tube[row, i] = before[row, i]
             for byte in range(first // EIGHT, (first + count + EIGHT - 1) // EIGHT):
                 for q in range(EIGHT):
                     j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -32,6 +33,7 @@ SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0
 RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
+SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 AROUND = 6  # nodes on each side that `closed` depends on
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
 ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
@@ -103,7 +105,7 @@ class ReachAvoidProblem:
     recipe: Mapping[str, Any] = field(default_factory=dict)
     sensing: Sensing = field(default_factory=Sensing)
     _intervals: dict[int, Interval] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _static: dict[UnsafeSet, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _static: dict[Any, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._check_parts()
@@ -266,11 +268,14 @@ class ReachAvoidProblem:
 
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        if part.moving:
-            return self._sampled(part, lambda points: part.level_set(points, t))
-        if part not in self._static:
-            self._static[part] = self._sampled(part, lambda points: part.level_set(points, t))
-        return self._static[part]
+        key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
+        known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
+        values = known.get(key)
+        if values is None:
+            values = self._sampled(part, lambda points: part.level_set(points, t))
+        if not part.moving:
+            known[key] = self._static[key] = values
+        return values
 
     def unsafe_over(
         self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
@@ -307,7 +312,8 @@ class ReachAvoidProblem:
         values = self._target_at(t)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
-            values = np.maximum(values, -grid.lift(over, part.axes))
+            wall = -grid.lift(over, part.axes)
+            values = np.maximum(values, wall, out=wall if wall.shape == grid.shape else None)
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
@@ -514,10 +520,10 @@ def _steepest(grid: Grid, values: FloatArray, axis: int) -> float:
 
 
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node the value `by` nodes on along an axis; `past` beyond a bounded end."""
+    """For each node, or cell, the value `by` on along an axis; `past` beyond a bounded end."""
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
-        ends = slice(0, -by) if by < 0 else slice(grid.shape[axis] - by, None)
+        ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
         out[(slice(None),) * axis + (ends,)] = past
     return out
 

@@ -57,35 +57,36 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
     axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
     shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
-    static = np.empty((count, *shapes[0]), games.dtype)
+    static = np.empty((1, count, *shapes[0]), games.dtype)
     moving = np.empty((problem.most_steps, count, *shapes[1]), games.dtype)
-    for own, tubes, kept in zip(kinds, (static[None], moving), axes, strict=True):
+    made = []
+    for own, tubes, kept in zip(kinds, (static, moving), axes, strict=True):
         if not own:
             tubes.fill(-np.inf)
         for number, danger in enumerate(own):
-            playing, at = (
-                games if danger.problem is problem else make(danger.problem),
-                [kept.index(i) for i in danger.axes],
-            )
-            for step, total in enumerate(tubes):
+            playing = games if danger.problem is problem else make(danger.problem)
+            at = [kept.index(i) for i in danger.axes]
+            for step in range(len(tubes)):
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
-                for j, tube in enumerate(found):
+                alike = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
+                if number == 0 and len(tubes) == 1 and alike:
+                    tubes = found[None]  # to copy them all would take as long as a game
+                    continue
+                for total, tube in zip(tubes[step], found, strict=True):
                     lifted = problem.grid.subgrid(kept).lift(tube, at)
-                    if number == 0:
-                        total[j] = lifted
-                    else:
-                        np.maximum(total[j], lifted, out=total[j])
+                    np.maximum(total if number else lifted, lifted, out=total)
+        made.append(tubes)
     for part in problem.unsafe:
         if id(part) not in felt:
             warnings.warn(never_felt(part), stacklevel=5)
-    for kept, tubes in zip(axes, (static[None], moving), strict=True):
+    for kept, tubes in zip(axes, made, strict=True):
         for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
             tube[:] = shrunk(problem, tube, kept)
-    inner = [tuple(problem.grid.inner[axis] for axis in own) for own in axes]
-    static, moving = static[(slice(None), *inner[0])], moving[(slice(None), slice(None), *inner[1])]
-    return AvoidTubes(axes[0], np.ascontiguousarray(static), axes[1], np.ascontiguousarray(moving))
+    inner = [(slice(None), slice(None), *(problem.grid.inner[axis] for axis in own)) for own in axes]
+    static, moving = (np.ascontiguousarray(tubes[nodes]) for tubes, nodes in zip(made, inner, strict=True))
+    return AvoidTubes(axes[0], static[0], axes[1], moving)
 
 
 def never_felt(part: UnsafeSet) -> str:

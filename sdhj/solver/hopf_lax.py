@@ -36,8 +36,6 @@ def maximum_over_paths(
 
     Between two boxes the corners move on straight lines, within the smallest box that contains both.
     """
-    if len(boxes) == 1:
-        yield from maximum_over_boxes(grid, values, boxes[0, 0], boxes[0, 1], interpolation, wanted)
     found: dict[int, FloatArray] = {}
     for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
         for j, most in maximum_over_boxes(grid, values, low, high, interpolation, wanted):

@@ -8,9 +8,12 @@ not exclude a hidden part, the least value in the cell is searched for.
 
 import warnings
 from itertools import permutations, product
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
@@ -21,6 +24,7 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
+KNOWN = WeakKeyDictionary[Formula, dict[Any, str]]()
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -35,9 +39,18 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
             continue
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            if message := _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t):
+            if message := _found(problem, part, t):
                 warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
+
+
+def _found(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
+    """The warning for a set at a time; empty if there is none. What was said of the same formula is said again."""
+    known = KNOWN.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
+    key = part.name, part.axes, part.sampling, problem.grid, t, problem.dynamics.stateless, problem.most_steps
+    if key not in known:
+        known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t)
+    return known[key]
 
 
 def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
@@ -49,12 +62,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
-        along = np.moveaxis(seen, axis, 0)  # a view
-        before = along.copy()
-        along[1:] |= before[:-1]
-        along[:-1] |= before[1:]
-        if grid.periodic[axis]:
-            along[[0, -1]] |= before[[-1, 0]]
+        seen = seen | beside(grid, seen, axis, -1, False) | beside(grid, seen, axis, 1, False)
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1

@@ -172,6 +172,7 @@ def test_limits_of_the_machine_are_plausible():
 
 @pytest.mark.slow
 def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "measure_slider", lambda measure=bench.measure_slider: measure(9))
     monkeypatch.setattr(bench, "measure_controller", lambda measure=bench.measure_controller: measure(9))
     picture = tmp_path / "bench.svg"
     result = CliRunner().invoke(bench.main, ["--nodes", "9,11", "--repeats", "1", "--no-peer", "-o", str(picture)])
@@ -183,6 +184,7 @@ def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
         "projected",
         "batch, admissible states",
         "x limit",
+        "chapter 10's sliders: 0.",
     ):
         assert text in result.output
     assert bench.PEER not in result.output
