@@ -69,7 +69,6 @@ class Plan:
         """The axes of the avoid tubes."""
         axes = {kind: {i for game in games for i in game.danger.axes} for kind, games in self.avoid.items()}
         return {kind: tuple(sorted(some)) for kind, some in axes.items()}
-        return {kind: tuple(sorted(some)) for kind, some in axes.items()}
 
     @cached_property
     def whole(self) -> Any:
