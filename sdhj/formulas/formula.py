@@ -21,7 +21,8 @@ from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import NotTraced, Traced, entries_of, parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray
 from sdhj.kernels import tape as tapes
-from sdhj.kernels.tape import TINY, Tape, packed
+from sdhj.kernels.intervals import TINY
+from sdhj.kernels.tape import Tape, packed
 
 MOST_JUMPS = 4  # of one function that are taken apart
 ANGLE_ERROR = 2.0**-48  # more than angles and remainders are rounded by, as a share
