@@ -26,15 +26,7 @@ array([ True, False])
 """
 
 import os
-import signal
-import sys
 import warnings
-from pathlib import PurePath
-
-# Ctrl-C ends the command `sdhj` without a traceback while it is imported, too; then `sdhj.cli.command` takes over.
-if [PurePath(one).stem for one in sys.orig_argv[-len(sys.argv) :][:1]] == ["sdhj"]:
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 # Idle threads sleep: spinning, OpenMP's default, slows a solve tenfold on cores that other processes use. They spin for
 # some 50 microseconds first, the gap between two kernels, or the system may wake both of them on one core.

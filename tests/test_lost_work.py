@@ -84,14 +84,6 @@ def test_a_package_that_imports_it_keeps_its_own_signals(tmp_path):
     assert done.stdout == "True\n", done.stderr
 
 
-def test_ctrl_c_while_the_command_is_imported_ends_it_without_a_traceback(tmp_path):
-    (tmp_path / "numba.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n")
-    command = [sys.executable, "-m", "sdhj", "info", "table.h5"]
-    here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.getenv("PYTHONPATH", "")])}
-    done = subprocess.run(command, env=here, capture_output=True, text=True, timeout=100)
-    assert (done.returncode, done.stdout + done.stderr) == (-signal.SIGINT, "")
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_killed_process_leaves_no_half_written_file_under_its_name(tmp_path, number):
     killed = writing(tmp_path, name="robot.py")

@@ -26,7 +26,7 @@ from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
 
 MOST_JUMPS = 4  # of one function that are taken apart
-ROUNDED = 2.0**-48  # more than angles and remainders are rounded by, as a share
+ANGLE_ERROR = 2.0**-48  # more than angles and remainders are rounded by, as a share
 Ends = tuple[FloatArray, FloatArray]
 _play, _play_bounds = tapes.play, tapes.play_bounds
 if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divide by zero, and compiled ones do not
@@ -426,7 +426,7 @@ def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
         y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], [a[0], np.where(cut, -0.0, a[1])]])
         corners = np.arctan2(y[:, :, None], x)
         ends = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
-    return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ROUNDED + TINY)
+    return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ANGLE_ERROR + TINY)
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
