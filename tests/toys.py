@@ -1,4 +1,4 @@
-"""Small problems with answers one can work out by hand, shared by the tests; each is made once."""
+"""Small problems with answers one can work out by hand, shared by the tests."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,7 +9,6 @@ import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 
 
-@cache
 def interval_problem(
     *, nodes=81, steps=5, disturbance=0.2, view_time="swept", rate=0.0, wall=3.0, unsafe=True, ends="wall"
 ):
@@ -32,7 +31,6 @@ def interval_problem(
     )
 
 
-@cache
 def unicycle_problem(*, nodes=(17, 17, 16), steps=3):
     """Dubins car: dx = cos th + v1, dy = sin th + v2, dth = u: a drift that depends on the state, on three axes."""
 
@@ -51,7 +49,6 @@ def unicycle_problem(*, nodes=(17, 17, 16), steps=3):
     )
 
 
-@cache
 def torus_problem(*, nodes=12, steps=3, view_time="swept"):
     """Two periodic axes, dq = u + v, a moving round target and a round obstacle on a circle path; 9 inputs."""
     levels = np.array([-2.0, 0.0, 2.0])
@@ -70,17 +67,6 @@ def torus_problem(*, nodes=12, steps=3, view_time="swept"):
         steps,
         view_time,
     )
-
-
-def arm(nodes=25, **arguments):
-    """The arm's case study."""
-    key = repr((nodes, sorted(arguments.items())))
-    if key not in _arms:
-        _arms[key] = sdhj.arm_case_study(nodes, **arguments)
-    return _arms[key]
-
-
-_arms = {}
 
 
 def wrapped(angle):
@@ -110,7 +96,7 @@ def torus_table():
 
 @cache
 def small_arm_table():
-    return sdhj.solve(arm(nodes=9, steps=3), method="lax", progress=False)
+    return sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), method="lax", progress=False)
 
 
 @cache
@@ -131,4 +117,4 @@ def small_torus_table():
 
 @cache
 def arm_table():
-    return sdhj.solve(arm(nodes=13, steps=4), progress=False)
+    return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)

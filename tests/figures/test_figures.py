@@ -123,7 +123,8 @@ def test_every_figure_of_the_paper_is_there():
     }
 
 
-EACH = [pytest.param(name, marks=[pytest.mark.slow] if name in STUDIES else []) for name in NAMES]
+LONG = STUDIES | {"fig08_lookup_table", "fig13_isosurface"}  # the main job draws them, too
+EACH = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in NAMES]
 
 
 @pytest.mark.parametrize("name", EACH)

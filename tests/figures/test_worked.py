@@ -214,10 +214,8 @@ def test_the_geometry_is_the_problems(name, rng):
             np.testing.assert_allclose(ours, theirs, atol=1e-5)  # points along the forearm
 
 
-QUICK = [name if name == "ring" else pytest.param(name, marks=pytest.mark.slow) for name in WORKED]
-
-
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.slow  # of the ring alone the page is looked at below, each time
+@pytest.mark.parametrize("name", WORKED)
 def test_few_runs_are_lost_and_many_where_nothing_is_known_of_it(name, rng):
     shares = {}
     for unaware in (False, True):
