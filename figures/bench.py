@@ -7,8 +7,9 @@ PyPI, on the same grid, with the same scheme (Lax-Friedrichs, second-order ENO, 
 treats walls in its own way, so errors are counted at the nodes that no wall can have reached.
 
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
-strikes all of them alike. `measure_case_study` and `measure_controller` time what users wait for: whole tables, and the
-controller's answers, and `limits.py` compares each part of a solve with what the machine can do.
+strikes all of them alike. `measure_case_study`, `measure_controller` and `measure_slider` time what users wait for:
+whole tables, the controller's answers, and pictures of games that are solved anew; `limits.py` compares each part of a
+solve with what the machine can do.
 """
 
 import importlib

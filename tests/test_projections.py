@@ -207,7 +207,7 @@ def test_rows_say_of_every_node_what_the_avoid_tubes_say(static, moving, dtype, 
         both = naive.intersection(grid.shape, reach[j], [(static, tubes.static[j]), (moving, tubes.moving[1, j])])
         member[j], expected = both <= 0, np.minimum(expected, both)
     for begin, end in ((0, 3), (3, count)):  # of one byte, and of two
-        rows.add(added, mask, Pieces(begin, grid, [reach[begin:end]], [everything]), 1)
+        rows.add(added, mask, Pieces(begin, grid, [reach[begin:end]], [everything]), 1, added)
     np.testing.assert_array_equal(added, expected)  # min and max round nothing
     found = np.unpackbits(mask, axis=0, count=count, bitorder="little").reshape(count, *grid.shape)
     np.testing.assert_array_equal(found.astype(bool), member)

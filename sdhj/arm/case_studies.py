@@ -77,12 +77,6 @@ class ArmScene:
         """The distance between a disk's centre and the skeleton where the arm touches it, m."""
         return disk.radius + self.arm.half_width
 
-    def obstacle_sets(self) -> tuple[UnsafeSet, ...]:
-        """G1 of App. A.3: the obstacles as one unsafe set of joint angles; an empty tuple if there are no obstacles."""
-        if not self.obstacles:
-            return ()
-        return (UnsafeSet(JOINTS, self.obstacles_value, self.obstacles_swept_value, "obstacles"),)
-
 
 def arm_case_study(
     nodes: int | Sequence[int] = 25,
@@ -273,11 +267,14 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
-    """The target and the unsafe sets."""
+    """The target and the unsafe sets; the obstacles are G1 of App. A.3."""
+    unsafe = list[UnsafeSet]()
+    if scene.obstacles:
+        unsafe.append(UnsafeSet(JOINTS, scene.obstacles_value, scene.obstacles_swept_value, "obstacles"))
     if scene.target is None:
-        return TargetSet(ALL_AXES, scene.evader_value, name="evader"), scene.obstacle_sets()
-    pursuer = UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer")
-    return TargetSet(JOINTS, scene.target_value), (*scene.obstacle_sets(), pursuer)
+        return TargetSet(ALL_AXES, scene.evader_value, name="evader"), tuple(unsafe)
+    unsafe.append(UnsafeSet(ALL_AXES, scene.pursuer_value, name="pursuer"))
+    return TargetSet(JOINTS, scene.target_value), tuple(unsafe)
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:

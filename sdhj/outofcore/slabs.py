@@ -251,7 +251,7 @@ def _extend(plan: Plan, store: TableStore, task: Task) -> bool:
     slab = problem.grid.stretch(plan.axis, span[0], span[1] - span[0])
     rows = InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving))
     for some in games.reaches(values, task.step):
-        rows.add(tube, mask, some, 0)
+        rows.add(tube, mask, some, 0, tube)
     if problem.stays:
         np.maximum(tube, before, out=tube)
     store.write("masks", task.place, runs, mask)

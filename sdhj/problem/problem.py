@@ -312,8 +312,7 @@ class ReachAvoidProblem:
         values = self._target_at(t)
         for part in self.unsafe:
             over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
-            wall = -grid.lift(over, part.axes)
-            values = np.maximum(values, wall, out=wall if wall.shape == grid.shape else None)
+            values = np.maximum(values, -grid.lift(over, part.axes))
         if self.stays:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))

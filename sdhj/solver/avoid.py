@@ -77,16 +77,14 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
                 for total, tube in zip(tubes[step], found, strict=True):
                     lifted = problem.grid.subgrid(kept).lift(tube, at)
                     np.maximum(total if number else lifted, lifted, out=total)
-        made.append(tubes)
+        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
+            tube[:] = shrunk(problem, tube, kept)
+        inner = (problem.grid.inner[axis] for axis in kept)
+        made.append(np.ascontiguousarray(tubes[(slice(None), slice(None), *inner)]))
     for part in problem.unsafe:
         if id(part) not in felt:
             warnings.warn(never_felt(part), stacklevel=5)
-    for kept, tubes in zip(axes, made, strict=True):
-        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
-            tube[:] = shrunk(problem, tube, kept)
-    inner = [(slice(None), slice(None), *(problem.grid.inner[axis] for axis in own)) for own in axes]
-    static, moving = (np.ascontiguousarray(tubes[nodes]) for tubes, nodes in zip(made, inner, strict=True))
-    return AvoidTubes(axes[0], static[0], axes[1], moving)
+    return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
 
 
 def never_felt(part: UnsafeSet) -> str:

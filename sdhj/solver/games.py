@@ -172,16 +172,15 @@ class _OnAxes:
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
-        tubes = self.room(wall)
-        tubes.fill(-np.inf)
+        tubes = self.no_tubes(wall)
         for j, tube in self.each_tube(wall, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
 
-    def room(self, wall: Wall) -> FloatArray:
-        """An array for tubes."""
+    def no_tubes(self, wall: Wall) -> FloatArray:
+        """As `tubes`, of nothing to stay clear of."""
         nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
-        return np.empty((self.count, *(len(range(n)[some]) for n, some in nodes)), self.dtype)
+        return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, a part of the tube of u_j), on the subgrid of wall.axes: the tube is the maximum of its parts."""
@@ -414,10 +413,9 @@ class HopfLaxGames(_OnAxes):
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`."""
-        tubes, begun = self.room(wall), set[int]()
+        tubes = self.no_tubes(wall)
         for some in self._tube_maxima(wall, step):
-            some.of(into=tubes[some.first : some.first + some.number], raised=some.first in begun)
-            begun.add(some.first)
+            some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:

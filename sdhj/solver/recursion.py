@@ -171,10 +171,8 @@ class InputRows:
             self._known_lines[axes, number] = begin, at, widths, nodes
         return self._known_lines[axes, number]
 
-    def add(
-        self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, before: FloatArray | None = None
-    ) -> None:
-        """Unite a tube, or the one `before`, with reach-avoid sets of inputs, and mark these; see `add_inputs`."""
+    def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, start: FloatArray) -> None:
+        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`."""
         behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
         if isinstance(reach, Maxima) and behind % self.size:
             reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
@@ -191,8 +189,7 @@ class InputRows:
             moving.reshape(len(moving), -1, self.wide[1]),
             self.moving_at,
         )
-        start = self.of(tube if before is None else before)
-        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, start)
+        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start))
 
 
 class GridSets:
@@ -246,15 +243,13 @@ class GridSets:
             require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
-        start = None if stays else before  # which the first of the inputs are united with
-        if stays:
-            tube[:] = np.inf
+        start = np.full_like(before, np.inf) if stays else before
         played, values = self.problem.rimmed.grid, shrunk(self.problem, table.value_array(step + 1, within - 1))
         if played is not self.problem.grid:
             values = np.pad(values, played.rim, "edge")
         for some in self._reaches(values, step):
             rows.add(tube, mask, some, step, start)
-            start = None
+            start = tube
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
         if endless:
@@ -272,9 +267,7 @@ class GridSets:
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
             return self.table.motion(step, within) <= SETTLED
-        now, before = (self.table.value_array(step, n) for n in (within, within - 1))
-        middle = len(now) // 2  # most that differ do so here
-        return np.array_equal(now[middle], before[middle]) and np.array_equal(now, before)
+        return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
         self.table.share(step, within)

@@ -16,7 +16,6 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import available
 from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
 
@@ -24,7 +23,7 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
-KNOWN = WeakKeyDictionary[Formula, dict[Any, str]]()
+KNOWN = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -37,20 +36,15 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
+        known = KNOWN.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            if message := _found(problem, part, t):
-                warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+            key = part.name, part.axes, part.sampling, problem.grid, t, problem.dynamics.stateless
+            if key not in known:
+                known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t)
+            if known[key]:
+                warnings.warn(known[key], ResolutionWarning, stacklevel=stacklevel + 1)
                 break
-
-
-def _found(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a set at a time; empty if there is none. What was said of the same formula is said again."""
-    known = KNOWN.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
-    key = part.name, part.axes, part.sampling, problem.grid, t, problem.dynamics.stateless, problem.most_steps
-    if key not in known:
-        known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t)
-    return known[key]
 
 
 def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
@@ -152,13 +146,10 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
     steep = 'UnsafeSet(..., sampling="steep"), which prevents that and enlarges the set by less than a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
-    nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
-    free = available()
-    fits = free is None or 8 * nodes * problem.most_steps < free[0]
     return (
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
         "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "
-        "it. Use " + (f"{more}, or {steep}" if fits else f"{steep}; {more} would need more memory than is available")
+        f"it. Use {more}, or {steep}"
     )
 
 
