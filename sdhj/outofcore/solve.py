@@ -31,7 +31,7 @@ from sdhj.solver.games import KEPT
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import recursion
 from sdhj.solver.resolution import check_resolution
-from sdhj.table.files import VERSION, TableFileError, checked_head, head_of_table, problem_of_file
+from sdhj.table.files import VERSION, Named, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
@@ -40,13 +40,7 @@ LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
 def solve_stored(
-    problem: ReachAvoidProblem,
-    method: Any,
-    path: str | os.PathLike[str],
-    progress: bool | None = None,
-    resume: bool = False,
-    client: Any = None,
-    memory: int | None = None,
+    problem: ReachAvoidProblem, method: Any, path: Named, progress: Any, resume: bool, client: Any, memory: Any
 ) -> StoredTable:
     """As `sdhj.solve` with a store: see there."""
     if not isinstance(path, str | os.PathLike):
