@@ -190,8 +190,8 @@ def peer(problem: Case) -> Run:
             f"the benchmark's peer is not installed ({error}): pip install 'sdhj[bench]', or measure without it, "
             "with_peer=False or --no-peer"
         ) from error
-    mean = jnp.asarray((problem.velocities.lower + problem.velocities.upper) / 2)
-    half = (problem.velocities.upper - problem.velocities.lower) / 2
+    mean = jnp.asarray((problem.velocities.low + problem.velocities.high) / 2)
+    half = (problem.velocities.high - problem.velocities.low) / 2
     ndim = problem.grid.ndim
 
     class Arm(hj.dynamics.ControlAndDisturbanceAffineDynamics):  # type: ignore[misc]

@@ -554,10 +554,10 @@ def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
 
 def supremum(field, p, index):
     """H of a velocity set at one node."""
-    if field.lower.ndim == 1:
-        lower, upper = field.lower, field.upper
+    if toys.ends_of(field)[0].ndim == 1:
+        lower, upper = toys.ends_of(field)
     else:
-        lower, upper = field.lower[(..., *index)], field.upper[(..., *index)]
+        lower, upper = (end[(..., *index)] for end in toys.ends_of(field))
     if not field.coupled:
         return np.maximum(lower * p, upper * p).sum()
     drift, gain = (part[(..., *index)] if part.ndim > 3 else part for part in (field.drift, field.gain))
@@ -611,12 +611,15 @@ def test_velocity_sets_without_the_state_are_numbers():
         bound = 0.1 + 0.3 * abs(u) + 0.2 * t
         field, still = interval.velocities(j, (0, 1), t), interval.velocities(j, (0, 1), t, drift=False)
         drift, spread = np.array([u + math.sin(3 * t), math.cos(2 * t)]), bound * np.array([1 + u**2 / 4, 0.5])
-        assert field.coupled and field.lower.shape == (2,)  # one v moves both axes
-        np.testing.assert_allclose([field.lower, field.upper], [drift - spread, drift + spread], rtol=0, atol=ROUNDING)
-        np.testing.assert_allclose([still.lower, still.upper], [-spread, spread], rtol=0, atol=ROUNDING)
+        assert field.coupled and toys.ends_of(field)[0].shape == (2,)  # one v moves both axes
+        np.testing.assert_allclose(toys.ends_of(field), [drift - spread, drift + spread], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(toys.ends_of(still), [-spread, spread], rtol=0, atol=ROUNDING)
         alone = interval.velocities(j, (1,), t)
         assert not alone.coupled
-        np.testing.assert_array_equal([alone.lower[0], alone.upper[0]], [field.lower[1], field.upper[1]])
+        np.testing.assert_array_equal(
+            [toys.ends_of(alone)[0][0], toys.ends_of(alone)[1][0]],
+            [toys.ends_of(field)[0][1], toys.ends_of(field)[1][1]],
+        )
 
 
 def test_velocity_sets_in_time_are_counted_back_from_the_end():
@@ -624,9 +627,11 @@ def test_velocity_sets_in_time_are_counted_back_from_the_end():
     field = interval.velocity_field(1, (0,))
     for tau in (0.0, 0.1, 0.3):
         now = interval.velocities(1, (0,), 0.9 - tau)
-        np.testing.assert_allclose(field(tau).lower, now.lower, rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
     still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1])).interval(2)
-    assert still.velocity_field(1, (0,)).upper.tolist() == still.velocities(1, (0,)).upper.tolist()
+    assert (
+        toys.ends_of(still.velocity_field(1, (0,)))[1].tolist() == toys.ends_of(still.velocities(1, (0,)))[1].tolist()
+    )
 
 
 # ---- the digest of a problem is that of its formulas
@@ -744,7 +749,9 @@ def test_ranges_hold_whatever_the_disturbance(name, rng):
         ends = dynamics.extremes(points, j, t)
         assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
         field, there = interval.velocities(j, (0, 1), t), bent(name, nodes, COMMANDS[j], v, t).T.reshape(2, 9, 9)
-        lower, upper = (end.reshape(2, *end.shape[1:] or (1, 1)) for end in (field.lower, field.upper))
+        lower, upper = (
+            end.reshape(2, *end.shape[1:] or (1, 1)) for end in (toys.ends_of(field)[0], toys.ends_of(field)[1])
+        )
         assert (lower <= there).all() and (there <= upper).all() and not field.coupled
 
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from plain import run_plainly
-from toys import interval_problem, torus_problem, unicycle_problem
+from toys import ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
@@ -109,9 +109,9 @@ def test_velocities_of_constant_and_sampled_dynamics_agree():
     assert read.dynamics.constant and read.digest == problem.digest and not sampled.dynamics.stateless
     for j in (0, 4, 7):
         a, b = (one.interval(0).velocities(j, (0, 1)) for one in (problem, sampled))
-        assert a.lower.shape == (2,) and b.lower.shape == (2, 8, 8)
-        assert np.array_equal(np.broadcast_to(a.lower[:, None, None], (2, 8, 8)), b.lower)
-        assert np.array_equal(np.broadcast_to(a.upper[:, None, None], (2, 8, 8)), b.upper)
+        assert ends_of(a)[0].shape == (2,) and ends_of(b)[0].shape == (2, 8, 8)
+        assert np.array_equal(np.broadcast_to(ends_of(a)[0][:, None, None], (2, 8, 8)), ends_of(b)[0])
+        assert np.array_equal(np.broadcast_to(ends_of(a)[1][:, None, None], (2, 8, 8)), ends_of(b)[1])
     goal = problem.goal(1)
     single = dataclasses.replace(FIXED, dtype="float32")  # as other tests compile it: some dozen roundings of 6e-8
     for (_, a), (_, b) in zip(*(HJIGames(one, single).reach(goal, 0) for one in (problem, sampled)), strict=True):

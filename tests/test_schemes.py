@@ -216,7 +216,7 @@ def test_coupled_kernel_without_coupling_equals_lax_friedrichs(rng):
     values = rng.normal(size=(8, 9))
     drift, spread = np.array([0.7, -0.2]), np.array([0.3, 0.5])
     separable = box(drift - spread, drift + spread)
-    coupled = Velocities(separable.lower, separable.upper, drift=drift[None], gain=np.diag(spread)[None])
+    coupled = Velocities(separable.low, separable.high, drift=drift[None], gain=np.diag(spread)[None])
     scheme = dataclasses.replace(DOUBLE, flux="lax-friedrichs")
     a = evolve(grid, values, separable, 0.1, scheme, steps=4)
     np.testing.assert_allclose(evolve(grid, values, coupled, 0.1, scheme, steps=4), a, rtol=0, atol=ROUNDING)

@@ -118,3 +118,10 @@ def small_torus_table():
 @cache
 def arm_table():
     return sdhj.solve(sdhj.arm_case_study(nodes=13, steps=4), progress=False)
+
+
+def ends_of(velocities):
+    """The least and the greatest velocities along each axis, each as one array."""
+    ends = velocities.low, velocities.high
+    whole = [[np.broadcast_to(one, velocities.shape) for one in end] for end in ends if isinstance(end, list)]
+    return [np.stack(end) for end in whole] or list(ends)

@@ -16,6 +16,7 @@ from sdhj.formulas.rules import RULES
 
 FORMAT = 1
 MOST_LINES = 100_000
+MOST_SHOWN = 400  # characters of a result as mathematics
 TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # how many operands are truth values
 CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
 
@@ -130,9 +131,7 @@ BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div neg", "power sq
 RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
 
 
-def shown(
-    outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",), width: int = 400
-) -> list[str]:
+def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
     """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
     order = ordered(outputs)
     uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
@@ -161,6 +160,6 @@ def shown(
         if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
             lines.append(f"{letter} = {text[one]}")
             text[one] = letter
-        if len(text[one]) > width:
-            text[one] = f"{text[one][:width]}..."
+        if len(text[one]) > MOST_SHOWN:
+            text[one] = f"{text[one][:MOST_SHOWN]}..."
     return [*lines, *(text[one] for one in outputs)]

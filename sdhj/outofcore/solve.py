@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.kernels.compiling import announced, hidden
-from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
+from sdhj.outofcore.slabs import KINDS, AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
 from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, free_name, room_for
 from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
@@ -31,7 +31,7 @@ from sdhj.solver.games import KEPT
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import recursion
 from sdhj.solver.resolution import check_resolution
-from sdhj.table.files import VERSION, TableFileError, checked_head, head_of_table, problem_of_file
+from sdhj.table.files import VERSION, Named, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
@@ -40,13 +40,7 @@ LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
 def solve_stored(
-    problem: ReachAvoidProblem,
-    method: Any,
-    path: str | os.PathLike[str],
-    progress: bool | None = None,
-    resume: bool = False,
-    client: Any = None,
-    memory: int | None = None,
+    problem: ReachAvoidProblem, method: Any, path: Named, progress: Any, resume: bool, client: Any, memory: Any
 ) -> StoredTable:
     """As `sdhj.solve` with a store: see there."""
     if not isinstance(path, str | os.PathLike):
@@ -62,7 +56,9 @@ def solve_stored(
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
             room_for(path, bytes_of(_arrays(plan)))
             create(path, _head_of(plan))
-        with tqdm(total=_tasks(plan), desc=method.name, unit="slab", disable=hidden(progress)) as bar:
+        static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in KINDS)
+        most = LookupTable.rooms(problem) * plan.slabs + static + problem.steps * moving  # slabs that are worked on
+        with tqdm(total=most, desc=method.name, unit="slab", disable=hidden(progress)) as bar:
             sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
             recursion(sets, problem.steps, lambda: None)
             return sets.finish({"seconds": time.perf_counter() - started})
@@ -190,12 +186,6 @@ def task_bytes(plan: Plan) -> int:
     written = math.prod(end - begin for begin, end in plan.runs(0)) * (4 * item + 2 * -(-count // 8))
     cached = min(CACHE_BYTES, bytes_of(_arrays(plan))) if plan.slabs == 1 else 0
     return max(map(played, windows)) + 2 * tubes + written + PACKED + cached  # tubes are there twice while packed
-
-
-def _tasks(plan: Plan) -> int:
-    """Slabs that are worked on at most."""
-    static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in ("static", "moving"))
-    return LookupTable.rooms(plan.problem) * plan.slabs + static + plan.problem.steps * moving
 
 
 # ---- which problem it is

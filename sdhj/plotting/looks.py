@@ -6,7 +6,6 @@ well as in a widget. Colours also differ by lightness, hatch or line style, so f
 
 import io
 import logging
-import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -17,9 +16,11 @@ import matplotlib.style
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from sdhj.table.files import probed, replaced_whole, unwritable
+from sdhj.kernels import FloatArray
+from sdhj.table.files import Named, probed, replaced_whole, unwritable
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
+State = Sequence[float] | FloatArray  # one state (ndim,)
 STYLE_FILE = Path(__file__).resolve().parent / "style.mplstyle"
 UNDATED: dict[str, dict[str, Any]] = {  # metadata without a date, so that equal figures give equal files
     "pdf": {"CreationDate": None, "Producer": None, "Creator": "sdhj"},
@@ -64,7 +65,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
     return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
 
 
-def writable_folder(folder: str | os.PathLike[str]) -> Path:
+def writable_folder(folder: Named) -> Path:
     """Create a folder if it does not exist; OSError, with what to do, before long work if it cannot be written to."""
     folder = Path(folder)
     try:
@@ -75,9 +76,7 @@ def writable_folder(folder: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def save(
-    figure: Figure, folder: str | os.PathLike[str], name: str, formats: Sequence[str] = ("pdf", "png")
-) -> list[Path]:
+def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pdf", "png")) -> list[Path]:
     """Write `figure` as folder/name.format for each format, pdf, svg or png; returns the paths.
 
     Equal figures give equal files. ValueError for another format, OSError if the folder cannot be written to.
@@ -92,7 +91,7 @@ def save(
     return files
 
 
-def write(figure: Figure, path: str | os.PathLike[str]) -> None:
+def write(figure: Figure, path: Named) -> None:
     """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
     It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.

@@ -1,6 +1,5 @@
 """The workspace: the arm, the obstacles, the target and the agent (Figs. 1, 9a and 12a)."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,15 @@ from matplotlib.patches import Circle, Polygon
 from sdhj.arm.case_studies import ArmScene
 from sdhj.arm.workspace import Disk
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, look
+from sdhj.plotting.looks import FAINT, INK, ROBOT_LOOKS, TARGET_LOOKS, UNSAFE_LOOKS, Looks, State, look
 
 FRAME_MARGIN = 0.02
+
 
 # `add_artist`, not `add_patch`: `draw_workspace` sets the limits, so Matplotlib need not compute them from each patch.
 
 
-def draw_arm(
-    ax: Axes, scene: ArmScene, q: Sequence[float] | FloatArray, *, alpha: float = 1.0, zorder: float = 5.0
-) -> None:
+def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder: float = 5.0) -> None:
     """Draw the arm at joint angles q (2,): the thick links, base, elbow and end-effector."""
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
@@ -39,12 +37,7 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
 
 
 def draw_workspace(
-    ax: Axes,
-    scene: ArmScene,
-    *,
-    state: Sequence[float] | FloatArray | None = None,
-    time: float = 0.0,
-    trail: FloatArray | None = None,
+    ax: Axes, scene: ArmScene, *, state: State | None = None, time: float = 0.0, trail: FloatArray | None = None
 ) -> None:
     """Draw obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from sdhj.certified.labels import LABELS, labels
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, OUTCOME_INK, Looks, look, step_colours
+from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, OUTCOME_INK, Looks, State, look, step_colours
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -26,7 +26,6 @@ AXIS_LABELS = {
     "py": "pursuer $p_y$ (m)",
 }
 LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
-State = Sequence[float] | FloatArray  # one state (ndim,)
 RIGHT_ANGLES = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 

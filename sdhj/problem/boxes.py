@@ -18,18 +18,14 @@ from sdhj.kernels.union import EIGHT
 from sdhj.problem.grid import Grid, Window
 
 Nodes = Sequence[slice]  # of each axis
+Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
 def intervals(
-    nodes: int,
-    periodic: bool,
-    spans: tuple[tuple[float, float], ...],
-    limited: bool,
-    dtype: str,
-    some: tuple[int, int] | None = None,
+    nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
     """What `Leaves` say of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
 
@@ -89,7 +85,7 @@ class Level(NamedTuple):
     """Maxima along an axis over `spans`: leaf i is made of function parent[i] and spans[which[i]]."""
 
     axis: int
-    spans: tuple[tuple[float, float], ...]
+    spans: Spans
     parent: tuple[int, ...]
     which: tuple[int, ...]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.derivative import linear
-from sdhj.formulas.formula import BlackBox, Formula, compare
+from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
 from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -19,6 +19,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
 MOST_INPUTS = 256
+Times = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -206,9 +207,7 @@ class VectorField:
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
     derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # made of these, by what they are
 
-    def made(
-        self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
-    ) -> Formula:
+    def made(self, key: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Formula:
         """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
         if key not in self.derived:
             self.derived[key] = Formula.traced(key[0], function, coordinates, parameters)
@@ -379,13 +378,13 @@ class VectorField:
     @cached_property
     def extremes_of(self) -> list[Formula]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
-        count, bounds = len(self.inputs), self.each["bounds"]
-        return [Formula.traced("velocity", partial(self._spread, j, bounds[j]), self.ndim) for j in range(count)]
+        count = len(self.inputs)
+        return [Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count)]
 
-    def _spread(self, j: int, bounds: Any, points: Any, t: Any) -> Any:
-        """As `extremes`, where the disturbance enters linearly; `bounds` are a function of points and time."""
-        drift = self.drift_at(points, j, t)
-        spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds(points, t))[:, None]).sum(axis=2)
+    def _spread(self, j: int, points: Any, t: Any) -> Any:
+        """As `extremes`, where the disturbance enters linearly."""
+        drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
+        spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
@@ -398,13 +397,9 @@ class VectorField:
                     f"{points[int(np.argmin(good))].tolist()}, t = {t:g}; every velocity must be finite"
                 )
             return np.stack([low, high], axis=1)
-        if self.formulas:
-            return self.extremes_of[j](points, t)
-        return self._spread(j, lambda points, t: self.bounds_at(j, t)[None], points, t)
+        return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
-    def range(
-        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any = None) -> Ends:
         """Bounds on the velocity under input j in boxes (M, ndim) and an interval of time: both (M, ndim).
 
         The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v.
@@ -420,9 +415,7 @@ class VectorField:
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
 
-    def disturbance(
-        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None = None
-    ) -> FloatArray:
+    def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any = None) -> FloatArray:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
@@ -438,9 +431,7 @@ class VectorField:
 
         return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
-    def _declared(
-        self, j: int, low: FloatArray, high: FloatArray, time: tuple[float, float], signs: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
+    def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any) -> Ends:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])

@@ -47,19 +47,6 @@ class Velocities:
         self.__dict__.setdefault("terms", {})
         return self
 
-    @cached_property
-    def lower(self) -> FloatArray:
-        """`low` as one array."""
-        return self._whole(self.low)
-
-    @cached_property
-    def upper(self) -> FloatArray:
-        """`high` as one array."""
-        return self._whole(self.high)
-
-    def _whole(self, ends: Any) -> FloatArray:
-        return ends if isinstance(ends, np.ndarray) else np.stack([np.broadcast_to(one, self.shape) for one in ends])
-
     @property
     def coupled(self) -> bool:
         return self.drift is not None

@@ -100,7 +100,10 @@ def _advice(table: Table, ways: Mapping[str, int]) -> str:
     blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
     if blunt and not problem.dynamics.stateless:
         said.append(f'sampling="steep" of {", ".join(blunt)}')
-    for axis in _adversary_s(table):
+    interval, corner = problem.interval(0), np.array(grid.lower)[None]
+    still = np.ptp(interval.displacements(corner)[0], axis=0) == 0  # axes along which no input moves the robot
+    pushed = interval.gain(corner, np.zeros(1, np.int64), interval.begin)[0].any(axis=1)
+    for axis in np.flatnonzero(still & pushed).tolist():
         if f"went off the grid past the end of {grid.names[axis]}" in ways:
             said.append(
                 f'ends="wall" or "safe" for {grid.names[axis]}, or a longer axis: only the adversary moves the robot '
@@ -113,15 +116,6 @@ def _advice(table: Table, ways: Mapping[str, int]) -> str:
         bends.append(float(np.abs(np.diff(values, 2, axis))[near].mean()) if near.any() else 0.0)
     said.append(f"more nodes along {grid.names[int(np.argmax(bends))]}, where the tube bends most between nodes")
     return f'What helps: {"; ".join(said)}; or method="certified", which proves what it promises'
-
-
-def _adversary_s(table: Table) -> list[int]:
-    """Axes with unsafe ends along which no input moves the robot, but the adversary does."""
-    interval, states = table.problem.interval(0), np.array(table.grid.lower)[None]
-    alike = np.ptp(interval.displacements(states)[0], axis=0) == 0
-    pushed = interval.gain(states, np.zeros(1, np.int64), interval.begin)[0].any(axis=1)
-    ends = np.isfinite(np.stack(table.grid.faces("unsafe"))).any(axis=0)
-    return np.flatnonzero(alike & pushed & ends).tolist()
 
 
 def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:

@@ -117,9 +117,12 @@ class _Runs:
         play: Adversary,
         rng: np.random.Generator,
         sensing: Sensing,
+        watch: Watch | None,
+        walls: bool,
         ever: bool,
     ) -> None:
         self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
+        self.watch, self.walls = watch, walls
         name = next((name for name, other in ADVERSARIES.items() if other is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
         self.shift = getattr(play, "shift", SHIFTING[name])
@@ -167,7 +170,7 @@ class _Runs:
         step, table = 0 if self.ever else number, self.controller.table
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng)
 
-    def interval(self, number: int, last: bool, watch: Watch | None, walls: bool) -> None:
+    def interval(self, number: int, last: bool) -> None:
         """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
         problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
         reached = np.full(alive.size, problem.stays and last)
@@ -194,18 +197,9 @@ class _Runs:
         groups = 3 * self.offsets[rows] + ends
         for group in np.unique(groups):
             some = groups == group
-            self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]), watch, walls)
+            self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
-    def hold(
-        self,
-        number: int,
-        rows: FloatArray,
-        inputs: FloatArray,
-        to_go: FloatArray,
-        ends: int,
-        watch: Watch | None,
-        walls: bool,
-    ) -> None:
+    def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
         """Simulate some runs, whose interval begins and ends alike, with the measurement in it."""
         sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
         begun = self.first(number, begin, rows, inputs, to_go)
@@ -214,12 +208,13 @@ class _Runs:
             length = end - begin
             after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
             begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
-        states, ended, v = play_interval(begun, self.play, watch, walls, range(SUBSTEPS - after))
+        played = self.play, self.watch, self.walls
+        states, ended, v = play_interval(begun, *played, range(SUBSTEPS - after))
         seen = states
         if after:
             rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
             later = replace(begun, states=states, previous=v, **rest)
-            states, then, _ = play_interval(later, self.play, watch, walls, range(SUBSTEPS - after, SUBSTEPS))
+            states, then, _ = play_interval(later, *played, range(SUBSTEPS - after, SUBSTEPS))
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
         self.taken[rows] += 1
@@ -244,12 +239,12 @@ def rollouts(
     `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
-    runs = _Runs(controller, starts, play, rng, sensing, ever=steps is not None)
+    runs = _Runs(controller, starts, play, rng, sensing, watch, walls, ever=steps is not None)
     for offset in np.unique(runs.offsets):
         some = np.flatnonzero(runs.offsets == offset)
         runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0]] = COLLIDED
     last = runs.problem.steps if steps is None else steps
     for number in range(last + 1):
-        runs.interval(number, number == last, watch, walls)
+        runs.interval(number, number == last)
     runs.outcomes[runs.outcomes == UNDECIDED] = LATE
     return runs.outcomes, runs.taken

@@ -33,8 +33,8 @@ from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import Table
 
 TEMPORARIES: set[Path] = set()  # files that are being written
-
-
+Named = str | os.PathLike[str]
+Lengths = tuple[int | set[int], ...]
 VERSION = "0.2.0"
 FORMAT_VERSION = 4
 FIRST_LINE = "sdhj look-up table, format {}\n"
@@ -63,7 +63,7 @@ class TableFileError(ValueError):
 
 
 @contextmanager
-def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replaced_whole(path: Named) -> Iterator[Path]:
     """A temporary path to write to, beside `path`; the file replaces `path` at the end, or is deleted after an error.
 
     No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
@@ -105,14 +105,14 @@ def _temporary(path: Path) -> Iterator[Path]:
         TEMPORARIES.discard(temporary)
 
 
-def writable_file(path: str | os.PathLike[str]) -> Path:
+def writable_file(path: Named) -> Path:
     """The path of a file; OSError, with what to do, if it cannot be written. Its folder must exist."""
     path = _regular(path)
     probed(path.parent, path.name)
     return path
 
 
-def _regular(path: str | os.PathLike[str]) -> Path:
+def _regular(path: Named) -> Path:
     """The file that a name refers to, links followed; OSError if the name is that of something else than a file."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
@@ -145,7 +145,7 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 
 @contextmanager
-def written_table(path: str | os.PathLike[str], table: "Table", **head: Any) -> Iterator[h5py.File]:
+def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.File]:
     """An HDF5 file to which the class of a table writes its arrays; keywords are added to the head.
 
     It is built in memory and then written to disk, in place of an older one, because the HDF5 library does not survive
@@ -189,19 +189,13 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
     } | described(problem)
 
 
-def header(path: str | os.PathLike[str]) -> dict[str, Any]:
+def header(path: Named) -> dict[str, Any]:
     """The head of a table's file, as `checked_head` returns it; arrays are not read. Errors are those of `load`."""
     with opened(path) as (head, _):
         return head
 
 
-def stored(
-    file: h5py.File,
-    name: str,
-    kinds: str,
-    shape: tuple[int | set[int], ...] | None,
-    most: int | None = None,
-) -> FloatArray:
+def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
     """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
 
     A shape of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in other
@@ -225,7 +219,7 @@ def stored(
 
 
 @contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     """The head of a file, as `checked_head` returns it, and its arrays; errors on the way become TableFileError."""
     path = _regular(path)
     try:
@@ -302,10 +296,7 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
 
 
 def problem_of_file(
-    path: str | os.PathLike[str],
-    head: Mapping[str, Any],
-    arrays: Mapping[str, FloatArray],
-    problem: ReachAvoidProblem | None,
+    path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
     """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed."""
     if problem is None:

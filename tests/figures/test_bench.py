@@ -33,7 +33,7 @@ def test_exact_solution_is_the_maximum_over_the_box(small):
 
     points, exact = grid.points(), small.exact.ravel()
     for i in np.random.default_rng(3).choice(grid.size, 60, replace=False):
-        axes = [x + 0.1 * np.linspace(a, b, 5) for x, a, b in zip(points[i], fields.lower, fields.upper, strict=True)]
+        axes = [x + 0.1 * np.linspace(a, b, 5) for x, a, b in zip(points[i], fields.low, fields.high, strict=True)]
         wrapped = ([(x + np.pi) % (2 * np.pi) - np.pi for x in q[:2]] + list(q[2:]) for q in itertools.product(*axes))
         sampled = max(initial(q) for q in wrapped)
         # a box is 0.06 rad and 0.04 m (0.35 scaled) wide: the best of 5 samples an axis misses by half a gap at most
