@@ -57,14 +57,11 @@ def _end(out, values, taps, weight, start, stop, raised):
 
 @kernel()
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`.
-
-    Constants are given as `np.bool_(True)`: True alone is a type of its own, for which this is compiled once more.
-    """
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
-        _end(out, values, taps[1], weight[1], start, stop, np.bool_(True))
+        _end(out, values, taps[1], weight[1], start, stop, np.bool_(True))  # True is a type of its own to Numba
         for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
             raise_to(out, values[other % values.shape[0], start:stop])
 
