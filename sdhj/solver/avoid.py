@@ -56,22 +56,20 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
     count, felt, everything = len(problem.inputs), set(), dangers(problem)
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
     axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
-    shapes = [[problem.grid.shape[axis] for axis in own] for own in axes]
-    static = np.empty((1, count, *shapes[0]), games.dtype)
-    moving = np.empty((problem.most_steps, count, *shapes[1]), games.dtype)
     made = []
-    for own, tubes, kept in zip(kinds, (static, moving), axes, strict=True):
+    for own, kept, often in zip(kinds, axes, (1, problem.most_steps), strict=True):
+        tubes = np.empty((often, count, *(problem.grid.shape[axis] for axis in kept)), games.dtype)
         if not own:
             tubes.fill(-np.inf)
         for number, danger in enumerate(own):
             playing = games if danger.problem is problem else make(danger.problem)
             at = [kept.index(i) for i in danger.axes]
-            for step in range(len(tubes)):
+            for step in range(often):
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
                 alike = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
-                if number == 0 and len(tubes) == 1 and alike:
+                if number == 0 and often == 1 and alike:
                     tubes = found[None]  # to copy them all would take as long as a game
                     continue
                 for total, tube in zip(tubes[step], found, strict=True):

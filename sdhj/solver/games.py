@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -46,7 +46,10 @@ Axes = tuple[int, ...]
 
 
 class Games(Protocol):
-    """The interface of a method for the recursion: the games of one interval, on the whole grid."""
+    """The interface of a method for the recursion: the games of one interval, on the whole grid.
+
+    With a function `reaches`, as `_OnAxes` has it, reach sets come some inputs at a time, and need not be written out.
+    """
 
     @property
     def dtype(self) -> str: ...
@@ -57,13 +60,6 @@ class Games(Protocol):
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
 
     def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
-
-
-@runtime_checkable
-class ManyGames(Games, Protocol):
-    """Games whose reach sets come some inputs at a time, and need not be written out."""
-
-    def reaches(self, values: FloatArray, step: int) -> "Iterator[Maxima | Pieces]": ...
 
 
 class Pieces(NamedTuple):

@@ -23,7 +23,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Axes, Games, ManyGames, Pieces, in_eights
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
@@ -228,7 +228,7 @@ class GridSets:
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
         self.rows = InputRows(problem.grid, nothing(problem, dtype) if joint else tubes)
-        many = isinstance(self.games, ManyGames) and problem.rimmed.grid is problem.grid
+        many = hasattr(self.games, "reaches") and problem.rimmed.grid is problem.grid
         self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0

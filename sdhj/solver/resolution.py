@@ -16,6 +16,7 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
+from sdhj.problem.memory import available
 from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
 from sdhj.problem.sets import UnsafeSet
 
@@ -39,11 +40,11 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
         known = KNOWN.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
-            key = part.name, part.axes, part.sampling, problem.grid, t, problem.dynamics.stateless
+            key = part.name, part.axes, part.sampling, problem.grid, t
             if key not in known:
-                known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t) or too_thin(problem, part, t)
-            if known[key]:
-                warnings.warn(known[key], ResolutionWarning, stacklevel=stacklevel + 1)
+                known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t)
+            if message := known[key] or too_thin(problem, part, t):
+                warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
                 break
 
 
@@ -146,10 +147,13 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     needed = [int(np.ceil((grid.shape[axis] - 1) * ROOMY / cells[(axis, *place)])) + 1 for axis in wrong]
     steep = 'UnsafeSet(..., sampling="steep"), which prevents that and enlarges the set by less than a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
+    nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
+    free = available()
+    fits = free is None or 8 * nodes * problem.most_steps < free[0]
     return (
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
         "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "
-        f"it. Use {more}, or {steep}"
+        "it. Use " + (f"{more}, or {steep}" if fits else f"{steep}; {more} would need more memory than is available")
     )
 
 
