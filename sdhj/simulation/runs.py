@@ -279,7 +279,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
     if steps is None and table.details.get("endless"):
         return FOREVER_PLAYED if table.problem.stays else table.steps
     if steps is not None and not table.problem.timeless:
-        raise ValueError(f"steps must be left out: as something depends on time, runs follow the table's {table.steps}")
+        raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")
     return None if steps is None else whole("steps", steps, least=1)
 
 

@@ -75,7 +75,7 @@ def test_rounding_is_outward():
     [
         (lambda p: p[:, 0] if p[0, 0] > 0 else p[:, 1], "where"),
         (lambda p: p[p[:, 0] > 0], "line"),
-        (lambda p: p.cumsum(), "cumsum"),
+        (lambda p: p.cumprod(), "cumprod"),
         (lambda p: np.array([abs(x) for x, _ in p.tolist()]), "tolist"),
     ],
 )
