@@ -183,7 +183,7 @@ class GeneralProof(Images):
             return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
 
         free = numbers(~own)
-        return Placed(counts, numbers(own), free, free.size, edges, self.past)
+        return Placed(counts, numbers(own), free, free.size, 1, edges, self.past)
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
@@ -232,13 +232,16 @@ class GeneralProof(Images):
         """`strike`, once for all cells that differ on axes alone that neither the set nor the image depends on."""
         counts, alike = self.layout.counts, self.strides == 0
         alike[known.axes] = False
-        if not alike.any() or np.isfinite(self.layout.safe).any():
-            strike(clear, tubes, places, known, bit, self.layout)
+        last, past = len(counts) - 1, bool(np.isfinite(self.layout.safe).any())
+        abreast = int(counts[last]) if known.axes[-1] == last and not self.strides[last] and not past else 1
+        layout = self.layout._replace(abreast=abreast)
+        if not alike.any() or past:
+            strike(clear, tubes, places, known, bit, layout)
             return
         first = np.full(clear.size, 255, np.uint8)
         cells = np.stack(np.unravel_index(self.layout.offset, counts))
         some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
-        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size))
+        strike(first, tubes, places, known, bit, layout._replace(offset=some, free=some.size))
         one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
         clear &= np.broadcast_to(one, counts).ravel()
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.bounds import Bounds
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, unknown
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import STATE_SLACK, Cells
@@ -141,12 +141,12 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     """Which axes an image depends on, (ndim,) bool.
 
     Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
-    and leave again within an interval.
+    and leave again within an interval at another velocity.
     """
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for place, axis in enumerate(axes):
         own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
-        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
+        own[place] |= not is_steady(problem, place) and "wall" in problem.grid.ends[place] and not axis.periodic
     return own
 
 

@@ -199,9 +199,15 @@ class Velocity:
     def timed(self) -> bool:
         return any(one.reads("p", 0) for one in self.all)
 
-    @property
-    def constant(self) -> bool:
-        return not self.timed and not any(one.reads("x") for one in self.all)
+    def steady(self, axis: int, sensed: bool) -> bool:
+        """Whether a wall of an axis never holds back what does not come back as fast: the velocity is always in one
+        range, where nothing is measured, or that along every axis is.
+        """
+        some = self.all
+        if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
+            d, (drift, gain) = self.adversaries, (self.own[name] for name in ("drift", "gain"))
+            some = [*self.own["bounds"], *(one.part(axis, 1) for one in drift), *(one.part(axis * d, d) for one in gain)]
+        return not self.timed and not any(one.reads("x") for one in some)
 
     def bounds(self, j: int, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """Least and greatest velocity under u_j and any adversary, or none, over boxes (M, ndim): both (M, ndim)."""

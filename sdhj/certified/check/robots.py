@@ -107,8 +107,8 @@ class Robot(Sets):
         wrong = self.uncovered(ends)
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
-            held = "wall" in grid.ends[axis] and not self.moves.constant
-            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
+            free = "wall" not in grid.ends[axis] or self.moves.steady(axis, bool(self.sensing))
+            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else free
             wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 

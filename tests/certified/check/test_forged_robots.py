@@ -97,7 +97,8 @@ MUTATIONS = {
         "True",
         "cells that are not alike",
     ),
-    "no wall where cells move alike": (ROBOTS_PY, "else not held", "else True", "a wall on the way"),
+    "no wall where cells move alike": (ROBOTS_PY, "else free", "else True", "a wall on the way"),
+    "a wall and velocities in one range": (DESCRIBED, 'any(one.reads("x") for one in some)', "False", "a wall on the way"),
     # moves
     "errors of measurements before": (
         ROBOTS_PY,
