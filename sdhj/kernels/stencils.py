@@ -1,8 +1,8 @@
 """Compiled tests of packed cells: which images are in a set, which tubes meet an unsafe set, what a change can reach.
 
 A cell of a set is bit `cell[-1]` of its row; rows count the cells of all other axes, the last of them fastest. How far
-an interval moves a cell is told in cells: from cell + low to cell + high on each axis, clipped at the ends of a bounded
-one. It depends on some of the axes only: on the cell's *place*, their part of it, a row of `Moves`.
+an interval moves a cell is given in cells: from cell + low to cell + high on each axis, clipped at the ends of a
+bounded one. It depends on some of the axes only: on the cell's *place*, their part of it, a row of `Moves`.
 """
 
 import math
@@ -202,24 +202,6 @@ def boxes_along(low, high, k, lattice):
     return first, max(last, first + 1)
 
 
-@kernel(inline="always")
-def boxes_meeting(at, along, part, lattice, total):
-    """How many lattice boxes that may meet the set in a part some boxes overlap, in `total` (n,).
-
-    at (2, d - 1): the lattice boxes that all of them overlap on all axes but the last; along (2, n): on the last axis.
-    """
-    total[:] = 0
-    for corner in range(1 << at.shape[1]):
-        flat, sign = 0, 1
-        for k in range(at.shape[1]):
-            side = (corner >> k) & 1
-            sign = sign if side else -sign
-            flat = flat * (lattice.sizes[k] + 1) + at[side, k]
-        flat *= lattice.sizes[-1] + 1
-        for n in range(total.size):
-            total[n] += sign * (lattice.sums[part, flat + along[1, n]] - lattice.sums[part, flat + along[0, n]])
-
-
 CHUNKS = 64  # that cells are looked at in, each with its own scratch memory
 
 
@@ -281,16 +263,19 @@ def strike(clear, tubes, places, lattice, bit, layout):
             cell_of(first, layout.counts, cell)
             tube = tubes[place - places[0]]
             tube = tube[: parts_inside(cell, tube, layout)]
-            strike_abreast(clear[first : first + layout.abreast], cell, tube, lattice, bit, layout.edges, open_, at, along, found)
+            some = clear[first : first + layout.abreast]
+            strike_abreast(some, cell, tube, lattice, bit, layout.edges, open_, (at, along, found))
 
 
 @kernel()
-def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, at, along, found):
+def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
     """Clear a bit of those of some cells (n,), abreast of a first, that are open, where a tube may meet a set.
 
-    open_ (n,) : overwritten, as are at, along and found, scratch for `boxes_meeting`.
+    open_ (n,) : overwritten. room: at (2, d - 1), along (2, n), the lattice boxes that tubes overlap on all axes but
+    the last, and on that; found (n,), how many of them may meet the set.
     """
     axes, kinds, last = lattice.axes, lattice.sums.shape[0], lattice.axes.size - 1
+    at, along, found = room
     for part in range(-1 if kinds == 1 else 0, tube.shape[0]):  # where one lattice is that of all, all parts first
         begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
         for k in range(axes.size):
@@ -306,7 +291,16 @@ def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, at, along, fou
                     along[0, n], along[1, n] = ends
                 else:
                     at[0, k], at[1, k] = ends
-        boxes_meeting(at, along, max(part, 0) % kinds, lattice, found)
+        counted, found[:] = lattice.sums[max(part, 0) % kinds], 0
+        for corner in range(1 << last):
+            flat, sign = 0, 1
+            for k in range(last):
+                side = (corner >> k) & 1
+                sign = sign if side else -sign
+                flat = flat * (lattice.sizes[k] + 1) + at[side, k]
+            flat *= lattice.sizes[last] + 1
+            for n in range(open_.size):
+                found[n] += sign * (counted[flat + along[1, n]] - counted[flat + along[0, n]])
         left = False
         for n in range(open_.size):
             if open_[n] and (found[n] > 0) == (part >= 0):

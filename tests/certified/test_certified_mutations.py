@@ -132,8 +132,8 @@ MUTATIONS = {
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", SENSED),
     "a prediction in the target": (
         IMAGES,
-        "more = STATE_SLACK + self.unsure[list(part.axes)]",
-        "more = STATE_SLACK",
+        "STATE_SLACK + self.unsure[axis])",
+        "STATE_SLACK)",
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),

@@ -145,19 +145,19 @@ FALSE = {
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
         GENERAL,
-        "corner + pitch + wider, t0, t1",
-        "corner + wider, t0, t1",
+        "high = [begin + step + more",
+        "high = [begin + more",
         "thin",
         CLEAR,
     ),
     "times of a set": (
         GENERAL,
-        "corner + pitch + wider, t0, t1",
-        "corner + pitch + wider, t0, t0",
+        "bounds.levels(part, low, high, t0, t1)",
+        "bounds.levels(part, low, high, t0, t0)",
         "crossed",
         CLEAR,
     ),
-    "boxes as wide as tubes sway": (GENERAL, "sway + MARGIN_OF_BOXES,", "MARGIN_OF_BOXES,", "calm", CLEAR),
+    "boxes as wide as tubes sway": (GENERAL, "sway + MARGIN_OF_BOXES,", "0 * sway + MARGIN_OF_BOXES,", "calm", CLEAR),
     "a set nearer than rounding": (GENERAL, "MARGIN_OF_BOXES = 4e-10", "MARGIN_OF_BOXES = 0.0", "nearer", CLEAR),
     "laps of a set": (
         GENERAL,
@@ -233,8 +233,8 @@ FALSE = {
     "each of the cells abreast": (STENCILS, "own = cell[axis] + n", "own = cell[axis]", "line", CLEAR),
     "parts in turn": (
         STENCILS,
-        "boxes_meeting(at, along, max(part, 0) % kinds",
-        "boxes_meeting(at, along, 0 % kinds",
+        "lattice.sums[max(part, 0) % kinds]",
+        "lattice.sums[0 % kinds]",
         "crossed",
         CLEAR,
     ),
@@ -299,8 +299,8 @@ FALSE = {
     ),
     "predictions in a goal": (
         IMAGES,
-        "more = STATE_SLACK + self.unsure[list(part.axes)]",
-        "more = STATE_SLACK",
+        "STATE_SLACK + self.unsure[axis])",
+        "STATE_SLACK)",
         "sensed",
         GOAL,
     ),
