@@ -139,7 +139,7 @@ def test_what_is_not_read_is_carried_along():
 
 
 def fenced(back=0.0):
-    """A cart on a swell, and a pursuer that its fence holds at -1 and 1; back: how strongly it is drawn to the middle."""
+    """A cart on a swell, and a pursuer within a fence; back: how strongly it is drawn to the middle."""
 
     def drift(q, u):
         return np.stack([u[0] + 0.2 * np.cos(q[:, 1]), 0 * q[:, 1] + 1.0, -back * q[:, 2]], axis=1)
