@@ -248,12 +248,14 @@ def space_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
     return np.sign(BALL - q[:, :3] - left * q[:, 3:])
 
 
-def arm(links: int, pursuers: int, nodes: int, slices: tuple[tuple[float, ...], ...]) -> Worked:
+def arm(
+    links: int, pursuers: int, nodes: int, slices: tuple[tuple[float, ...], ...], cells: tuple[int, ...] = ()
+) -> Worked:
     """An arm to be worked on; projections drop a coordinate of a pursuer."""
     robot, ndim = ArmPursued(links, pursuers), links + 2 * pursuers
     dropped = tuple(tuple(axis for axis in range(ndim) if axis != drop) for drop in range(links, ndim))
     functions = robot.velocity, robot.target, robot.unsafe, robot.hunt
-    return Worked(robot.problem, nodes, dropped, (), *functions, tuple((0.0, 0.0, *rest) for rest in slices))
+    return Worked(robot.problem, nodes, dropped, cells, *functions, tuple((0.0, 0.0, *rest) for rest in slices))
 
 
 WORKED: Mapping[str, Worked] = {
@@ -261,14 +263,14 @@ WORKED: Mapping[str, Worked] = {
         car,
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
-        (32, 32, 24, 12, 12),
+        (32, 32, 24, 33, 33),
         car_velocity,
         lambda q, t: distance(q, GOAL) - 0.5,
         car_unsafe,
         car_hunt,
         ((0, 0, 0.0, 0.0, -1.0), (0, 0, 0.8, 1.0, 0.0), (0, 0, 1.6, 1.6, 1.4)),
     ),
-    "arm": arm(3, 1, 25, ((0.0, 0.24, 0.24), (0.8, -0.15, 0.21), (-0.8, 0.3, 0.03))),
+    "arm": arm(3, 1, 25, ((0.0, 0.24, 0.24), (0.8, -0.15, 0.21), (-0.8, 0.3, 0.03)), (52, 32, 24, 17, 17)),
     "hunted": arm(2, 2, 15, ((0.24, 0.24, -0.3, 0.0), (-0.15, 0.21, 0.3, 0.03), (0.3, 0.03, 0.0, -0.3))),
     "space": Worked(
         space,

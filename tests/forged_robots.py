@@ -18,7 +18,7 @@ from sdhj.kernels import FloatArray
 
 Told = dict[str, Any]
 CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"
-COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as told"
+COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as stated"
 
 
 # ---- robots
@@ -722,7 +722,7 @@ HEADS: dict[str, tuple[Callable[[Told], Any], str]] = {
     "steps": (lambda told: told.update(steps=2.5), "steps must be a number"),
     "parts": (lambda told: told["proof"].update(parts=0), "parts must be a number"),
     "one cell": (lambda told: told["cells"].update(shape=[1, 30]), "shape must be numbers"),
-    "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be told as fractions"),
+    "widths": (lambda told: told["cells"].update(widths=["0x1", "1"]), "cells must be stated as fractions"),
     "axes of a place": (lambda told: told["proof"].update(own=[True, True, False]), "the problem has 2 axes"),
     "predictions": (lambda told: told["proof"].update(unsure=[0.0]), "unsure must be 2 numbers"),
     "predictions below zero": (lambda told: told["proof"].update(unsure=[-1.0, 0.0]), "unsure must be a number"),

@@ -24,7 +24,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.links import Agent, joint_moves
-from sdhj.kernels.packed import FULL, add_certified, erode_packed, erode_rows, to_words
+from sdhj.kernels.packed import add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -113,13 +113,6 @@ class ArmProof(Proof):
         at = np.arange(len(cell)), j, cell
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
-    def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
-        """See `GeneralProof.clear_inputs`."""
-        # asked about sets that hold every cell, so that what is left is whether the tube is clear
-        n1, n2, words = self.shape
-        full = np.ones(n1 * n2, np.uint32)
-        return self.inputs(states, step, full, full, np.full((2, words), FULL))
-
     def inputs(
         self, states: FloatArray, step: int, index: FloatArray, following: FloatArray, pool: FloatArray
     ) -> FloatArray:
@@ -129,8 +122,8 @@ class ArmProof(Proof):
         return out
 
     @property
-    def told(self) -> dict[str, Any]:
-        """What a file tells of it."""
+    def stated(self) -> dict[str, Any]:
+        """What a file says of it."""
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
@@ -139,13 +132,13 @@ class ArmProof(Proof):
 
     @classmethod
     def load(
-        cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+        cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "ArmProof":
-        """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
+        """Read what `save` and `stated` wrote; ValueError where it does not fit the problem."""
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
-        parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
+        parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
 
     # ---- the recursion; sets are (n1 * n2, W) uint64

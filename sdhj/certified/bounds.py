@@ -5,6 +5,7 @@ where an axis ends and where a periodic one closes, so that functions are bounde
 jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,10 +56,26 @@ class Bounds:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
         return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.apart(a, b, (t0, t1)))
 
+    def levels(
+        self, part: TargetSet | UnsafeSet, low: Sequence[FloatArray], high: Sequence[FloatArray], t0: float, t1: float
+    ) -> FloatArray:
+        """`level` in all products of intervals [low[k], high[k]], some of each axis, those of the last fastest."""
+        sizes = [ends.size for ends in low]
+        out = np.empty((2, math.prod(sizes)))
+        for begin in range(0, out.shape[1], BOXES):
+            at = np.unravel_index(np.arange(begin, min(begin + BOXES, out.shape[1])), sizes)
+            out[:, begin : begin + BOXES] = self.level(part, picked(low, at), picked(high, at), t0, t1)
+        return out
+
     @property
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k: (ndim, ndim) bool."""
         return self.problem.dynamics.reads
+
+
+def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
+    """Of each axis some of its numbers: (M, axes)."""
+    return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
 
 
 def _within(

@@ -130,8 +130,8 @@ def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:
     return CellAxis(exact(lower), extent, width, periodic)
 
 
-def told_axis(grid: Grid, axis: int, width: Any, count: Any) -> CellAxis:
-    """The cells that a file tells of an axis; ValueError where that makes no sense, or would take for ever to read."""
+def axis_in_file(grid: Grid, axis: int, width: Any, count: Any) -> CellAxis:
+    """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
     extent = exact(grid.upper[axis]) - exact(grid.lower[axis])

@@ -28,16 +28,9 @@ NEGLIGIBLE = 1e-9  # rounding
 class Failure:
     """Why one input is not certified.
 
-    Attributes
-    ----------
-    input : int
-    by : str
-        The unsafe set or the end of an axis that the tube may meet, or "image".
-    short : float
-        By how much: the least that the set's level-set function may be, the way past the end, or the share of the
-        image's cells that are not certified, as a negative number.
-    says : str
-        The same in words, with the time.
+    It is by the unsafe set or the end of an axis that its tube may meet, or by "image"; short by the least that the
+    set's level-set function may be, the way past the end, or the share of the image's cells that are not certified, a
+    negative number; and says so in words, with the time.
     """
 
     input: int
@@ -50,15 +43,8 @@ class Failure:
 class Explanation:
     """The answer of `CertifiedTable.explain`; `str()` gives it in words.
 
-    Attributes
-    ----------
-    certified : bool
-    says : str
-        What is true of the state as a whole.
-    failures : tuple of Failure
-        One for each input that is not certified, the nearest to being so first.
-    helps : tuple of str
-        What may let the nearest input be certified.
+    What is true of the state as a whole, a failure for each input that is not certified, the nearest to being so first,
+    and what helps: what may let the nearest be certified.
     """
 
     certified: bool
@@ -77,22 +63,21 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     """See `CertifiedTable.explain`."""
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
-    asked = f"step {step} with {within} steps to go"
+    entry = f"step {step} with {within} steps to go"
     if table.contains(state, start=step, within=within)[0]:
         ways = np.flatnonzero(table.certified_inputs(state, step, within)[0]).tolist()
-        return Explanation(True, f"Certified for {asked}" + (f", by inputs {ways}." if within else "."))
+        return Explanation(True, f"Certified for {entry}" + (f", by inputs {ways}." if within else "."))
     found = np.empty((1 << len(table.axes), len(table.axes)), np.int64)
     if not cells_at(state[0], table.cells, found):
         return Explanation(False, "The state is off the grid.")
     for part in problem.unsafe:
         if (value := problem.value_of(part, state, problem.time(step))[0]) <= 0:
-            return Explanation(
-                False, f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
-            )
+            says = f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
+            return Explanation(False, says)
     if within == 0:
         what = "clear of the unsafe sets" if problem.stays else "in the target and clear of the unsafe sets"
-        return Explanation(False, f"Not proved at these cells for {asked}: not all of the state's cell is {what}.")
-    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells for {asked}:")
+        return Explanation(False, f"Not proved at these cells for {entry}: not all of the state's cell is {what}.")
+    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells for {entry}:")
 
 
 def scanty(table: Any) -> str:
@@ -116,10 +101,10 @@ def scanty(table: Any) -> str:
         f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
         f"{' x '.join(map(str, table.shape))} cells, which does not mean that there is no more"
     )
-    asked = np.flatnonzero(inside & ~table.contains(drawn))
-    if not asked.size:
+    places = np.flatnonzero(inside & ~table.contains(drawn))
+    if not places.size:
         return message
-    q = drawn[asked[0]]
+    q = drawn[places[0]]
     at = np.array2string(q, precision=3, separator=", ")
     return f"{message}. What may help: {'; '.join(explain(table, q, 0, None).helps)}. See table.explain({at})"
 
@@ -149,9 +134,8 @@ class _Cell:
         self.place, parts = table.place(step + 1, within - 1), table.proof.parts
         edges = np.array([axis.edges()[i : i + 2] for axis, i in zip(table.axes, cell, strict=True)])
         self.box = np.stack([edges[:, 0] - STATE_SLACK, edges[:, 1] + STATE_SLACK])
-        self.cuts = self.problem.time(step) + np.linspace(
-            0.0, self.problem.sensing.hold(self.problem.delta)[0], parts + 1
-        )
+        length = self.problem.sensing.hold(self.problem.delta)[0]
+        self.cuts = self.problem.time(step) + np.linspace(0.0, length, parts + 1)
         # Of this proof only bounds are asked, of boxes as they are: all axes are those of a place, and it has no moves.
         nothing, every = np.zeros((1, 1, 1, 1), np.int16), np.ones(len(cell), np.int64)
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
@@ -170,9 +154,8 @@ class _Cell:
         counts, lost = self.table.cells.counts, cells[missing]
         begin, end = lost.min(axis=0) % counts, lost.max(axis=0) % counts + 1
         edges = [axis.edges()[[a, b]] for axis, a, b in zip(self.table.axes, begin, end, strict=True)]
-        where = ", ".join(
-            f"{name} {a:.4g} to {b:.4g}" for name, (a, b) in zip(self.problem.grid.names, edges, strict=True)
-        )
+        ends = zip(self.problem.grid.names, edges, strict=True)
+        where = ", ".join(f"{name} {a:.4g} to {b:.4g}" for name, (a, b) in ends)
         says = f"of {len(cells)} cells that it may lead to {len(lost)} are not certified, within {where}"
         return Failure(j, "image", -len(lost) / len(cells), says)
 
@@ -200,9 +183,8 @@ class _Cell:
         """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
-        for k, (name, lower, upper) in enumerate(
-            zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
-        ):
+        ends = zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
+        for k, (name, lower, upper) in enumerate(ends):
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE
         late = self.problem.sensing.jitter
@@ -212,8 +194,8 @@ class _Cell:
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
             for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):
                 first = a + corners * (b - a) / pieces
-                ends = self.proof.bounds.level(part, first, first + (b - a) / pieces, begin - late, end + late)
-                least.append(float(ends[0].min()))
+                level = self.proof.bounds.level(part, first, first + (b - a) / pieces, begin - late, end + late)
+                least.append(float(level[0].min()))
             yield part.name, np.array(least)
 
     # ---- what would help
@@ -242,9 +224,8 @@ class _Cell:
         """By how much the cell falls short of what a failure is about where it is as thin as the state on some axes."""
         box, known = np.where(thin, self.state, self.box), self.table.cells
         if failure.by != "image":
-            return min(
-                (float(deep.min()) for name, deep in self.depths(failure.input, box) if name == failure.by), default=0.0
-            )
+            found = self.depths(failure.input, box)
+            return min((float(deep.min()) for name, deep in found if name == failure.by), default=0.0)
         _, last = self.proof.swept(box[:, None], failure.input, float(self.cuts[0]), FINEST)
         first, end = (box + last[0].T - known.lower) / known.width
         return -float(self.covering(np.floor(first).astype(np.int64), np.ceil(end).astype(np.int64) - 1)[1].sum())

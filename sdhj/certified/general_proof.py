@@ -58,10 +58,12 @@ def lattice_of(
     lower = np.array([float(axis.lower) for axis in own])
     length = np.array([float(sum(axis.extent) / 2) for axis in own])
     periodic = np.array([axis.periodic for axis in own])
-    corner = lower + pitch * np.stack([one.ravel() for one in np.indices(sizes.tolist())], axis=1)
+    corner = [begin + step * np.arange(size) for begin, step, size in zip(lower, pitch, sizes, strict=True)]
+    low = [begin - more for begin, more in zip(corner, wider, strict=True)]
+    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
     sums = []
     for t0, t1 in times:
-        least, _ = bounds.level(part, corner - wider, corner + pitch + wider, t0, t1)
+        least, _ = bounds.levels(part, low, high, t0, t1)
         meets = ~(least > 0.0).reshape(sizes)
         for k in np.flatnonzero(periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)
@@ -73,7 +75,7 @@ def lattice_of(
     return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, sway + NARROW, np.stack(sums))
 
 
-BYTES_OF_A_BOX = 80  # on each axis, while the cells in a set are looked for: ends, copies, bounds
+BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 PLACES = 1 << 13  # whose tubes are in memory at once, and what is computed of them in the caches
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
@@ -92,7 +94,10 @@ def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
     """See `GeneralProof.peak`; moves and clear are shapes."""
-    boxes = [math.prod(axes[k].count for k in part.axes) * len(part.axes) for part in known_sets(problem)]
+    boxes = [
+        math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
+        for part in known_sets(problem)
+    ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
@@ -130,11 +135,6 @@ class GeneralProof(Images):
         """Bytes that a solve takes at most, the sets that it finds apart."""
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
-    def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
-        """Which inputs are proved to stay clear from the cells of states (M, ndim): bool (M, L)."""
-        nothing = np.empty(0, np.uint32)
-        return self.inputs(states, step, nothing, nothing, np.empty((0, 0), np.uint64))
-
     def inputs(
         self, states: FloatArray, step: int, index: FloatArray, following: FloatArray, pool: FloatArray
     ) -> FloatArray:
@@ -145,7 +145,7 @@ class GeneralProof(Images):
         return out
 
     @property
-    def told(self) -> dict[str, Any]:
+    def stated(self) -> dict[str, Any]:
         """What a file says of it: the parts of an interval, the axes of a place, and E."""
         return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.unsure.tolist()}
 
@@ -156,14 +156,14 @@ class GeneralProof(Images):
 
     @classmethod
     def load(
-        cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
+        cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
-        """Read what `save` wrote and `told` tells; ValueError where it does not fit the problem."""
-        if len(told["own"]) != len(axes) or not {True, False}.issuperset(told["own"]):
-            raise ValueError(f"axes of a place must be told for each axis, got {told['own']}")
-        strides, moves, clear = shapes(problem, axes, np.array(told["own"], np.bool_))
+        """Read what `save` and `stated` wrote; ValueError where it does not fit the problem."""
+        if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
+            raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
+        strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
-        parts = whole("parts", told["parts"], least=1, most=MOST_PIECES)
+        parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls(problem, axes, parts, strides, *arrays, stored(file, "clear", "uint8", clear))
 
     # ---- the recursion; sets are (rows, W) uint64
@@ -183,7 +183,7 @@ class GeneralProof(Images):
             return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
 
         free = numbers(~own)
-        return Placed(counts, numbers(own), free, free.size, edges, self.past)
+        return Placed(counts, numbers(own), free, free.size, 1, edges, self.past)
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
@@ -232,13 +232,16 @@ class GeneralProof(Images):
         """`strike`, once for all cells that differ on axes alone that neither the set nor the image depends on."""
         counts, alike = self.layout.counts, self.strides == 0
         alike[known.axes] = False
-        if not alike.any() or np.isfinite(self.layout.safe).any():
-            strike(clear, tubes, places, known, bit, self.layout)
+        past = bool(np.isfinite(self.layout.safe).any())
+        abreast = known.axes[-1] == len(counts) - 1 and not self.strides[-1] and not past
+        layout = self.layout._replace(abreast=int(counts[-1]) if abreast else 1)
+        if not alike.any() or past:
+            strike(clear, tubes, places, known, bit, layout)
             return
         first = np.full(clear.size, 255, np.uint8)
         cells = np.stack(np.unravel_index(self.layout.offset, counts))
         some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
-        strike(first, tubes, places, known, bit, self.layout._replace(offset=some, free=some.size))
+        strike(first, tubes, places, known, bit, layout._replace(offset=some, free=some.size))
         one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
         clear &= np.broadcast_to(one, counts).ravel()
 

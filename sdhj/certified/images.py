@@ -1,7 +1,7 @@
 """What one interval leads boxes and cells to, by bounds on the velocity over boxes (`sdhj.certified.bounds`).
 
 The velocity may depend on some of the axes only, as a car's on its heading. Those are an image's *place*; a cell's
-position on the others is carried along, so all cells at a place move alike, and where an image lies is told in cells.
+position on the others is carried along, so all cells at a place move alike, and images lie so many cells off.
 
 The interval is cut into pieces. Let the state be in a box X at the begin of one of length h, and let V bound the
 velocity in a larger box B. If X + [0, h] V lies inside B, the state stays in B during the piece: it could only leave
@@ -19,12 +19,12 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from sdhj.certified.bounds import Bounds
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, unknown
+from sdhj.certified.bounds import Bounds, picked
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import STATE_SLACK, Cells
@@ -87,10 +87,10 @@ class _Spread:
 
     def _ends(self, bounds: Bounds, more: FloatArray | float) -> FloatArray:
         """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
-        asked = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
+        tasks = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
         found = [
             bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times)
-            for (j, times), (back, ahead) in asked
+            for (j, times), (back, ahead) in tasks
         ]
         return np.stack(found, axis=1)
 
@@ -110,6 +110,12 @@ class Proof:
     problem: ReachAvoidProblem
     axes: tuple[CellAxis, ...]
     parts: int
+    inputs: ClassVar[Any]  # a method of each
+
+    def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
+        """Which inputs are proved to stay clear from the cells of states (M, ndim): bool (M, L)."""
+        nothing = np.empty(0, np.uint32)
+        return self.inputs(states, step, nothing, nothing, np.empty((0, 0), np.uint64))
 
     @property
     def rows(self) -> int:
@@ -140,13 +146,13 @@ class Proof:
 def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatArray:
     """Which axes an image depends on, (ndim,) bool.
 
-    Those that a velocity reads, those on which cells are not alike, and those with a wall that the state may come to
-    and leave again within an interval.
+    Those that a velocity reads, those on which cells are not alike, and those with a wall, but where the velocity is
+    always in one range: whoever such a wall holds back is where it could be without the wall, clipped.
     """
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for place, axis in enumerate(axes):
         own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
-        own[place] |= not problem.dynamics.constant and "wall" in problem.grid.ends[place] and not axis.periodic
+        own[place] |= not is_steady(problem, place) and "wall" in problem.grid.ends[place] and not axis.periodic
     return own
 
 
@@ -323,19 +329,16 @@ class Images(Proof):
 
         Where that leaves its sign open, bounds are those of pieces of the cell.
         """
-        edges = [self.axes[axis].edges() for axis in part.axes]
-        more = STATE_SLACK + self.unsure[list(part.axes)]
+        edges = [(self.axes[axis].edges(), STATE_SLACK + self.unsure[axis]) for axis in part.axes]
+        low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
-        low, high = (
-            np.stack(np.meshgrid(*(own[side : own.size - 1 + side] for own in edges), indexing="ij"), axis=-1)
-            for side in (0, 1)
-        )
-        low, high = low.reshape(-1, len(edges)) - more, high.reshape(-1, len(edges)) + more
-        found = self.bounds.level(part, low, high, *times)
+        found = self.bounds.levels(part, low, high, *times)
         open_ = np.flatnonzero((found[0] <= 0) & (found[1] > 0))
         pieces = min(int((BOXES_OF_A_SET / max(open_.size, 1)) ** (1 / len(edges))), PIECES_OF_A_CELL)
         if pieces > 1:
-            cuts, found[0, open_], found[1, open_] = np.linspace(low[open_], high[open_], pieces + 1), np.inf, -np.inf
+            at = np.unravel_index(open_, [own.size for own in low])
+            cuts = np.linspace(picked(low, at), picked(high, at), pieces + 1)
+            found[0, open_], found[1, open_] = np.inf, -np.inf
             for corner in np.ndindex(*[pieces] * len(edges)):
                 a, b = (np.stack([cuts[c + side, :, k] for k, c in enumerate(corner)], axis=1) for side in (0, 1))
                 least, most = self.bounds.level(part, a, b, *times)

@@ -25,7 +25,7 @@ def same_game(table: Table, certified: Table) -> None:
     problems = table.problem, certified.problem
     if problems[0].digest == problems[1].digest:
         return
-    if not all(map(as_built, problems)):  # of one's own, told apart by all there is of them
+    if not all(map(as_built, problems)):  # of one's own, distinguished by all there is of them
         raise ValueError("the two tables are of different problems; certify the very problem that was solved")
     games = []
     for problem in problems:

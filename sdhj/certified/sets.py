@@ -148,8 +148,8 @@ class Certified:
             try:
                 object.__setattr__(self, "cells", tuple(whole("cells", n, least=2, most=MAX_NODES) for n in self.cells))
             except (ValueError, TypeError):
-                told = f"from 2 to {MAX_NODES:,}, one for each axis, got {reprlib.repr(self.cells)}"
-                raise ValueError(f"cells must be whole numbers {told}") from None
+                fits = f"whole numbers from 2 to {MAX_NODES:,}, one for each axis"
+                raise ValueError(f"cells must be {fits}, got {reprlib.repr(self.cells)}") from None
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve."""

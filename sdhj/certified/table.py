@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
-from sdhj.certified.cells import DRIFT, CellAxis, told_axis
+from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.explaining import Explanation, explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
@@ -174,7 +174,7 @@ class CertifiedTable(Table):
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         """< 0 where an input is proved to stay clear from the cell of a state, else > 0.
 
-        How clear is told by the level-set functions where the input leads without an adversary; it proves nothing.
+        How clear is measured by the level-set functions where the input leads without an adversary; it proves nothing.
         """
         clear = self.proof.clear_inputs(states, step)
         moved = states[:, None] + self.problem.interval(step).displacements(states)
@@ -279,30 +279,30 @@ class CertifiedTable(Table):
             "extents": [[str(bound) for bound in axis.extent] for axis in self.axes],
             "periodic": [axis.periodic for axis in self.axes],
         }
-        with written_table(path, self, cells=cells, proof=self.proof.told) as file:
+        with written_table(path, self, cells=cells, proof=self.proof.stated) as file:
             file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
             chunks = (min(len(self.pool), 4096), self.pool.shape[1])
             file.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
             self.proof.save(file)
 
     @classmethod
-    def read(cls, told: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
+    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
         """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
-        cells = told["cells"]
+        cells = head["cells"]
         widths = zip(range(problem.grid.ndim), cells["widths"], cells["shape"], strict=True)
-        axes = tuple(told_axis(problem.grid, axis, width, count) for axis, width, count in widths)
+        axes = tuple(axis_in_file(problem.grid, axis, width, count) for axis, width, count in widths)
         if cells["kind"] == ArmProof.kind and not as_built(problem):  # the checker goes by the recipe
             raise TableFileError(
                 "its recipe is that of another problem than its formulas: it was solved for another problem"
             )
-        proof = PROOFS[cells["kind"]].load(told["proof"], file, problem, axes)
+        proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
         one_for_all = {1, problem.steps + 1} if problem.timeless else set()
         index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
-        return cls(proof, index, pool, told["details"])
+        return cls(proof, index, pool, head["details"])
 
 
 def _slabs(array: FloatArray) -> Iterator[FloatArray]:
@@ -363,11 +363,11 @@ class CellSets:
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table; to `details` is added what there is to say of the cells."""
         proof, problem = self.proof, self.proof.problem
-        told = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
+        facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
         if problem.steps is None:
             changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
             last = max(changed, default=1)
-            told |= {"endless": True} if self.settled or not problem.stays else {}
+            facts |= {"endless": True} if self.settled or not problem.stays else {}
             if not self.settled:
                 unsettled(problem, last, self.changing, stacklevel=3)
             proof = replace(proof, problem=replace(problem, steps=last))
@@ -381,7 +381,7 @@ class CellSets:
             used += rows.size
         if problem.steps is None:  # without a target only what stays clear for ever
             index = index[-1:] if problem.stays and self.settled else index[: last + 1]
-        return CertifiedTable(proof, index, np.concatenate(pool), told)
+        return CertifiedTable(proof, index, np.concatenate(pool), facts)
 
 
 def lost_cells(

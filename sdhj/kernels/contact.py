@@ -263,18 +263,20 @@ def pursuer_meets(cell, j, motion, room, block):
 def arm_inputs(states, step, cells, motion, index, following, pool, out):
     """The inputs certified for states (M, 4): out (M, L) bool, overwritten.
 
-    index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks
+    index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks. Where the pool is empty:
+    inputs that are safe.
     """
-    room, block, found = links.make_room(), np.empty(pool.shape[1], np.uint64), np.empty((16, 4), np.int64)
+    room, found = links.make_room(), np.empty((16, 4), np.int64)
+    block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     out[:] = False
     for m in range(len(states)):
         for k in range(cells_at(states[m], cells, found)):
             cell = found[k]
             row, bit = row_and_bit(cell, cells)
-            if not has_bit(pool[index[row]], bit):
+            if pool.size > 0 and not has_bit(pool[index[row]], bit):
                 continue
             for j in range(out.shape[1]):
                 if out[m, j] or not motion.allowed[step, j, cell[0], cell[1]]:
                     continue
-                if image_certified(cell, j, motion, cells, following, pool):
+                if pool.size == 0 or image_certified(cell, j, motion, cells, following, pool):
                     out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, room, block))

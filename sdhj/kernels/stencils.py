@@ -1,8 +1,8 @@
 """Compiled tests of packed cells: which images are in a set, which tubes meet an unsafe set, what a change can reach.
 
 A cell of a set is bit `cell[-1]` of its row; rows count the cells of all other axes, the last of them fastest. How far
-an interval moves a cell is told in cells: from cell + low to cell + high on each axis, clipped at the ends of a bounded
-one. It depends on some of the axes only: on the cell's *place*, their part of it, a row of `Moves`.
+an interval moves a cell is given in cells: from cell + low to cell + high on each axis, clipped at the ends of a
+bounded one. It depends on some of the axes only: on the cell's *place*, their part of it, a row of `Moves`.
 """
 
 import math
@@ -182,47 +182,41 @@ def led_from(first, last, reach, count, periodic):
 
 
 @kernel(inline="always")
-def boxes_meeting(box, part, lattice, at):
-    """How many lattice boxes that may meet the set in a part a box (2, d) overlaps; at (2, d) is scratch."""
-    for k in range(at.shape[1]):
-        size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
-        begin, end = box[0, k] - lattice.lower[k], box[1, k] - lattice.lower[k]
-        if lattice.periodic[k]:
-            lap = size // 2
-            if end - begin >= length:
-                at[0, k], at[1, k] = 0, lap
-                continue
-            begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
-            at[0, k] = min(math.floor(begin / pitch), lap - 1)
-            if end > length:
-                at[1, k] = lap + min(math.ceil((end - length) / pitch), lap)
-            else:
-                at[1, k] = min(math.ceil(end / pitch), lap)
+def boxes_along(low, high, k, lattice):
+    """The first of the lattice boxes along an axis that [low, high] overlaps, and the one behind the last."""
+    size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
+    begin, end = low - lattice.lower[k], high - lattice.lower[k]
+    if lattice.periodic[k]:
+        lap = size // 2
+        if end - begin >= length:
+            return 0, lap
+        begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
+        first = min(math.floor(begin / pitch), lap - 1)
+        if end > length:
+            last = lap + min(math.ceil((end - length) / pitch), lap)
         else:
-            at[0, k] = min(max(math.floor(begin / pitch), 0), size - 1)
-            at[1, k] = min(max(math.ceil(end / pitch), 0), size)
-        at[1, k] = max(at[1, k], at[0, k] + 1)
-    total = 0
-    for corner in range(1 << at.shape[1]):
-        flat, sign = 0, 1
-        for k in range(at.shape[1]):
-            side = (corner >> k) & 1
-            sign = sign if side else -sign
-            flat = flat * (lattice.sizes[k] + 1) + at[side, k]
-        total += sign * lattice.sums[part, flat]
-    return total
+            last = min(math.ceil(end / pitch), lap)
+    else:
+        first = min(max(math.floor(begin / pitch), 0), size - 1)
+        last = min(max(math.ceil(end / pitch), 0), size)
+    return first, max(last, first + 1)
+
+
+CHUNKS = 64  # that cells are looked at in, each with its own scratch memory
 
 
 class Placed(NamedTuple):
     """Cells by place and the rest: number = begin[place] + offset[rest], rest < free; and their edges.
 
-    counts (ndim,); edges (ndim, most + 1); safe (2, ndim): the safe ends, infinite where there are none.
+    Of the rest, so many `abreast` differ on the last axis only, in turn. counts (ndim,); edges (ndim, most + 1);
+    safe (2, ndim): the safe ends, infinite where there are none.
     """
 
     counts: FloatArray
     begin: FloatArray
     offset: FloatArray
     free: int
+    abreast: int
     edges: FloatArray
     safe: FloatArray
 
@@ -251,27 +245,71 @@ def strike(clear, tubes, places, lattice, bit, layout):
     clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
     cell at a place move in each part of the interval. places (begin, end) of the cells looked at.
     """
-    ndim, axes, kinds = layout.counts.size, lattice.axes, lattice.sums.shape[0]
-    for i in prange((places[1] - places[0]) * layout.free):
-        cell, box, at = np.empty(ndim, np.int64), np.empty((2, axes.size)), np.empty((2, axes.size), np.int64)
-        place, met = places[0] + i // layout.free, False
-        number = layout.begin[place] + layout.offset[i % layout.free]
-        if clear[number] & bit == 0:
-            continue
-        cell_of(number, layout.counts, cell)
-        tube = tubes[place - places[0]]
-        tube = tube[: parts_inside(cell, tube, layout)]
-        for part in range(-1 if kinds == 1 else 0, tube.shape[0]):  # where one lattice is that of all, all parts first
-            begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
-            for k in range(axes.size):
-                axis = axes[k]
-                box[0, k] = layout.edges[axis, cell[axis]] + tube[begin:end, axis, 0].min() + lattice.narrow[k]
-                box[1, k] = layout.edges[axis, cell[axis] + 1] + tube[begin:end, axis, 1].max() - lattice.narrow[k]
-            met = boxes_meeting(box, max(part, 0) % kinds, lattice, at) > 0
-            if met == (part >= 0):
-                break
-        if met:
-            clear[number] &= ~bit
+    groups, last = layout.free // layout.abreast, lattice.axes.size - 1
+    total = (places[1] - places[0]) * groups
+    for chunk in prange(CHUNKS):
+        cell, at = np.empty(layout.counts.size, np.int64), np.empty((2, last), np.int64)
+        along, found = np.empty((2, layout.abreast), np.int64), np.empty(layout.abreast, np.int64)
+        open_ = np.empty(layout.abreast, np.bool_)
+        for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
+            place = places[0] + i // groups
+            first = layout.begin[place] + layout.offset[i % groups * layout.abreast]
+            left = False
+            for n in range(layout.abreast):
+                open_[n] = clear[first + n] & bit != 0
+                left |= open_[n]
+            if not left:
+                continue
+            cell_of(first, layout.counts, cell)
+            tube = tubes[place - places[0]]
+            tube = tube[: parts_inside(cell, tube, layout)]
+            some = clear[first : first + layout.abreast]
+            strike_abreast(some, cell, tube, lattice, bit, layout.edges, open_, (at, along, found))
+
+
+@kernel()
+def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
+    """Clear a bit of those of some cells (n,), abreast of a first, that are open, where a tube may meet a set.
+
+    open_ (n,) : overwritten. room: at (2, d - 1), along (2, n), the lattice boxes that tubes overlap on all axes but
+    the last, and on that; found (n,), how many of them may meet the set.
+    """
+    axes, kinds, last = lattice.axes, lattice.sums.shape[0], lattice.axes.size - 1
+    at, along, found = room
+    for part in range(-1 if kinds == 1 else 0, tube.shape[0]):  # where one lattice is that of all, all parts first
+        begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
+        for k in range(axes.size):
+            axis = axes[k]
+            low, high = tube[begin, axis, 0], tube[begin, axis, 1]
+            for other in range(begin + 1, end):
+                low, high = min(low, tube[other, axis, 0]), max(high, tube[other, axis, 1])
+            low, high = low + lattice.narrow[k], high - lattice.narrow[k]
+            for n in range(open_.size if k == last else 1):
+                own = cell[axis] + n
+                ends = boxes_along(edges[axis, own] + low, edges[axis, own + 1] + high, k, lattice)
+                if k == last:
+                    along[0, n], along[1, n] = ends
+                else:
+                    at[0, k], at[1, k] = ends
+        counted, found[:] = lattice.sums[max(part, 0) % kinds], 0
+        for corner in range(1 << last):
+            flat, sign = 0, 1
+            for k in range(last):
+                side = (corner >> k) & 1
+                sign = sign if side else -sign
+                flat = flat * (lattice.sizes[k] + 1) + at[side, k]
+            flat *= lattice.sizes[last] + 1
+            for n in range(open_.size):
+                found[n] += sign * (counted[flat + along[1, n]] - counted[flat + along[0, n]])
+        left = False
+        for n in range(open_.size):
+            if open_[n] and (found[n] > 0) == (part >= 0):
+                open_[n] = False
+                if part >= 0:
+                    clear[n] &= ~bit
+            left |= open_[n]
+        if not left:
+            return
 
 
 @kernel(parallel=True)

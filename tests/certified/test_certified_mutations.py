@@ -109,8 +109,8 @@ MUTATIONS = {
     ),
     "boxes of a set": (
         GENERAL,
-        "corner + pitch + wider, t0, t1",
-        "corner + wider, t0, t1",
+        "high = [begin + step + more",
+        "high = [begin + more",
         "test_bounds_of_a_lattice",
     ),
     "rate of a set": (BLACK_BOXES, RATE, "0.0", "test_general_bounds_hold"),
@@ -132,8 +132,8 @@ MUTATIONS = {
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", SENSED),
     "a prediction in the target": (
         IMAGES,
-        "more = STATE_SLACK + self.unsure[list(part.axes)]",
-        "more = STATE_SLACK",
+        "STATE_SLACK + self.unsure[axis])",
+        "STATE_SLACK)",
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),

@@ -138,6 +138,39 @@ def test_what_is_not_read_is_carried_along():
     assert not proof.low.any() and not proof.high.any()
 
 
+def fenced(back=0.0):
+    """A cart on a swell, and a pursuer within a fence; back: how strongly it is drawn to the middle."""
+
+    def drift(q, u):
+        return np.stack([u[0] + 0.2 * np.cos(q[:, 1]), 0 * q[:, 1] + 1.0, -back * q[:, 2]], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1, 0, -1], [1, 6, 1], [9, 9, 9], [False, True, False], ends=["unsafe", "unsafe", "wall"]),
+        sdhj.Dynamics([[-1.0], [0.0], [1.0]], drift, [[0.0], [0.0], [1.0]], [0.5]),
+        sdhj.TargetSet((0,), lambda p, t: 0.5 - p[:, 0]),
+        [sdhj.UnsafeSet((0, 2), lambda p, t: np.abs(p[:, 0] - p[:, 1]) - 0.2, name="pursuer")],
+        0.2,
+        3,
+    )
+
+
+def test_at_a_fence_cells_move_alike_where_the_velocity_is_always_in_one_range(rng, tmp_path):
+    """Against pursuers that turn round at random times, from cells at the fence and beside it."""
+    proof = proof_of(fenced(0.1), (20, 6, 20))
+    assert (proof.strides > 0).tolist() == [False, True, True]
+    table = sdhj.solve(fenced(), sdhj.Certified(cells=(20, 6, 20)))
+    proof, edges = table.proof, table.axes[2].edges()
+    assert (proof.strides > 0).tolist() == [False, True, False]
+    for cell in (0, 1, 10, 18, 19):
+        where = rng.uniform(edges[cell], edges[cell + 1], 500)
+        for _ in range(20):
+            where = np.clip(where + 0.01 * rng.choice([-0.5, 0.0, 0.5], 500), -1.0, 1.0)
+        first, last = (int(np.clip(cell + far[0, 0, 0, 2], 0, 19)) for far in (proof.low, proof.high))
+        assert edges[first] <= where.min() and where.max() <= edges[last + 1]
+    table.save(tmp_path / "fenced.h5")
+    assert table.fraction() > table.fraction(within=0) > 0.0 and verify(tmp_path / "fenced.h5").ok
+
+
 def test_images_and_tubes_count_in_cells(rng):
     """Against 200 motions from each: which cells a box of states overlaps, which of them may meet a moving disk."""
     problem = torus_problem()

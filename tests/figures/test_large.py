@@ -1,5 +1,6 @@
 """Five and six dimensions: the judge's robots are those of the problems, and tables keep what they promise."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,8 @@ def test_in_five_dimensions_sets_grow_past_the_target_and_none_is_lost() -> None
 
 
 @pytest.mark.slow
-def test_the_table_and_the_picture(tmp_path: Path) -> None:
+def test_the_table_and_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(WORKED, "arm", dataclasses.replace(WORKED["arm"], cells=()))  # a minute and a half of work
     picture = tmp_path / "large.png"
     arguments = ["--robot", "arm", "--nodes", "9", "--runs", "300", "-o", str(picture), "--store", str(tmp_path)]
     done = CliRunner().invoke(main, arguments)

@@ -35,7 +35,7 @@ from typing import Any
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.reading import expect, is_whole, told_and_arrays
+from sdhj.certified.check.reading import expect, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
 __all__ = ["Claim", "Verdict", "verify"]
@@ -74,11 +74,11 @@ def verify(
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
     sets: Arm | Robot | None = None
     opaque: dict[str, str] = {}
-    with told_and_arrays(path) as (told, arrays):
-        if "cells" in told and told["cells"].get("kind") == "arm":
-            sets = Arm(told, arrays)
-        elif "cells" in told and not ((opaque := dict(told["formulas"]["opaque"])) and problem is None):
-            sets = Robot(told, arrays, problem)
+    with head_and_arrays(path) as (head, arrays):
+        if "cells" in head and head["cells"].get("kind") == "arm":
+            sets = Arm(head, arrays)
+        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+            sets = Robot(head, arrays, problem)
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())
         raise ValueError(

@@ -23,7 +23,7 @@ from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
-PATHS = {  # of a disk: its kind, what is told of it, and by how many numbers
+PATHS = {  # of a disk: its kind, what the head says of it, and by how many numbers
     "still": {"centre": 2},
     "line": {"start": 2, "velocity": 2},
     "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
@@ -150,12 +150,12 @@ def refuse_large(world: World, steps: int) -> None:
 class Arm(Sets):
     """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
 
-    def __init__(self, told: Mapping[str, Any], arrays: h5py.File) -> None:
-        self.scene = Scene.of(told["recipe"], told.get("sensing", {}))
+    def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
+        self.scene = Scene.of(head["recipe"], head.get("sensing", {}))
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
-        super().__init__(told["cells"], arrays, 4, 2, len(pairs))
+        super().__init__(head["cells"], arrays, 4, 2, len(pairs))
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)

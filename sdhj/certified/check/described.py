@@ -34,11 +34,11 @@ class Grid:
     ends: tuple[tuple[str, str], ...]
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> "Grid":
-        lower, upper, periodic, shape = (told[name] for name in ("lower", "upper", "periodic", "shape"))
-        ends = tuple((low, high) for low, high in told["ends"])
+    def of(cls, head: Mapping[str, Any]) -> "Grid":
+        lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
+        ends = tuple((low, high) for low, high in head["ends"])
         fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, shape, ends)}) == 1
-        expect(fits, f"a grid must have 1 to {MOST_AXES} axes", told)
+        expect(fits, f"a grid must have 1 to {MOST_AXES} axes", head)
         bounds = [(real("lower", a), real("upper", b)) for a, b in zip(lower, upper, strict=True)]
         expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)
         expect(all(flag in (True, False) for flag in periodic), "periodic must be true or false", periodic)
@@ -119,16 +119,16 @@ class Part:
 class Functions:
     """The formulas and the black boxes of a file."""
 
-    def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        formulas = told["formulas"]
+    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        formulas = head["formulas"]
         expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])
-        self.told, self.opaque = formulas["functions"], dict(formulas["opaque"])
+        self.texts, self.opaque = formulas["functions"], dict(formulas["opaque"])
         self.arrays, self.problem = arrays, problem
-        expect(not self.told.keys() & self.opaque.keys(), "a function is a formula or a black box", [*self.opaque])
+        expect(not self.texts.keys() & self.opaque.keys(), "a function is a formula or a black box", [*self.opaque])
         self.tables: dict[int, Array] = {}
 
     def __contains__(self, name: str) -> bool:
-        return name in self.told or name in self.opaque
+        return name in self.texts or name in self.opaque
 
     def table(self, number: int, axes: int) -> Array:
         """A table of the file, on so many axes."""
@@ -144,8 +144,8 @@ class Functions:
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
-        expect(name in self.told, f"there must be a formula {name}", [*self.told])
-        return read(name, self.told[name], coordinates, parameters, self.table)
+        expect(name in self.texts, f"there must be a formula {name}", [*self.texts])
+        return read(name, self.texts[name], coordinates, parameters, self.table)
 
     def black_box(self, name: str) -> Any:
         """What the problem has of that name."""
@@ -164,14 +164,14 @@ class Functions:
         expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)
         return Part(str(given["name"]), tuple(axes), own)
 
-    def parts(self, told: Any, ndim: int) -> tuple[Part | None, list[Part]]:
+    def parts(self, head: Any, ndim: int) -> tuple[Part | None, list[Part]]:
         """The target, if there is one, and the unsafe sets, by what the head says of sets."""
-        kinds = [given["kind"] for given in told]
+        kinds = [given["kind"] for given in head]
         first = int("target" in kinds)
         fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)
         expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)
-        target = self.part("target", told[0], ndim) if first else None
-        return target, [self.part(f"unsafe {k}", given, ndim) for k, given in enumerate(told[first:])]
+        target = self.part("target", head[0], ndim) if first else None
+        return target, [self.part(f"unsafe {k}", given, ndim) for k, given in enumerate(head[first:])]
 
 
 class Velocity:
@@ -199,9 +199,17 @@ class Velocity:
     def timed(self) -> bool:
         return any(one.reads("p", 0) for one in self.all)
 
-    @property
-    def constant(self) -> bool:
-        return not self.timed and not any(one.reads("x") for one in self.all)
+    def steady(self, axis: int, sensed: bool) -> bool:
+        """Whether the velocity along an axis, of measurements that err along all axes, is always in one range.
+
+        Then whoever a wall holds back is where it could be without the wall, clipped.
+        """
+        some = self.all
+        if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
+            d, own = self.adversaries, self.own
+            some = [*own["bounds"], *(one.part(axis, 1) for one in own["drift"])]
+            some += [one.part(axis * d, d) for one in own["gain"]]
+        return not self.timed and not any(one.reads("x") for one in some)
 
     def bounds(self, j: int, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """Least and greatest velocity under u_j and any adversary, or none, over boxes (M, ndim): both (M, ndim)."""

@@ -61,7 +61,7 @@ def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[f
 
 
 @contextmanager
-def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     """What a file tells and its arrays, its bytes those that were written; ValueError otherwise, OSError without it."""
     if not os.path.isfile(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
@@ -72,9 +72,9 @@ def told_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             raise ValueError(f"{path} is damaged, or holds no certified sets in format 4; solve it anew")
         stream.seek(begin)
         try:
-            told = dict(json.loads(stream.readline(MOST_TEXT)))
+            head = dict(json.loads(stream.readline(MOST_TEXT)))
             with h5py.File(stream, "r") as arrays:
-                yield told, arrays
+                yield head, arrays
         except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
             raise ValueError(
                 f"{path}: its certified sets make no sense ({error}); the file is damaged, or another problem's"
@@ -101,7 +101,7 @@ def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int 
 def fraction(text: Any) -> Fraction:
     """A fraction of two whole numbers that are not absurdly long; ValueError where it is none."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
-    expect(bool(fits), "cells must be told as fractions", text)
+    expect(bool(fits), "cells must be stated as fractions", text)
     return Fraction(text)
 
 
@@ -114,11 +114,11 @@ class Sensing:
     jitter: float
 
     @classmethod
-    def of(cls, told: Mapping[str, Any], ndim: int, delta: float) -> "Sensing":
-        error = told.get("error", 0.0)
+    def of(cls, head: Mapping[str, Any], ndim: int, delta: float) -> "Sensing":
+        error = head.get("error", 0.0)
         errors = reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0)
-        delay = real("delay", told.get("delay", 0.0), 0.0, delta)
-        return cls(np.array(errors), delay, real("jitter", told.get("jitter", 0.0), 0.0, delta / 2))
+        delay = real("delay", head.get("delay", 0.0), 0.0, delta)
+        return cls(np.array(errors), delay, real("jitter", head.get("jitter", 0.0), 0.0, delta / 2))
 
     def __bool__(self) -> bool:
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0
@@ -130,8 +130,8 @@ class Sets:
     axes : of each the lower end, the width of a cell, and bounds on the length.
     """
 
-    def __init__(self, told: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
-        shape, ends = told["shape"], zip(told["lowers"], told["widths"], told["extents"], strict=True)
+    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
+        shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
         expect(len(self.axes) == len(shape) == ndim, f"the problem has {ndim} axes", shape)

@@ -60,15 +60,15 @@ def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, dept
 class Robot(Sets):
     """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
 
-    def __init__(self, told: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        self.grid, self.steps, self.count = Grid.of(told["grid"]), told["steps"], len(told["inputs"])
+    def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        self.grid, self.steps, self.count = Grid.of(head["grid"]), head["steps"], len(head["inputs"])
         expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
-        self.delta = real("delta", told["delta"], 1e-9)
-        self.sensing = Sensing.of(told.get("sensing", {}), self.grid.ndim, self.delta)
-        functions = Functions(told, arrays, problem)
-        self.moves = Velocity(functions, told["inputs"], self.grid)
-        self.target, self.unsafe = functions.parts(told["sets"], self.grid.ndim)
+        self.delta = real("delta", head["delta"], 1e-9)
+        self.sensing = Sensing.of(head.get("sensing", {}), self.grid.ndim, self.delta)
+        functions = Functions(head, arrays, problem)
+        self.moves = Velocity(functions, head["inputs"], self.grid)
+        self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
         expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
@@ -76,8 +76,8 @@ class Robot(Sets):
         self.always = 0.0, self.time(self.steps) + self.jitter
         self.stays, self.periodic = self.target is None, np.array(self.grid.periodic)
         self.safe = [("safe" in ends) for ends in self.grid.ends]
-        super().__init__(told["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
-        self.read_proof(told["proof"], arrays)
+        super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
+        self.read_proof(head["proof"], arrays)
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
@@ -107,8 +107,8 @@ class Robot(Sets):
         wrong = self.uncovered(ends)
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
-            held = "wall" in grid.ends[axis] and not self.moves.constant
-            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else not held
+            free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
+            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else free
             wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 
@@ -362,7 +362,7 @@ class Robot(Sets):
         if wrong:
             return
         if self.sensing:
-            yield Claim.of("predictions are as near as told", self.count, self.count, self.known_within())
+            yield Claim.of("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
         chosen = np.zeros(size, np.bool_)
         chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
@@ -380,23 +380,23 @@ class Robot(Sets):
         for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):
             steps = range(len(self.clear)) if starts == 1 else [start]
             flags = {step: (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
-            told = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
+            open_ = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
             made += sum(int(f.sum()) for f in flags.values())
-            checked += sum(some.size for some in told.values())
+            checked += sum(some.size for some in open_.values())
             moving = places
             for finer in FINER:
-                asked = np.union1d(moving, np.concatenate([at[some] for some in told.values()])).astype(np.int64)
-                if not asked.size:
+                looked_at = np.union1d(moving, np.concatenate([at[some] for some in open_.values()])).astype(np.int64)
+                if not looked_at.size:
                     break
-                swept, last = self.driven(asked, j, self.time(start), finer)
-                moving = np.intersect1d(moving, asked[~self.moves_hold(asked, start, j, last)])
-                for step, some in told.items():
-                    rows = np.searchsorted(asked, at[some])
+                swept, last = self.driven(looked_at, j, self.time(start), finer)
+                moving = np.intersect1d(moving, looked_at[~self.moves_hold(looked_at, start, j, last)])
+                for step, some in open_.items():
+                    rows = np.searchsorted(looked_at, at[some])
                     slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
                     good = [self.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
-                    told[step] = some[~np.concatenate(good)] if good else some
+                    open_[step] = some[~np.concatenate(good)] if good else some
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
-            wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in told.items() for n in numbers[some])
+            wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])
         yield Claim.of("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
         yield Claim.of("clear of the unsafe sets", made, checked, wrong[1])
 

@@ -13,13 +13,13 @@ from naive_certified import SMALL
 
 import sdhj
 from sdhj.certified.check.arm import Arm
-from sdhj.certified.check.reading import told_and_arrays
+from sdhj.certified.check.reading import head_and_arrays
 
 LONGEST = 10.0  # seconds that an answer may take
 
 
 def read_to_check(path):
-    with told_and_arrays(path) as (told, arrays):
+    with head_and_arrays(path) as (told, arrays):
         file = Arm(told, arrays)
     if file.cover():  # then `verify` goes no further
         raise ValueError("not proved")

@@ -97,7 +97,13 @@ MUTATIONS = {
         "True",
         "cells that are not alike",
     ),
-    "no wall where cells move alike": (ROBOTS_PY, "else not held", "else True", "a wall on the way"),
+    "no wall where cells move alike": (ROBOTS_PY, "else free", "else True", "a wall on the way"),
+    "a wall and velocities in one range": (
+        DESCRIBED,
+        'any(one.reads("x") for one in some)',
+        "False",
+        "a wall on the way",
+    ),
     # moves
     "errors of measurements before": (
         ROBOTS_PY,
@@ -167,7 +173,7 @@ MUTATIONS = {
     ),
     "moves that do not hold": (
         ROBOTS_PY,
-        "asked[~self.moves_hold(",
+        "looked_at[~self.moves_hold(",
         "asked[False & self.moves_hold(",
         "a stronger push",
     ),
@@ -451,7 +457,7 @@ MUTATIONS = {
     ),
     # the head of a file
     "formulas of another format": (DESCRIBED, 'expect(formulas["format"] == 1', "expect(True", "head: another format"),
-    "a formula": (DESCRIBED, 'expect(name in self.told, f"there', 'expect(True, f"there', "head: no bounds"),
+    "a formula": (DESCRIBED, 'expect(name in self.texts, f"there', 'expect(True, f"there', "head: no bounds"),
     "bounds for each input": (
         DESCRIBED,
         "len(bounds.results) == d * len(inputs) and",
