@@ -24,7 +24,7 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
-KNOWN = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
+FOUND = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -37,7 +37,7 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
-        known = KNOWN.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
+        known = FOUND.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
         often = TIMES if part.moving else 1
         for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
             key = part.name, part.axes, part.sampling, problem.grid, t
