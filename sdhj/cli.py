@@ -277,3 +277,8 @@ def command() -> None:
         main(prog_name="sdhj")
     except OSError as error:  # the output of --help cannot be written
         sys.exit(f"Error: {error}")
+    finally:
+        try:
+            click.echo(nl=False)
+        except OSError:  # Python would try once more at its end, and end with a traceback
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

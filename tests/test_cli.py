@@ -278,10 +278,10 @@ print(sdhj.monte_carlo(sdhj.Controller(table), runs=5).runs)
     assert done.returncode == 0 and "solved in" in done.stdout and done.stdout.endswith("\n5\n"), done.stdout
 
 
-@pytest.mark.parametrize("option", ["--version", "--help"])
-def test_a_full_disk_is_one_line(option):
-    done = ran(f"{sys.executable} -m sdhj {option} > /dev/full")
-    assert done.returncode == 1 and done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1
+@pytest.mark.parametrize(("option", "status"), [("--version", 1), ("--help", 1), ("info", 2)])
+def test_a_full_disk_is_one_line(saved, option, status):
+    done = ran(f"{sys.executable} -m sdhj {option} {saved if option == 'info' else ''} > /dev/full")
+    assert done.returncode == status and done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1
 
 
 def test_warnings_are_sentences_without_our_source(tmp_path):
