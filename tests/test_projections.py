@@ -556,7 +556,7 @@ def test_autonomous_dynamics_that_depend_on_kept_coordinates():
     assert default_subspaces(problem) == ((0,),) and problem.interval(0).closed((0,)) == (0,)
     alone, whole = (problem.interval(0).velocities(2, axes) for axes in ((0,), (0, 1)))
     assert not alone.coupled
-    for side, all_sides in zip((alone.lower, alone.upper), (whole.lower, whole.upper), strict=True):
+    for side, all_sides in zip(ends_of(alone), ends_of(whole), strict=True):
         np.testing.assert_array_equal(np.broadcast_to(side[0][:, None], (41, 9)), all_sides[0])
     full, inner = solve_quietly(problem), solve_quietly(problem, "projected")
     for k, n in entries(2):
