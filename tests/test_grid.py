@@ -15,6 +15,8 @@ from sdhj import Grid
         ({"lower": [0, "0"]}, "lower[1] must be a number, got '0'"),
         ({"upper": [1, math.inf]}, "upper[1] must be finite, got inf"),
         ({"upper": [10**400, 1]}, "upper[0] must be a number below 1e308, got 1000"),
+        ({"upper": [1e308, 1]}, "upper[0] must be at most 1e+300, got 1e+308"),
+        ({"lower": [0, -1e308]}, "lower[1] must be at least -1e+300, got -1e+308"),
         ({"upper": [1, -1]}, "upper[1] must be greater than 0, got -1"),
         ({"lower": [0, 1]}, "upper[1] must be greater than 1, got 1"),
         ({"lower": -1}, "lower must be a sequence with one entry for each axis, for example a list, got -1"),

@@ -20,7 +20,7 @@ from sdhj.problem.checks import number, points_array, sequence, whole
 from sdhj.problem.memory import require
 
 ENDS = ("unsafe", "wall", "safe")
-MOST_EXTENT = 1e300  # of a coordinate: lengths of axes are finite then
+MOST_EXTENT = 1e300  # of an end of an axis: its length is a number, and so is what is moved past it
 MIN_NODES = 5  # the widest stencils use two nodes on each side
 MAX_NODES = 10**9  # on an axis
 MAX_AXES = 6
@@ -97,9 +97,8 @@ class Grid:
             if len(sequence(label, given)) != ndim:
                 raise ValueError(f"{label} has {len(given)} entries for a grid of {ndim} axes")
         for axis in range(ndim):
-            number(f"upper[{axis}]", upper[axis], above=number(f"lower[{axis}]", lower[axis]))
-            if max(abs(float(lower[axis])), abs(float(upper[axis]))) > MOST_EXTENT:
-                raise ValueError(f"lower[{axis}] and upper[{axis}] must be at most {MOST_EXTENT:g} in magnitude")
+            low = number(f"lower[{axis}]", lower[axis], least=-MOST_EXTENT)
+            number(f"upper[{axis}]", upper[axis], above=low, most=MOST_EXTENT)
             if not isinstance(periodic[axis], bool | np.bool_):
                 raise ValueError(f"periodic[{axis}] must be True or False, got {reprlib.repr(periodic[axis])}")
         nodes = tuple(whole(f"shape[{axis}]", n, least=MIN_NODES, most=MAX_NODES) for axis, n in enumerate(shape))
