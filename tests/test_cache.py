@@ -312,7 +312,8 @@ def test_a_cache_on_a_full_disk_does_not_end_the_work(
     with warnings.catch_warnings(record=True) as told, files_of_at_most(100):
         triple = importlib.import_module("mine").triple
         assert (triple(2), triple(2.5)) == (6, 7.5)
-    assert [str(warning.message)[:25] for warning in told] == ["compiled code is not kept"] * (len(told) > 0)
+    said = ["compiled code is not kept"] if "_say_uncached" in (mine / "maker.py").read_text(encoding="utf-8") else []
+    assert [str(warning.message)[:25] for warning in told] == said  # the checker's decorator says nothing
     assert [path for path in (mine / "cache").rglob("*") if path.is_file()] == []
 
 
