@@ -28,9 +28,16 @@ NEGLIGIBLE = 1e-9  # rounding
 class Failure:
     """Why one input is not certified.
 
-    It is by the unsafe set or the end of an axis that its tube may meet, or by "image"; short by the least that the
-    set's level-set function may be, the way past the end, or the share of the image's cells that are not certified, a
-    negative number; and says so in words, with the time.
+    Attributes
+    ----------
+    input : int
+    by : str
+        The unsafe set or the end of an axis that the tube may meet, or "image".
+    short : float
+        By how much: the least that the set's level-set function may be, the way past the end, or the share of the
+        image's cells that are not certified, as a negative number.
+    says : str
+        The same in words, with the time.
     """
 
     input: int
@@ -43,8 +50,15 @@ class Failure:
 class Explanation:
     """The answer of `CertifiedTable.explain`; `str()` gives it in words.
 
-    What is true of the state as a whole, a failure for each input that is not certified, the nearest to being so first,
-    and what helps: what may let the nearest be certified.
+    Attributes
+    ----------
+    certified : bool
+    says : str
+        What is true of the state as a whole.
+    failures : tuple of Failure
+        One for each input that is not certified, the nearest to being so first.
+    helps : tuple of str
+        What may let the nearest input be certified.
     """
 
     certified: bool
