@@ -210,7 +210,12 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
 
 @main.command("verify")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("--samples", default=0, type=SEED, help="Check so many random cells (of the arm, pairs of them); 0: all.")
+@click.option(
+    "--samples",
+    default=0,
+    type=click.IntRange(0),
+    help="Check so many random cells (of the arm, pairs of them); 0: all.",
+)
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
 @click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
 @click.pass_context

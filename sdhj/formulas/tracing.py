@@ -191,7 +191,13 @@ def rows_for(*lengths: int) -> int:
 
 
 def traced(
-    name: str, function: Any, rows: int, arguments: Any, shape: Any, per_point: bool, again: bool = True
+    name: str,
+    function: Callable[..., Any],
+    rows: int,
+    arguments: Callable[[int], Sequence[Any]],
+    shape: Sequence[int] | None,
+    per_point: bool,
+    again: bool = True,
 ) -> tuple[list[Node], tuple[int, ...]]:
     """The nodes of what a function answers for one point, flattened, and the shape of that.
 

@@ -40,7 +40,13 @@ LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
 def solve_stored(
-    problem: ReachAvoidProblem, method: Any, path: Named, progress: Any, resume: bool, client: Any, memory: Any
+    problem: ReachAvoidProblem,
+    method: Any,
+    path: Named,
+    progress: bool | None,
+    resume: bool,
+    client: Any,
+    memory: int | None,
 ) -> StoredTable:
     """As `sdhj.solve` with a store: see there."""
     if not isinstance(path, str | os.PathLike):
@@ -286,8 +292,11 @@ class StoredSets:
         runs = [self.plan.runs(slab, axes) for slab in slabs]
         todo = [slab for slab in slabs if not all(self.store.there(one, lead, runs[slab]) for one in names)]
         self.tick(len(slabs) - len(todo))
-        done = self.run([task._replace(slab=slab) for slab in todo])
-        return [(one, self.tick(1))[0] for one in done]
+        done = []
+        for one in self.run([task._replace(slab=slab) for slab in todo]):
+            done.append(one)
+            self.tick(1)
+        return done
 
     def _warn_unless_felt(self, kind: str, found: list[list[bool]]) -> None:
         """As `avoid.avoid_tubes` warns, of what this solve has looked at from end to end."""

@@ -20,6 +20,7 @@ from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
 MOST_INPUTS = 256
 Times = tuple[float, float]
+Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,9 @@ class VectorField:
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
     derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # made of these, by what they are
 
-    def made(self, key: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Formula:
+    def made(
+        self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
+    ) -> Formula:
         """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
         if key not in self.derived:
             self.derived[key] = Formula.traced(key[0], function, coordinates, parameters)
@@ -399,7 +402,7 @@ class VectorField:
             return np.stack([low, high], axis=1)
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
-    def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any = None) -> Ends:
+    def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
         """Bounds on the velocity under input j in boxes (M, ndim) and an interval of time: both (M, ndim).
 
         The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v.
@@ -415,7 +418,7 @@ class VectorField:
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
 
-    def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any = None) -> FloatArray:
+    def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
@@ -431,7 +434,7 @@ class VectorField:
 
         return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
-    def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Any) -> Ends:
+    def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
         """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
