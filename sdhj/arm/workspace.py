@@ -280,7 +280,7 @@ class Arm:
         try:
             from shapely import LineString  # only drawing needs it
         except ImportError as error:
-            raise ImportError("an arm's outline needs Shapely, not installed: pip install 'sdhj[plot]'") from error
+            raise ImportError("drawing an arm needs Shapely, which is missing: pip install 'sdhj[plot]'") from error
         elbow, tip = self.joints(np.asarray(q, dtype=np.float64).reshape(2))
         skeleton = np.stack([np.zeros(2), elbow, tip, elbow, np.zeros(2)])
         if self.half_width == 0.0:
