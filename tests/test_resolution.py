@@ -246,3 +246,20 @@ def test_more_nodes_are_asked_for_first_where_they_fit_memory(monkeypatch):
     assert ", or UnsafeSet(" in too_thin(problem, problem.unsafe[0], 0.0)
     monkeypatch.setattr(sdhj.solver.resolution, "available", lambda: (10**6, "are available"))
     assert "enlarges the set by less than a cell; " in too_thin(problem, problem.unsafe[0], 0.0)
+
+
+def test_of_a_formula_that_several_problems_share_each_has_its_samples_and_its_warning():
+    """A grid that differs has its own; a black box may say something else for every problem."""
+    wall, coarse = room().unsafe[0], room(nodes=17)
+    problems = [replace(problem, unsafe=(wall,)) for problem in (room(), room(), coarse)]
+    for problem in problems:
+        with pytest.warns(ResolutionWarning, match="plan"):
+            check_resolution(problem)
+    fine, again, other = (problem.unsafe_at(wall, 0.0) for problem in problems)
+    assert fine is again and other.shape == (17, 17)
+    np.testing.assert_array_equal(other, room(nodes=17).unsafe_at(room(nodes=17).unsafe[0], 0.0))
+    half = [0.05]
+    changing = UnsafeSet((0, 1), sdhj.BlackBox(lambda p, t: plan(p, half[0]), slope=1.0, rate=0.0), name="plan")
+    thin = replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0)
+    half[0] = 0.5
+    assert (replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
