@@ -344,10 +344,8 @@ class BlackBox:
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
         for name in ("slope", "rate"):
             given = getattr(self, name)
-            if (
-                given is not None
-                and not ((array := np.asarray(given, np.float64)) >= 0).all() & np.isfinite(array).all()
-            ):
+            array = np.asarray(0.0 if given is None else given, np.float64)
+            if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
         if self.reads is not None:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))

@@ -200,8 +200,8 @@ class Interval:
         Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
         midpoint rule.
         """
-        ahead = self.ahead(states)
-        return np.moveaxis(ahead[2] + ahead[3], -1, 0)
+        _, _, moved, more = self.ahead(states)
+        return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
         """Where every input takes the states by the velocity at the begin, and by that halfway: both (M, L, ndim)."""
