@@ -165,9 +165,16 @@ class LookupTable(Table):
         return self.masks[self.place(start, within)]
 
     def share(self, start: int, within: int) -> None:
-        """Let (start, within) share the tube (start, within - 1), with its marks; later tubes move up by one place."""
+        """Let (start, within) share the tube (start, within - 1), with its marks; later tubes move up by one place.
+
+        Where nothing depends on time, sets that have stopped stay as they are: all later ones share it too.
+        """
         place = self.place(start, within)
-        if place != self.place(start, within - 1):
+        if place == self.place(start, within - 1):
+            return
+        if self.problem.timeless and self.problem.steps is not None:
+            np.minimum(self.index, place - 1, out=self.index)
+        else:
             self.index[self.index >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
