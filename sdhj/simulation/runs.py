@@ -324,8 +324,9 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         missing -= len(inside)
         if missing == 0:
             return np.concatenate(found)
+    stays = controller.problem.stays
+    advice = "stronger inputs, more nodes or fewer steps" if stays else "more steps or nodes, or a larger target"
     raise ValueError(
         f"the tube of step 0 within {steps} steps is empty or tiny (its share of the grid is "
-        f"{controller.table.fraction(start=0, within=steps):.2g}), so no run can start from it; use more steps or "
-        "nodes, or a larger target"
+        f"{controller.table.fraction(start=0, within=steps):.2g}), so no run can start from it; use {advice}"
     )
