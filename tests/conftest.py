@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import sdhj.solving
+from sdhj.kernels import compiling
 from sdhj.kernels.tape import play_bounds_part
 
 matplotlib.use("Agg")  # draws without a screen
@@ -32,6 +33,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("repeatable")
 
+
+# As many threads as a test asks for, however busy the machine is.
+free_cores, compiling.free_cores = compiling.free_cores, lambda: os.cpu_count() or 1
 
 judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table, stacklevel: {}
 scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
@@ -51,6 +55,13 @@ def pytest_collection_finish() -> None:
 def problems_are_made_while_collecting() -> bool:
     """Whether a file of tests makes a problem where it is imported: all workers wait for what is compiled then."""
     return made_while_collecting[0]
+
+
+@pytest.fixture
+def cores_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """`free_cores` as users have it."""
+    monkeypatch.setattr(compiling, "free_cores", free_cores)
+    return free_cores
 
 
 @pytest.fixture

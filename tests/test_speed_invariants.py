@@ -97,6 +97,29 @@ def test_what_is_small_is_left_to_one_thread(monkeypatch):
     assert [one for one in seen if isinstance(one, str)] == ["set 1", "set 2"] and len(seen) == 4
 
 
+def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores_are_looked_at, tmp_path):
+    """What runs, less what this process does, in two looks with some time between; where nothing can be seen, all."""
+    monkeypatch.setattr(compiling, "PROC", tmp_path)
+    monkeypatch.setattr(compiling.os, "cpu_count", lambda: 4)
+    for number, state in enumerate("RSR"):
+        (tmp_path / "self/task" / str(number)).mkdir(parents=True)
+        (tmp_path / "self/task" / str(number) / "stat").write_text(f"{number} (a ) b) {state} 1 2")
+    for text, free in (("0.5 0.4 0.3 3/90 7", 3), ("2/90", 4), ("0 0 0 1/90 7", 4), ("0 0 0 9/9 7", 1), ("", 4)):
+        (tmp_path / "loadavg").write_text(text)
+        monkeypatch.setattr(compiling.Shared, "free", (1, 1))
+        monkeypatch.setattr(compiling.Shared, "looked", -np.inf)
+        assert cores_are_looked_at() == free, text
+    (tmp_path / "loadavg").write_text("0 0 0 9/9 7")
+    for looked, free in ((np.inf, 4), (-np.inf, 4), (-np.inf, 1)):  # not again so soon; busy once; and still
+        monkeypatch.setattr(compiling.Shared, "looked", looked)
+        assert cores_are_looked_at() == free
+    seen = []
+    monkeypatch.setattr(compiling, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(compiling, "set_num_threads", seen.append)
+    compiling.Shared(lambda *arguments: None)(np.zeros(9))
+    assert seen == [1, 2]
+
+
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
 @pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
 def test_rows_that_are_joined_change_nothing(monkeypatch, method):
