@@ -253,7 +253,7 @@ def test_a_start_that_is_not_admissible() -> None:
 def test_an_empty_tube_has_no_starts() -> None:
     table = toys.interval_table()
     nothing = Controller(replace(table, tubes=np.ones_like(table.tubes)))
-    with pytest.raises(ValueError, match="tube of step 0 within 5 steps is empty or tiny.* a larger target"):
+    with pytest.raises(ValueError, match=r"tube of step 0 within 5 steps is empty or tiny.* a larger target"):
         monte_carlo(nothing, 10, progress=False)
     staying = replace(table.problem, target=None)  # where there is no target, none can be larger
     with pytest.raises(ValueError, match="use stronger inputs, more nodes or fewer steps"):
