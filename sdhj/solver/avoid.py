@@ -55,21 +55,21 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
     """
     count, felt, everything = len(problem.inputs), set(), dangers(problem)
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
-    axes = [tuple(sorted({axis for danger in own for axis in danger.axes})) for own in kinds]
+    axes = [tuple(sorted({axis for danger in alike for axis in danger.axes})) for alike in kinds]
     made = []
-    for own, kept, often in zip(kinds, axes, (1, problem.most_steps), strict=True):
+    for alike, kept, often in zip(kinds, axes, (1, problem.most_steps), strict=True):
         tubes = np.empty((often, count, *(problem.grid.shape[axis] for axis in kept)), games.dtype)
-        if not own:
+        if not alike:
             tubes.fill(-np.inf)
-        for number, danger in enumerate(own):
+        for number, danger in enumerate(alike):
             playing = games if danger.problem is problem else make(danger.problem)
             at = [kept.index(i) for i in danger.axes]
             for step in range(often):
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
-                alike = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
-                if number == 0 and often == 1 and alike:
+                fits = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
+                if number == 0 and often == 1 and fits:
                     tubes = found[None]  # to copy them all would take as long as a game
                     continue
                 for total, tube in zip(tubes[step], found, strict=True):
@@ -99,15 +99,15 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
     name = f"the ends of axis {problem.grid.names[axis]}"
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
-    own, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
+    place, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
     delta = problem.interval(0).delta
     speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
-    more = int(np.ceil(speed * delta / grid.spacing[own])) + MARGIN
-    widened = np.array([more * (i == own) for i in range(len(axes))])
+    more = int(np.ceil(speed * delta / grid.spacing[place])) + MARGIN
+    widened = np.array([more * (i == place) for i in range(len(axes))])
     # a state that leaves through a safe end is out of danger here too
     ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
     rim = [
-        (a + more * (i == own and ends[i][0] == "safe"), b + more * (i == own and ends[i][1] == "safe"))
+        (a + more * (i == place and ends[i][0] == "safe"), b + more * (i == place and ends[i][1] == "safe"))
         for i, (a, b) in enumerate(grid.rim)
     ]
     wide = ReachAvoidProblem(
@@ -124,7 +124,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
             axes, np.array(problem.grid.lower)
         ),
         target=ANYWHERE,
-        unsafe=(UnsafeSet((own,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
+        unsafe=(UnsafeSet((place,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
         steps=problem.most_steps,
         sensing=Sensing(delay=problem.sensing.delay),  # intervals are longer and begin as late

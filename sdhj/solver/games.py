@@ -146,10 +146,10 @@ class _OnAxes:
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
-        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are asked for
+        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
-        """The nodes of some axes of which something is asked."""
+        """The nodes of some axes whose values are needed."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
@@ -349,12 +349,12 @@ class JointGames(HJIGames):
         problem, grid = self.problem, self.grid
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
-        held = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
+        unsafe = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
 
         @cache
         def union(tau: float) -> FloatArray:
             values = np.full((1,) * grid.ndim, -np.inf)
-            for at, axes in held:
+            for at, axes in unsafe:
                 values = np.maximum(values, grid.lift(at(tau), axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 

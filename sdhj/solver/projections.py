@@ -169,8 +169,8 @@ class ProjectedGames:
             return np.full((len(problem.inputs), *grid.shape), walls.max(), self.dtype)
         tubes = []
         for keep in kept:
-            own = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
-            tubes.append(self.on(keep).tubes(own, step))
+            wall_on = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
+            tubes.append(self.on(keep).tubes(wall_on, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
         return united(grid, tubes, local)
 

@@ -96,7 +96,9 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
-    tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps each is asked for in turn
+    tubes = (
+        LookupTable.rooms(problem) if problem.steps else 3
+    )  # without a number of steps room for each is made in turn
     table = tubes * grid.size * (item + -(-count // 8))
 
     found = dangers(problem)
@@ -134,14 +136,14 @@ class InputRows:
         for more in range(2, grid.ndim + 1):
             trailing = set(range(grid.ndim - more, grid.ndim))
             fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
-            if fits and all(trailing <= set(own) or not trailing & set(own) for own in axes):
+            if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
         self.size = math.prod(grid.shape[-last:])
-        self.wide = [self.size if grid.ndim - 1 in own else 1 for own in axes]
+        self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
         self.highest = self.static.max(axis=2)
-        self.static_at, self.moving_at = (self._places(own, last) for own in axes)
+        self.static_at, self.moving_at = (self._places(some, last) for some in axes)
 
     def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
         """Values on the grid, or behind `lead` other axes, in rows."""
@@ -284,9 +286,9 @@ class GridSets:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
-        asked = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
+        pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         found: dict[str, Any] = {
-            "pdes_of_algorithm": asked,
+            "pdes_of_algorithm": pdes,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
         }
