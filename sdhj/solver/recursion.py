@@ -96,9 +96,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
     """
     grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
-    tubes = (
-        LookupTable.rooms(problem) if problem.steps else 3
-    )  # without a number of steps room for each is made in turn
+    tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps `extend` checks each
     table = tubes * grid.size * (item + -(-count // 8))
 
     found = dangers(problem)
