@@ -104,11 +104,15 @@ def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores
     for number, state in enumerate("RSR"):
         (tmp_path / "self/task" / str(number)).mkdir(parents=True)
         (tmp_path / "self/task" / str(number) / "stat").write_text(f"{number} (a ) b) {state} 1 2")
-    for text, free in (("0.5 0.4 0.3 3/90 7", 3), ("2/90", 4), ("0 0 0 1/90 7", 4), ("0 0 0 9/9 7", 1), ("", 4)):
-        (tmp_path / "loadavg").write_text(text)
-        monkeypatch.setattr(compiling.Shared, "free", (1, 1))
-        monkeypatch.setattr(compiling.Shared, "looked", -np.inf)
-        assert cores_are_looked_at() == free, text
+    seen = (("0.5 0.4 0.3 3/90 7", 3), ("2/90", 4), ("0 0 0 1/90 7", 4), ("", 4), ("0 0 0 9/9 7", 1))
+    for allowed in (range(3), range(4)):  # the first process may use some cores only
+        monkeypatch.setattr(compiling.os, "sched_getaffinity", lambda _, allowed=allowed: set(allowed), raising=False)
+        for text, free in seen:
+            (tmp_path / "loadavg").write_text(text)
+            monkeypatch.setattr(compiling.Shared, "free", (1, 1))
+            monkeypatch.setattr(compiling.Shared, "looked", -np.inf)
+            assert cores_are_looked_at() == (free if len(allowed) == 4 else 4), text
+    monkeypatch.setattr(compiling.Shared, "free", (4, 4))
     (tmp_path / "loadavg").write_text("0 0 0 9/9 7")
     for looked, free in ((np.inf, 4), (-np.inf, 4), (-np.inf, 1)):  # not again so soon; busy once; and still
         monkeypatch.setattr(compiling.Shared, "looked", looked)

@@ -199,20 +199,20 @@ class Shared:
 
 
 def free_cores() -> int:
-    """How many cores no other program keeps busy, at least one; on systems other than Linux all of them.
+    """How many cores no other program keeps busy, at least one; all of them where that cannot be seen.
 
     A loop that is shared out ends with its slowest thread, and one that has to share its core is slow: beside a busy
     program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one. What is busy at one look only
-    does not count.
+    does not count. Only Linux tells, and not on which cores, so a process that may use some of them looks in vain.
     """
     cores, now = os.cpu_count() or 1, time.monotonic()
     if now - Shared.looked >= GLANCE:
-        try:
-            busy = int((PROC / "loadavg").read_text().split()[3].split("/")[0])
-            states = [one.read_text().rpartition(")")[2].split()[0] for one in PROC.glob("self/task/*/stat")]
-            free = max(1, cores - max(0, busy - states.count("R")))
-        except (OSError, ValueError, IndexError):
-            free = cores
+        free = cores
+        with suppress(OSError, ValueError, IndexError, AttributeError):
+            if len(os.sched_getaffinity(0)) == cores:
+                busy = int((PROC / "loadavg").read_text().split()[3].split("/")[0])
+                states = [one.read_text().rpartition(")")[2].split()[0] for one in PROC.glob("self/task/*/stat")]
+                free = max(1, cores - max(0, busy - states.count("R")))
         Shared.looked, Shared.free = now, (free, Shared.free[0])
     return max(Shared.free)
 
