@@ -6,7 +6,7 @@ is clear of the set where it overlaps none of them.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -172,18 +172,17 @@ class GeneralProof(Images):
     def layout(self) -> Placed:
         """Cells by place."""
         counts, own = np.array([axis.count for axis in self.axes]), self.strides > 0
-        flat = np.cumprod([1, *counts[:0:-1]])[::-1].copy()
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
+        free = self._numbers(~own)
+        return Placed(counts, self._numbers(own), free, free.size, 1, edges, self.past)
 
-        def numbers(which: FloatArray) -> FloatArray:
-            if not which.any():
-                return np.zeros(1, np.int64)
-            return flat[which] @ np.indices(counts[which].tolist()).reshape(int(which.sum()), -1)
-
-        free = numbers(~own)
-        return Placed(counts, numbers(own), free, free.size, 1, edges, self.past)
+    def _numbers(self, which: FloatArray) -> FloatArray:
+        """Of the cells that are the first on all axes but `which` (ndim,) bool."""
+        counts = np.array([axis.count for axis in self.axes])
+        flat = np.cumprod([1, *counts[:0:-1]])[::-1]
+        return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
@@ -217,9 +216,11 @@ class GeneralProof(Images):
         grid, bit = self.problem.grid, np.uint8(1 << j % 8)
         still = np.full(self.clear.shape[1], 255, np.uint8)
         room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
-        least, most = grid.faces("unsafe")
-        if np.isfinite([least, most]).any():
-            strike_ends(still, tubes, places, np.stack([least - room, most + room]), bit, self.layout)
+        faces = np.stack(grid.faces("unsafe"))
+        if np.isfinite(faces).any():
+            faces += np.stack([-room, room])
+            ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
+            self._once(still, ends, lambda bits, some: strike_ends(bits, tubes, places, faces, bit, some))
         for known in (one for one in lattices if len(one) == 1):
             self._met(still, tubes, places, known[0], bit)
         for step in steps:
@@ -229,21 +230,28 @@ class GeneralProof(Images):
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
-        """`strike`, once for all cells that differ on axes alone that neither the set nor the image depends on."""
-        counts, alike = self.layout.counts, self.strides == 0
-        alike[known.axes] = False
-        past = bool(np.isfinite(self.layout.safe).any())
-        abreast = known.axes[-1] == len(counts) - 1 and not self.strides[-1] and not past
-        layout = self.layout._replace(abreast=int(counts[-1]) if abreast else 1)
-        if not alike.any() or past:
-            strike(clear, tubes, places, known, bit, layout)
+        """`strike`, with cells abreast where that can be."""
+        counts, past = self.layout.counts, np.isfinite(self.past).any()
+        many = known.axes[-1] == len(counts) - 1 and not self.strides[-1] and not past
+        abreast = int(counts[-1]) if many else 1
+        self._once(
+            clear,
+            known.axes,
+            lambda bits, some: strike(bits, tubes, places, known, bit, some._replace(abreast=abreast)),
+        )
+
+    def _once(self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any]) -> None:
+        """Have bits struck once for all cells that differ on axes alone that neither `axes` nor an image depends on."""
+        alike = (self.strides == 0) & ~np.isfinite(self.past).any()
+        alike[axes] = False
+        if not alike.any():
+            struck(clear, self.layout)
             return
+        counts, some = self.layout.counts, self._numbers((self.strides == 0) & ~alike)
         first = np.full(clear.size, 255, np.uint8)
-        cells = np.stack(np.unravel_index(self.layout.offset, counts))
-        some = self.layout.offset[(cells[alike] == 0).all(axis=0)]
-        strike(first, tubes, places, known, bit, layout._replace(offset=some, free=some.size))
-        one = first.reshape(counts)[tuple(slice(1 if own else None) for own in alike)]
-        clear &= np.broadcast_to(one, counts).ravel()
+        struck(first, self.layout._replace(offset=some, free=some.size))
+        every = clear.reshape(counts)
+        every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""
