@@ -211,12 +211,15 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
     """About so many cells for each axis, aligned with what one interval does to the state where a width is."""
-    grid, axes = problem.grid, []
-    for axis, wish in enumerate(cells):
-        extent = axis_of(grid, axis, Fraction(1)).extent[1]
-        moves: list[Fraction] = []
-        for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
-            back, ahead = moved_bounds(problem, axis, j)
-            moves += [(back + ahead) / 2, (ahead - back) / 2]
-        axes.append(axis_of(grid, axis, aligned_width(extent, not grid.periodic[axis], moves, wish)))
-    return tuple(axes)
+    return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
+
+
+def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
+    """As `aligned`, of one axis, for each of some numbers of cells."""
+    grid, moves = problem.grid, set()
+    extent = axis_of(grid, axis, Fraction(1)).extent[1]
+    for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():
+        back, ahead = moved_bounds(problem, axis, j)
+        moves |= {(back + ahead) / 2, (ahead - back) / 2}
+    widths = [aligned_width(extent, not grid.periodic[axis], list(moves), wish) for wish in wishes]
+    return [axis_of(grid, axis, width) for width in widths]

@@ -4,23 +4,28 @@
 counts how often lines along the axis cross the boundary, for each unit of length that they are inside. From one step to
 the next the boundary of a tube turns as velocities carry it, m becomes (1 + delta |J|)^T m, where |J_ik| is how much
 wider bounds on the velocity along axis i are in a box of width 1 along axis k. With cells of width w a step loses
-m_i delta |J_ik| w_k, as the image of a cell is wider than the cell, and m_k w_k, as it is rounded out to whole cells,
-unless cells are aligned with what an interval does. All this is linear: c_k w_k is lost to the width of axis k. For one
-number of cells the sum over k is least where all c_k w_k are alike; but for wide cells the loss is no longer linear, so
-the numbers of cells are taken by the power `SHARPNESS` of c_k.
+m_i delta |J_ik| w_k, as the image of a cell is wider than the cell, and m_k w_k, as it is rounded out to whole cells.
+All this is linear: c_k w_k is lost to the width of axis k. Only where the velocity is the same everywhere is it known
+what is rounded out: nothing where cells are aligned with what an interval does, but a pursuer that moves by a tenth of
+a cell counts as moving by a whole one.
+
+For one number of cells, and with losses that are linear, the sum over k is least where all axes lose alike: where each
+has the number n at which what it loses, times a factor that all share, plus log n is least. But for wide cells losses
+are not linear; so each is divided by the power 1 - `SHARPNESS` of what a single cell as wide as the axis would lose.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sdhj.certified.bounds import Bounds, known_sets
-from sdhj.certified.cells import CellAxis, aligned
+from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.formulas.formula import BlackBox
@@ -31,7 +36,9 @@ from sdhj.problem.problem import ReachAvoidProblem
 SPEED_STATES = 256  # states around which velocities are bounded
 BOX = 1 / 64  # of an axis, the width of these boxes
 SET_NODES = 1_000_000  # at which a set is looked at, at most
-TRIALS = 20  # of the numbers of cells
+TRIALS = 16  # of the numbers of cells
+WISHES = 1000  # numbers of cells that an axis may have
+LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
 LOSING_STEPS = 10  # over which losses are added up, at most
 SHARPNESS = 2 / 3
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
@@ -43,6 +50,7 @@ ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # an input and a corner of the boxes of a set that stands still, or of one that moves and a part of the interval; for a
 # cell and an input at unsafe ends; for an operation of a set and a box
 AXIS, OPERATION, STILL_CORNER, MOVING_CORNER, AT_ENDS, BOXED = 1.6e-7, 1.4e-8, 1.2e-8, 5.4e-9, 1.4e-7, 8.8e-9
+ABREAST = 1 / 3  # of a corner's seconds, where cells are looked up abreast
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 6e-8, 1.3e-9, 4e-10
 BLACK_BOX, LOOK_UP = 100, 40  # operations
@@ -58,36 +66,64 @@ class Speeds(NamedTuple):
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, that takes about so many seconds on two cores."""
-    speeds = speeds_of(problem)
-    lost = losses(problem, speeds)
-    shares = lost * np.subtract(problem.grid.upper, problem.grid.lower)
-    shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300)) ** SHARPNESS
+    speeds, every, grid = speeds_of(problem), np.arange(problem.grid.ndim), problem.grid
+    wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int))
+    cells = [aligned_choices(problem, k, wishes.tolist()) for k in range(grid.ndim)]
+    rates = losses(problem, speeds)
+    shares = rates.sum(axis=0) * np.subtract(grid.upper, grid.lower)
+    shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
+    lost = np.stack([lost_to(problem, k, rates[:, k], own) for k, own in enumerate(cells)])
+    counts = np.array([[axis.count for axis in own] for own in cells])
+    lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
 
-    def counts(factor: float) -> tuple[int, ...]:
-        return tuple(np.clip(np.rint(factor * shares), 2, MOST_OF_AN_AXIS).astype(int).tolist())
+    def chosen(factor: float) -> FloatArray:
+        return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
-    least, most = 2 / shares.max(), MOST_OF_AN_AXIS / shares.min()
-    for _ in range(TRIALS):
-        factor = math.sqrt(least * most)
-        axes = aligned(problem, counts(factor))
-        wide = float((lost * [float(axis.width) for axis in axes]).sum())
+    def fits(places: FloatArray) -> bool:
+        axes = tuple(own[place] for own, place in zip(cells, places.tolist(), strict=True))
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
-        if wide < WORTH or large > MOST_BYTES or sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
-            most = factor
-        else:
-            least = factor
-    return counts(least)
+        paid = sum(cost(problem, axes, parts, speeds))
+        return bool(lost[every, places].sum() > WORTH and large < MOST_BYTES and paid < CORES * seconds)
+
+    least = 2 / (shares**SHARPNESS).max()
+    for _ in every:
+        most = MOST_OF_AN_AXIS / (shares**SHARPNESS).min()
+        for _ in range(TRIALS):
+            factor = math.sqrt(least * most)
+            least, most = (factor, most) if fits(chosen(factor)) else (least, factor)
+        leaps = wishes[chosen(most)] / wishes[chosen(least)]
+        if leaps.max() < LEAP:
+            break
+        crowd[leaps.argmax(), chosen(least)[leaps.argmax()] + 1 :] = np.inf  # the others go on without this axis
+    return tuple(wishes[chosen(least)].tolist())
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """c (ndim,): what is lost for each unit of a cell's width on an axis."""
+    """What is lost on each axis for a unit of a cell's width, c, and of what `rounded_out` says: (2, ndim)."""
     m, turned = _crossings(problem), problem.delta * speeds.wider
-    rounded = problem.dynamics.reads.any(axis=1) | problem.dynamics.timed
-    lost = m.copy()
+    rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
+    lost, out = m.copy(), np.zeros(m.shape)
     for _ in range(min(problem.most_steps, LOSING_STEPS)):
         lost += m * rounded + m @ turned
+        out += m * ~rounded
         m = m + m @ turned
-    return lost
+    return np.stack([lost, out])
+
+
+def lost_to(problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis]) -> FloatArray:
+    """What is lost to each choice of the cells of an axis, at its rates (2,) of `losses`."""
+    widths = np.array([float(own.width) for own in choices])
+    return rates[0] * widths + rates[1] * rounded_out(problem, axis, widths)
+
+
+def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> FloatArray:
+    """By how much images reach too far to each side, for cells of some widths; 0 where the axis is not steady."""
+    if not is_steady(problem, axis):
+        return np.zeros(len(widths))
+    moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
+    low, high = np.array(moves, dtype=float).T[:, :, None]
+    cells = np.ceil((high - DRIFT) / widths) - np.floor((low + DRIFT) / widths)
+    return np.asarray((cells * widths - (high - low)).mean(axis=0) / 2)
 
 
 def _crossings(problem: ReachAvoidProblem) -> FloatArray:
@@ -131,12 +167,18 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     drift = problem.dynamics.drift
     velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
     first = pieces * (AXIS * ndim + OPERATION * _operations(velocity))
+
+    def asked(axes_of: Iterable[int]) -> float:
+        """Of how many cells an input's tubes are looked at, for what depends on some axes."""
+        return cells / math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in axes_of)
+
     for part in problem.unsafe:
-        alike = math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in part.axes)
         each = MOVING_CORNER * parts * times if part.moving else STILL_CORNER
-        first += each * cells / alike * count * 2 ** len(part.axes)
+        each *= ABREAST if part.axes[-1] == ndim - 1 and not own[-1] else 1.0
+        first += each * asked(part.axes) * count * 2 ** len(part.axes)
         first += BOXED * BOXES_OF_A_SET * _operations(part.level_set)
-    first += AT_ENDS * cells * count * starts if np.isfinite(problem.grid.faces("unsafe")).any() else 0.0
+    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
+    first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()

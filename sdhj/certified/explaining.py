@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.certified.choosing import losses, speeds_of
+from sdhj.certified.choosing import losses, lost_to, speeds_of
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.kernels import FloatArray
@@ -221,7 +221,8 @@ class _Cell:
         if short[-1] >= 0:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
         elif nearest.by == "image":
-            lost = losses(self.problem, speeds_of(self.problem)) * [float(axis.width) for axis in self.table.axes]
+            rates = losses(self.problem, speeds_of(self.problem)).T
+            lost = [lost_to(self.problem, k, own, [self.table.axes[k]])[0] for k, own in enumerate(rates)]
             further = f"more cells along {names[int(np.argmax(lost))]}"
             yield f"{further}, so that where the state alone leads is certified first (that fails too)"
         else:

@@ -3,14 +3,15 @@
 import math
 from dataclasses import replace
 
+import large
 import numpy as np
 import pytest
 from robots import car
 from toys import interval_problem
 
 import sdhj
-from sdhj.certified.cells import aligned
-from sdhj.certified.choosing import chosen_cells, cost, losses, speeds_of
+from sdhj.certified.cells import aligned, aligned_choices
+from sdhj.certified.choosing import chosen_cells, cost, losses, lost_to, rounded_out, speeds_of
 
 
 def plane(spin=0.0, **changed):
@@ -29,17 +30,46 @@ def plane(spin=0.0, **changed):
 def test_what_widths_lose():
     """A disk of radius 1 is crossed twice in 2 of 8 m, on pi of 64 m^2: m = 4 / pi. Then by hand, step by step."""
     m, known = 4 / math.pi, pytest.approx
-    for spin, expected in ((0.0, [m, m]), (2.0, [2 * m, m + 0.5 * 2.0 * m])):  # with spin x is rounded out, y turns x
+    for spin, *expected in (
+        (0.0, [m, m], [m, m]),
+        (2.0, [2 * m, m + 0.5 * 2.0 * m], [0.0, m]),  # x is rounded out by any width, y turns x
+    ):
         problem = plane(spin)
         speeds = speeds_of(problem)
         assert speeds.wider == known(np.array([[0.0, spin], [0.0, 0.0]]), abs=1e-9)
         assert speeds.widths == known([0.2, 0.2])
-        assert losses(problem, speeds) == known(expected, rel=0.02)
+        np.testing.assert_allclose(losses(problem, speeds), expected, rtol=0.02)
     problem = plane(2.0, steps=2)  # after a step the boundary is m, m + spin delta m = 2 m
-    assert losses(problem, speeds_of(problem)) == known([3 * m, 3 * m], rel=0.02)
+    np.testing.assert_allclose(losses(problem, speeds_of(problem)), [[3 * m, 3 * m], [0.0, 3 * m]], rtol=0.02)
     ends = replace(problem.grid, ends="unsafe")
     more = losses(replace(problem, grid=ends), speeds) - losses(problem, speeds)
-    assert more[0] == known(2 / 8 * 3, rel=0.02)
+    assert more[0, 0] == known(2 / 8 * 3, rel=0.02)
+
+
+def test_what_images_are_rounded_out_by():
+    """Half a second at -1 +- .1 or 1 +- .1 m/s moves both ends by .45 to .55 m, either way."""
+    widths = np.array([0.05, 0.3, 0.5, 0.56])  # whole cells; .3 to .6 m; 0 to 1 m; 0 to .56 m
+    assert rounded_out(plane(), 0, widths) == pytest.approx([0.0, 0.1, 0.45, 0.23])
+    assert not rounded_out(plane(spin=2.0), 0, widths).any()  # counted as a cell's width
+    rates = np.array([2.0, 3.0])
+    lost = lost_to(plane(), 0, rates, aligned_choices(plane(), 0, [16, 160]))
+    assert lost == pytest.approx([2 * 0.5 + 3 * 0.45, 2 * 0.05])
+
+
+def test_cells_are_taken_that_a_pursuer_does_not_leave():
+    """It moves by .12 m in a step. On 33 cells of .121 m that is a cell, on 34 of .118 m two, on 7 a cell of .57 m."""
+    problem = large.car(25)
+    speeds, few = speeds_of(problem), (56, 56, 32, 7, 7)  # as dear: as many as the widths alone ask for
+
+    def lost(cells):
+        own = zip(losses(problem, speeds).T, aligned(problem, cells), strict=True)
+        return [lost_to(problem, k, rates, [axis])[0] for k, (rates, axis) in enumerate(own)]
+
+    assert lost((30, 30, 21, 33, 33))[3] < 0.4 * lost((30, 30, 21, 34, 34))[3]
+    cells = chosen_cells(problem, 10, 10.0)
+    paid = [sum(cost(problem, aligned(problem, some), 10, speeds)) for some in (cells, few)]
+    assert 0.9 * 16 < paid[0] < 16 < paid[1]
+    assert sum(lost(cells)) < sum(lost(few)) and max(lost(cells)[3:]) < 0.5 * lost(few)[3]
 
 
 def test_the_same_cells_everywhere_and_more_for_more_time():
