@@ -13,6 +13,10 @@ For one number of cells, and with losses that are linear, the sum over k is leas
 has the number n at which what it loses, times a factor that all share, plus log n is least. But for wide cells losses
 are not linear; so each is divided by the power 1 - `SHARPNESS` of what a single cell as wide as the axis would lose.
 
+Where a step loses nearly all, no step is of use, and only the target is to be proved. So cells are chosen twice, as if
+nothing was rounded out on axes with one velocity, and with that; and those are taken of which more is kept, where a
+loss of l leaves exp(-`STEEP` l), added up over the steps.
+
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
 """
@@ -41,6 +45,7 @@ WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
 LOSING_STEPS = 10  # over which losses are added up, at most
 SHARPNESS = 2 / 3
+STEEP = 0.4  # tells which of two numbers of cells proves more, of nine robots
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -66,11 +71,33 @@ class Speeds(NamedTuple):
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, that takes about so many seconds on two cores."""
-    speeds, every, grid = speeds_of(problem), np.arange(problem.grid.ndim), problem.grid
-    wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int))
-    cells = [aligned_choices(problem, k, wishes.tolist()) for k in range(grid.ndim)]
-    rates = losses(problem, speeds)
-    shares = rates.sum(axis=0) * np.subtract(grid.upper, grid.lower)
+    speeds, every, steps = speeds_of(problem), range(problem.grid.ndim), min(problem.most_steps, LOSING_STEPS)
+    wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int)).tolist()
+    cells, rates = [aligned_choices(problem, k, wishes) for k in every], losses(problem, speeds)
+
+    def kept(places: list[int]) -> float:
+        """By the model, of all that is won within 0, 1, ... steps."""
+        own = [cells[k][place] for k, place in enumerate(places)]
+        once = sum(rates[0, k] * float(axis.width) for k, axis in enumerate(own))
+        each = (sum(lost_to(problem, k, rates[:, k], [axis])[0] for k, axis in enumerate(own)) - once) / steps
+        return sum(math.exp(-STEEP * (once + n * each)) for n in range(steps + 1))
+
+    without = rates * [[1.0], [1.0], [0.0]]
+    places = max((_spread(problem, parts, seconds, speeds, cells, some) for some in (without, rates)), key=kept)
+    return tuple(wishes[place] for place in places)
+
+
+def _spread(
+    problem: ReachAvoidProblem,
+    parts: int,
+    seconds: float,
+    speeds: Speeds,
+    cells: Sequence[Sequence[CellAxis]],
+    rates: FloatArray,
+) -> list[int]:
+    """Which of the choices of each axis lose least, for what can be paid, at rates (3, ndim) of `losses`."""
+    every = np.arange(len(cells))
+    shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
     lost = np.stack([lost_to(problem, k, rates[:, k], own) for k, own in enumerate(cells)])
     counts = np.array([[axis.count for axis in own] for own in cells])
@@ -91,29 +118,31 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         for _ in range(TRIALS):
             factor = math.sqrt(least * most)
             least, most = (factor, most) if fits(chosen(factor)) else (least, factor)
-        leaps = wishes[chosen(most)] / wishes[chosen(least)]
+        leaps = counts[every, chosen(most)] / counts[every, chosen(least)]
         if leaps.max() < LEAP:
             break
         crowd[leaps.argmax(), chosen(least)[leaps.argmax()] + 1 :] = np.inf  # the others go on without this axis
-    return tuple(wishes[chosen(least)].tolist())
+    return list(chosen(least).tolist())
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """What is lost on each axis for a unit of a cell's width, c, and of what `rounded_out` says: (2, ndim)."""
+    """What is lost on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
+    for each unit of what `rounded_out` says, in all steps.
+    """
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
-    lost, out = m.copy(), np.zeros(m.shape)
+    lost = np.stack([m, 0 * m, 0 * m])
     for _ in range(min(problem.most_steps, LOSING_STEPS)):
-        lost += m * rounded + m @ turned
-        out += m * ~rounded
+        lost[1] += m * rounded + m @ turned
+        lost[2] += m * ~rounded
         m = m + m @ turned
-    return np.stack([lost, out])
+    return lost
 
 
 def lost_to(problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis]) -> FloatArray:
-    """What is lost to each choice of the cells of an axis, at its rates (2,) of `losses`."""
+    """What is lost to each choice of the cells of an axis, at its rates (3,) of `losses`."""
     widths = np.array([float(own.width) for own in choices])
-    return rates[0] * widths + rates[1] * rounded_out(problem, axis, widths)
+    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths)
 
 
 def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> FloatArray:
