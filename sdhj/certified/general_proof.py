@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, known_sets
-from sdhj.certified.cells import MOST_PIECES, CellAxis
+from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, Changes, Images, moves_of, place_axes
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
@@ -49,30 +49,27 @@ def lattice_of(
     Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
     box more: a tube is then looked up without it.
     """
-    own = [axes[axis] for axis in part.axes]
-    room = BOXES_OF_A_SET / (len(times) * steps * math.prod(axis.count for axis in own))
-    fine = min(max(int(room ** (1 / len(own))), 1), PIECES_OF_A_CELL)
-    pitch = np.array([float(axis.width) / fine for axis in own])
+    own = cells_of([axes[axis] for axis in part.axes], 0)
+    room = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
+    fine = min(max(int(room ** (1 / len(part.axes))), 1), PIECES_OF_A_CELL)
+    pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(part.axes)] < pitch, sway[list(part.axes)], 0.0)
-    wider, sizes = sway + MARGIN_OF_BOXES, np.array([axis.count * fine for axis in own])
-    lower = np.array([float(axis.lower) for axis in own])
-    length = np.array([float(sum(axis.extent) / 2) for axis in own])
-    periodic = np.array([axis.periodic for axis in own])
-    corner = [begin + step * np.arange(size) for begin, step, size in zip(lower, pitch, sizes, strict=True)]
+    wider = sway + MARGIN_OF_BOXES
+    corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
     sums = []
     for t0, t1 in times:
         least, _ = bounds.levels(part, low, high, t0, t1)
         meets = ~(least > 0.0).reshape(sizes)
-        for k in np.flatnonzero(periodic).tolist():
+        for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)
-        counted = np.pad(meets, [(1, 0)] * len(own)).astype(np.int32)
-        for k in range(len(own)):
+        counted = np.pad(meets, [(1, 0)] * sizes.size).astype(np.int32)
+        for k in range(sizes.size):
             np.cumsum(counted, axis=k, out=counted)
         sums.append(counted.ravel())
-    laps = sizes * np.where(periodic, 2, 1)
-    return Boxes(np.array(part.axes), laps, lower, pitch, length, periodic, sway + NARROW, np.stack(sums))
+    laps = sizes * np.where(own.periodic, 2, 1)
+    return Boxes(np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW, np.stack(sums))
 
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
@@ -171,7 +168,7 @@ class GeneralProof(Images):
     @cached_property
     def layout(self) -> Placed:
         """Cells by place."""
-        counts, own = np.array([axis.count for axis in self.axes]), self.strides > 0
+        counts, own = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
@@ -180,7 +177,7 @@ class GeneralProof(Images):
 
     def _numbers(self, which: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""
-        counts = np.array([axis.count for axis in self.axes])
+        counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
