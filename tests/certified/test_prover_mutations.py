@@ -157,7 +157,7 @@ FALSE = {
         "crossed",
         CLEAR,
     ),
-    "boxes as wide as tubes sway": (GENERAL, "sway + MARGIN_OF_BOXES,", "0 * sway + MARGIN_OF_BOXES,", "calm", CLEAR),
+    "boxes as wide as tubes sway": (GENERAL, "wider = sway +", "wider = 0 * sway +", "calm", CLEAR),
     "a set nearer than rounding": (GENERAL, "MARGIN_OF_BOXES = 4e-10", "MARGIN_OF_BOXES = 0.0", "nearer", CLEAR),
     "laps of a set": (
         GENERAL,
