@@ -125,7 +125,7 @@ def _near(one: Any, other: Any) -> bool:
     return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE, abs_tol=CLOSE))
 
 
-SIGNS = {"add": " + ", "sub": " - ", "mul": " ", "div": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
+SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
 SIGNS |= {"and": " and ", "or": " or "}
 BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div neg", "power sqr")  # the loosest first
 RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
@@ -139,8 +139,9 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     letters, lines = iter("abcdefghijklmnopqrs"), []
 
     def inside(arg: Node, rank: int) -> str:
-        whole = arg.op not in RANK or " " not in text[arg]
-        return text[arg] if whole or RANK[arg.op] >= rank else f"({text[arg]})"
+        op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
+        whole = op not in RANK or len(text[arg]) == 1  # a letter
+        return text[arg] if whole or RANK[op] >= rank else f"({text[arg]})"
 
     for one in order:
         rank, given = RANK.get(one.op, 0), [text[arg] for arg in one.args]
@@ -148,6 +149,10 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
             text[one] = (names if one.op == "x" else parameters)[one.value[0]]
         elif one.op == "const":
             text[one] = format(one.value, ".6g")
+        elif one.op == "mul":  # numbers first; to people a / b c is a / (b c), and a -b a difference
+            a, b = one.args if one.args[1].op != "const" else one.args[::-1]
+            second = inside(b, rank + text[b].startswith("-"))
+            text[one] = f"{inside(a, rank + (' / ' in text[a]))} {second}"
         elif one.op in SIGNS:
             second = inside(one.args[1], rank + (one.op in ("sub", "div")))
             text[one] = f"{inside(one.args[0], rank)}{SIGNS[one.op]}{second}"
@@ -156,7 +161,8 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
         elif one.op == "neg":
             text[one] = f"-{inside(one.args[0], rank)}"
         else:
-            text[one] = f"|{given[0]}|" if one.op == "abs" else f"{one.op}({', '.join(given)})"
+            bars = one.op == "abs" and "|" not in given[0]
+            text[one] = f"|{given[0]}|" if bars else f"{one.op}({', '.join(given)})"
         if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
             lines.append(f"{letter} = {text[one]}")
             text[one] = letter

@@ -4,6 +4,7 @@ import itertools
 import math
 import pickle
 import random
+import re
 
 import numpy as np
 import pytest
@@ -332,6 +333,92 @@ def test_fuzzed_texts_are_read_or_refused():
 def test_mathematics_to_look_at():
     node = make("sub", make("hypot", make("sub", X, make("mul", constant(0.5), T)), Y), constant(0.25))
     assert shown([node], ["x", "y"]) == ["hypot(x - 0.5 t, y) - 0.25"]
+
+
+class Reader:
+    """Mathematics as people read it: what stands side by side is multiplied first, then divided, then added."""
+
+    def __init__(self, text, known):
+        self.words, self.known = re.findall(r"[a-z]+|[0-9.]+(?:e[+-]?[0-9]+)?|\S", text), known
+
+    def at(self, *words):
+        return bool(self.words) and self.words[0] in words
+
+    def take(self, *words):
+        assert not words or self.at(*words)
+        return self.words.pop(0)
+
+    def sum(self):
+        value = self.quotient()
+        while self.at("+", "-"):
+            value = value + self.quotient() if self.take() == "+" else value - self.quotient()
+        return value
+
+    def quotient(self):
+        value = self.product()
+        while self.at("/"):
+            self.take()
+            value = value / self.product()
+        return value
+
+    def product(self):
+        if self.at("-"):
+            self.take()
+            return -self.product()
+        value = self.power()
+        while self.words and not self.at("+", "-", "/", ")", ",") and not (self.bars and self.at("|")):
+            value = value * self.power()
+        return value
+
+    def power(self):
+        value = self.operand()
+        while self.at("^"):
+            self.take()
+            value = value ** float(self.take())
+        return value
+
+    bars = 0  # that are open
+
+    def operand(self):
+        word = self.take()
+        if word == "|":
+            self.bars, outside = 1, self.bars
+            value, self.bars = abs(self.sum()), outside
+            self.take("|")
+        elif word == "(" or (word in ("abs", "max") and self.take("(")):
+            self.bars, outside = 0, self.bars
+            given = [self.sum()]
+            while self.at(","):
+                self.take()
+                given.append(self.sum())
+            self.take(")")
+            self.bars, value = outside, max(given) if word == "max" else abs(given[0]) if word == "abs" else given[0]
+        else:
+            value = self.known[word] if word in self.known else np.float64(word)
+        return value
+
+
+@np.errstate(all="ignore")
+def test_mathematics_reads_as_what_is_computed():
+    rng, letters = random.Random(0), 0
+    for _ in range(3000):
+        nodes = [X, Y, T, *map(constant, rng.sample((0.5, -0.25, 2.0, -3.0, 1e7), 3))]
+        for _ in range(rng.randint(2, 9)):
+            op = rng.choice(["add", "sub", "mul", "mul", "mul", "div", "neg", "abs", "sqr", "power", "max"])
+            chosen = [rng.choice(nodes[-5:]) for _ in range(RULES[op].arity)]
+            nodes.append(make(op, *chosen, value=3 if op == "power" else None))
+        known = {name: np.float64(rng.uniform(0.4, 1.6) * rng.choice((-1.0, 1.0))) for name in "xyt"}
+        *lines, last = shown([nodes[-1]], ["x", "y"])
+        for line in lines:
+            letter, _, text = line.partition(" = ")
+            known[letter], letters = Reader(text, known).sum(), letters + 1
+        (node,) = rebuilt(nodes[-1:], lambda one: constant(float(f"{one.value:.6g}")) if one.op == "const" else None)
+        expected = twin.value(node, (known["x"], known["y"]), [known["t"]])
+        assert not math.isfinite(expected) or Reader(last, known).sum() == pytest.approx(expected, rel=1e-6), (
+            lines,
+            last,
+        )
+    assert letters > 50
 
 
 def test_formulas_pickle():
