@@ -221,6 +221,32 @@ def test_swept_that_is_not_given_bounds_every_time(level_set):
     assert (sampled > dense + 1e-4).any()
 
 
+def test_what_bounds_over_a_time_leave_undefined_is_refused_with_what_to_do():
+    """The form under the root is above 0 at each time, but not its bounds over pieces of time where it is small."""
+    form = np.linalg.inv([[0.2, 0.05], [0.05, 0.1]])
+
+    def problem(least):
+        def ellipse(p, t):
+            far = p - np.array([0.3 * t, 0.2])
+            return np.sqrt(np.maximum(np.sum((far @ form) * far, axis=1), least)) - 1.0
+
+        steps = [[0.0, 0.0], [1.0, 0.0]]
+        return ReachAvoidProblem(
+            Grid([-2.0, -2.0], [2.0, 2.0], (41, 41)),
+            Dynamics(steps, steps, np.eye(2), [0.2, 0.2]),
+            TargetSet((0,), lambda p, t: p[:, 0] - 0.5),
+            (UnsafeSet((0, 1), ellipse, name="ellipse"),),
+            0.3,
+            2,
+        )
+
+    with pytest.raises(ValueError, match=r"'ellipse' may be undefined or infinite at \[0.1.*, 0.2.*\], .*np.maximum"):
+        refused = problem(-np.inf)
+        refused.unsafe_over(refused.unsafe[0], 0.3, 0.6)
+    mended = problem(0.0)
+    assert np.isfinite(mended.unsafe_over(mended.unsafe[0], 0.3, 0.6)).all()
+
+
 def test_true_values_need_no_grid():
     problem = ReachAvoidProblem(
         Grid([0.0, 0.0], [1.0, 1.0], (9, 9)),

@@ -21,7 +21,7 @@ from sdhj.formulas.graph import Lookup
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
-from sdhj.problem.checks import finite_array, number, option, points_array, whole
+from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.dynamics import Dynamics, VectorField
 from sdhj.problem.grid import Grid, Window
 from sdhj.problem.interval import INSTANTS, Interval
@@ -292,7 +292,7 @@ class ReachAvoidProblem:
         grid = self.grid.subgrid(part.axes)
         if part.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
-            values = least_in_cells(whole, lambda points: _checked(function(points), part.name))
+            values = least_in_cells(whole, lambda points: _checked(function, points, part.name))
             values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
             values = _sampled_on(grid, function, part.name)
@@ -420,13 +420,19 @@ class ReachAvoidProblem:
 
 
 def _sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    values = [_checked(function(piece.points()), name) for piece in grid.pieces()]
+    values = [_checked(function, piece.points(), name) for piece in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
-def _checked(values: FloatArray, name: str) -> FloatArray:
+def _checked(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
     """Values of a level-set function at nodes; ValueError where single precision does not support them."""
-    values = finite_array(f"level set of {name!r}", values)
+    values = function(points)
+    if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
+        raise ValueError(
+            f"level set of {name!r} may be undefined or infinite at {points[int(np.argmin(finite))].tolist()}, by the "
+            "bounds over pieces of an interval of time, which are wider than its values; keep what is under a root or "
+            "divides from 0, as in np.sqrt(np.maximum(x, 0.0)), give swept=, or use view_time='sampled'"
+        )
     if (largest := float(np.abs(values).max())) > LARGEST:
         raise ValueError(
             f"level set of {name!r} reaches {largest:.3g}, and single precision supports at most {LARGEST:g}; clip "
