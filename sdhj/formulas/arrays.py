@@ -140,7 +140,10 @@ class Traced(NDArrayOperatorsMixin):
     __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _refused(
         "a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS
     )
-    __array__ = _refused("a conversion to a plain array", "use np.stack, or write into np.zeros((len(points), ...))")
+    __array__ = _refused(
+        "a conversion to a plain array",
+        "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file",
+    )
     __str__ = __format__ = _refused(
         "a text of values, by print or an f-string", "when a function is read, there are none"
     )
@@ -439,7 +442,7 @@ MADE: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.deg2rad, np.radians), lambda a: a * (np.pi / 180.0)),
     **dict.fromkeys((np.rad2deg, np.degrees), lambda a: a * (180.0 / np.pi)),
 }
-REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.logical_or, np.logical_and)
+REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.logical_or, np.logical_and)
 
 
 def _counted(array: Traced) -> Traced:

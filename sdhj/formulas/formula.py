@@ -89,9 +89,10 @@ class Formula:
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
         if len(shape := np.shape(points)) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
+            more = f" and {self.parameters} more, the time first" if self.parameters else " alone"
             raise ValueError(
-                f"{self.name} is a function of points (M, {self.coordinates}) and {self.parameters} more, the time "
-                f"first; got points of shape {shape} and {len(parameters)} more"
+                f"{self.name} is a function of points (M, {self.coordinates}){more}; got points of shape {shape} and "
+                f"{len(parameters)} more. points[:, :1] is a column as points, and points[:, [0, 2]] are two"
             )
         if traced:
             return self._inlined(points, parameters)

@@ -1,7 +1,7 @@
 """Tracing: a function is called with arrays of nodes, and what it answers is its graph.
 
 Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, stand in a module that users' modules
-have for `np` while a function is traced; it is as ever for all other arguments and threads.
+have for numpy while a function is traced; it is as ever for all other arguments and threads.
 """
 
 import itertools
@@ -47,9 +47,6 @@ def _making(original: Any, ours: Any) -> Callable[..., Any]:
     """A function that makes arrays, of what is traced by another one, whose options are the only ones it knows."""
     known = noted(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
-
-
-NUMPY = {"np", "numpy"}  # as users' modules call it
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
@@ -156,9 +153,9 @@ def _replaced(function: Any, rows: int) -> Iterator[None]:
         new, before = _numpy(rows), list[tuple[dict[str, Any], str, Any]]()
         try:
             for names in _globals_of(function):
-                for name in NUMPY & names.keys():
-                    if names[name] is np or isinstance(names[name], _Replaced):
-                        before.append((names, name, names[name]))
+                for name, value in list(names.items()):
+                    if value is np or (type(value) is _Replaced and value.__dict__["_original"] is np):
+                        before.append((names, name, value))
                         names[name] = new
             yield
         finally:

@@ -25,7 +25,7 @@ from sdhj.formulas.graph import leaves
 from sdhj.formulas.gridded import gridded
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 
-T = 0.7
+T, XP = 0.7, np
 RNG = np.random.default_rng(0)
 POINTS = np.concatenate(
     [
@@ -255,6 +255,8 @@ TRACE = {
     "extremes": lambda p, t: np.max(p, axis=1) - p.min(axis=1) + np.ptp(p, axis=1) + np.amax(np.abs(p), axis=1),
     "unions": lambda p, t: np.min([p[:, 0], p[:, 1] ** 2, p[:, 0] * 0 + 0.2], axis=0),
     "unions reduced": lambda p, t: np.minimum.reduce([p[:, 0], p[:, 1]]) + np.maximum.reduce((p[:, 0], -p[:, 0])),
+    "unions of what is defined": lambda p, t: np.fmin.reduce([p[:, 0], p[:, 1]]) + np.fmax.reduce(p, axis=1),
+    "NumPy under another name": lambda p, t: XP.min([p[:, 0], p[:, 1]], axis=0) + XP.zeros(len(p)),
     "reduced": lambda p, t: np.add.reduce(p, axis=1) + np.minimum.reduce(p, axis=1),
     "kept dimensions": lambda p, t: (p / np.sum(abs(p), axis=1, keepdims=True) + p.max(axis=1, keepdims=1))[:, 0],
     "norms": lambda p, t: (
@@ -632,6 +634,8 @@ def test_formulas_are_called_with_all_that_they_read():
     for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (POINTS, T, T), (np.hstack([POINTS, POINTS]), T)]:
         with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, the time first; got"):
             disk(*given)
+    with pytest.raises(ValueError, match=r"\(M, 1\) alone; got .* points\[:, :1\] is a column as points"):
+        nodes_of(lambda p, t: gridded([0.0, 1.0], [0.0], [1.0])(p[:, 0]))
     with pytest.raises(ValueError, match="disk is a function"):
         nodes_of(lambda p, t: disk(p[:, :1], t))
 
