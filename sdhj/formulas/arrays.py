@@ -78,6 +78,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
+ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
 SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
 UNCOMPILED = "let it stand uncompiled"
 DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
@@ -140,10 +141,7 @@ class Traced(NDArrayOperatorsMixin):
     __int__ = __float__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = _refused(
         "a conversion to a plain number, by math, int, an index or writing into a plain array", NUMPYS
     )
-    __array__ = _refused(
-        "a conversion to a plain array",
-        "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file",
-    )
+    __array__ = _refused("a conversion to a plain array", ARRAYS)
     __str__ = __format__ = _refused(
         "a text of values, by print or an f-string", "when a function is read, there are none"
     )

@@ -16,7 +16,7 @@ import numpy as np
 from numba import config
 
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
-from sdhj.formulas.graph import Lookup, Node, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -154,7 +154,8 @@ class Formula:
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
         """What jumps; a pair of what each depends on; the formula with their values as further coordinates."""
-        found = [one for one in ordered(self.outputs) if one.op == "arctan2" or _by_a_period(one)]
+        found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
+        found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
         new = {one: leaf("x", self.coordinates + place) for place, one in enumerate(found)}
         rest = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(found))
         pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
@@ -405,10 +406,6 @@ class BlackBox:
         if values.shape != (shape := (len(points), *self.shape)) or not np.isfinite(values).all():
             raise ValueError(f"{self.name} must return finite numbers of shape {shape}, got {reprlib.repr(values)}")
         return values
-
-
-def _by_a_period(node: Node) -> bool:
-    return node.op == "mod" and node.args[1].op == "const" and bool(node.args[1].value > 0)
 
 
 def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:

@@ -133,11 +133,8 @@ def sequence(name: str, value: Any) -> Any:
 
 def ascending(axes: Any, name: str) -> tuple[int, ...]:
     """The axes of a set as a tuple of int; ValueError naming the set if they are not whole numbers."""
-    try:
-        given = tuple(axes)
-    except TypeError:
-        given = (axes,) if isinstance(axes, float) else axes
-    if not isinstance(given, tuple) or not all(isinstance(axis, int | np.integer) for axis in given):
+    given = tuple(axes) if np.iterable(axes) else (None,)
+    if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")
     return tuple(int(axis) for axis in given)
 
@@ -168,12 +165,6 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     if named and not named[0] and (name != "bounds" or len(named) > 1 or taken[0] in STATES):
         named[0] = "points"
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
-    if (
-        not named
-        or "" in named
-        or lost
-        or len(set(named)) < len(named)
-        or taken != [p.name for p in places[: len(taken)]]
-    ):
+    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:
         raise ValueError(f"{expected}; these are the names that are known, got {signature}")
     return tuple(named)
