@@ -58,7 +58,8 @@ def _place() -> str:
     """File and line of the user's frame that is at work: the innermost one that is not installed."""
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
-    return "file {0.filename}, line {0.lineno}".format((ours or frames)[-1])
+    written = [one for one in ours if one.line]  # not what dataclasses have made of a text
+    return "file {0.filename}, line {0.lineno}".format((written or ours or frames)[-1])
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:

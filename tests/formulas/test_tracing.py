@@ -1,6 +1,7 @@
 """Functions read as graphs: what NumPy computes at random points, by the slow twin, or a refusal that says what."""
 
 import copy
+import dataclasses
 import functools
 import inspect
 import math
@@ -444,10 +445,16 @@ def compiled(p, t):
     return p[:, 0] - t
 
 
+@dataclasses.dataclass
+class Place:
+    x: object
+
+
 DECISION, NUMBER = "a decision", "a conversion to a plain number"
 KIND, LONG = "numbers of type|with an answer of", "differently"
 REFUSE = {
     "if": (lambda p, t: p[:, 0] if t > 1 else p[:, 1], DECISION),
+    "dataclasses compared": (lambda p, t: p[:, 0] * (Place(p[:, 0]) == Place(p[:, 0] + t)), DECISION),
     "chained comparison": (lambda p, t: np.where(0 < p[:, 0] < 1, 1.0, 2.0), DECISION),
     "and": (lambda p, t: p[:, 0] > 0 and p[:, 1] > 0, DECISION),
     "builtin min": (lambda p, t: min(p[0, 0], 1.0) + p[:, 0], DECISION),
