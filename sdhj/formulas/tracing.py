@@ -223,9 +223,10 @@ def traced(
         if found[0] != found[-1]:
             raise NotTraced(f"{name} answers differently when it is called again, or with another number of points")
     except NotTraced as error:
+        called = getattr(function, "__name__", "function").replace("<lambda>", "function")
         raise NotTraced(
             f"{error}. What cannot be written so is wrapped, with what is known of it: "
-            f"sdhj.BlackBox({getattr(function, '__name__', 'function')}, reads=..., slope=..., rate=...)"
+            f"sdhj.BlackBox({called}, reads=..., slope=..., rate=...)"
         ) from None
     return found[0], one
 

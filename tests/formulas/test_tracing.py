@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import operator
+import re
 import threading
 import warnings
 
@@ -564,6 +565,7 @@ def test_what_is_not_known_is_refused_in_words(name):
     function, words = REFUSE[name]
     said = refused(function, words)
     assert "test_tracing.py, line" in said or LONG in said or name == "compiled"
+    assert re.search(r"sdhj.BlackBox\([a-z_]+, reads=", said)
 
 
 @pytest.mark.parametrize(
