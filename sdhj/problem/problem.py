@@ -610,13 +610,11 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
 
 def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
     """Values of a black box at random states and some times: what tells one from another, (values,)."""
-    function, rng = problem.black_box(name), np.random.default_rng(0)
-    axes = list(range(problem.grid.ndim))
+    function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
-        axes = list(part.axes)
-    lower, upper = (np.array([end[axis] for axis in axes]) for end in (problem.grid.lower, problem.grid.upper))
-    states, found = rng.uniform(lower, upper, (VALUES_KEPT // BOX_STEPS, len(axes))), []
+        grid = grid.subgrid(part.axes)
+    states, found = rng.uniform(grid.lower, grid.upper, (VALUES_KEPT // BOX_STEPS, grid.ndim)), []
     for step in range(BOX_STEPS):
         t = step * problem.delta * problem.most_steps / BOX_STEPS
         given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
