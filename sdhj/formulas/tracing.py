@@ -215,7 +215,8 @@ def traced(
                 expected = () if shape is None else tuple(shape)
                 wanted = ("M", *expected) if per_point else expected
                 columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
-                raise ValueError(f"{name} must return shape {wanted}, got {shown}{columns}")
+                shapes = f"shape {wanted}, got {shown}".replace("'M'", "M")
+                raise ValueError(f"{name} must return {shapes}{columns}")
             answer = answer.reshape(count if per_point else 1, -1)
             if not all(_alike(answer[0], nodes, row) for row, nodes in enumerate(answer)):
                 raise NotTraced(f"{name} treats points differently: what it answers for one may depend on no other")
