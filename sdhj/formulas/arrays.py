@@ -82,7 +82,7 @@ NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writ
 ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
 SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
 UNCOMPILED = "let it stand uncompiled"
-DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere"
+DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere, but not proved where it may be 0"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
     **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),

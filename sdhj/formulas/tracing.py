@@ -212,8 +212,7 @@ def traced(
             one = answer.shape[1:] if per_point else answer.shape
             if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (count,)):
                 shown = tuple("M" if per_point and not k and n == count else n for k, n in enumerate(answer.shape))
-                expected = () if shape is None else tuple(shape)
-                wanted = ("M", *expected) if per_point else expected
+                wanted = ("M",) * per_point + tuple(shape or ())
                 columns = "; points have shape (M, n), and their column k is points[:, k]" if per_point else ""
                 shapes = f"shape {wanted}, got {shown}".replace("'M'", "M")
                 raise ValueError(f"{name} must return {shapes}{columns}")

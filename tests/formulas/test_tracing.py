@@ -571,9 +571,9 @@ def test_what_is_not_known_is_refused_in_words(name):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lambda p, t: p, r"\('M',\), got \('M', 2\)"),
-        (lambda p, t: p[:, :1], "'M', 1"),
-        (lambda p, t: t, r"got \(\)"),
+        (lambda p, t: p, r"shape \(M,\), got \(M, 2\)"),
+        (lambda p, t: p[:, :1], r"got \(M, 1\)"),
+        (lambda p, t: t, r"must return shape \(M,\), got \(\)"),
         (lambda p, t: None, "return missing"),
         (lambda p, t: np.hypot(p[0], p[1]), r"got \(2,\); .*column k is points\[:, k\]"),
     ],
@@ -581,6 +581,17 @@ def test_what_is_not_known_is_refused_in_words(name):
 def test_answers_of_another_shape_are_refused(function, words):
     with pytest.raises(ValueError, match=words):
         nodes_of(function)
+
+
+def test_quotients_are_proved_around_zero_as_the_advice_says():
+    box, time = (np.full((1, 2), -0.5), np.full((1, 2), 0.5)), (0.0, 1.0)
+    guarded = Formula.read("f", lambda p, t: np.where(p[:, 1] != 0, p[:, 0] / p[:, 1], 0.0), 2, "t")
+    least, greatest = guarded.bounds(*box, time)
+    assert (least, greatest) == (-np.inf, np.inf)
+    kept_away = Formula.read("f", lambda p, t: p[:, 0] / np.maximum(np.square(p[:, 1]), 1e-3), 2, "t")
+    least, greatest = kept_away.bounds(*box, time)
+    np.testing.assert_allclose([least[0], greatest[0]], [-500.0, 500.0], rtol=1e-9)
+    assert "not proved where it may be 0" in refused(lambda p, t: np.nan_to_num(p[:, 0] / p[:, 1]), "nan_to_num")
 
 
 def test_errors_of_the_function_are_its_own_and_numpy_is_as_before():
