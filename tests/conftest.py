@@ -33,6 +33,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("repeatable")
 
+# Compiling makes objects by the million; by default Python looks for garbage after every 700.
+gc.set_threshold(100_000)
+
 
 # As many threads as a test asks for, however busy the machine is.
 free_cores, compiling.free_cores = compiling.free_cores, lambda: os.cpu_count() or 1

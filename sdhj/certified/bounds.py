@@ -87,7 +87,7 @@ def _within(
 ) -> FloatArray:
     """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
     own, out = list(axes), np.empty((2, len(low), 0))
-    ends, periodic = np.array([grid.lower, grid.upper])[:, own], np.array(grid.periodic)[own]
+    ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]
     for begin in range(0, len(low), BOXES):
         some = [np.ascontiguousarray(end[begin : begin + BOXES]) for end in (low, high)]
         size, many = len(some[0]), len(some[0]) << int(periodic.sum())

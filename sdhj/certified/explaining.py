@@ -179,7 +179,7 @@ class _Cell:
         high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
         cells = low + np.indices((high - low + 1).tolist()).reshape(len(low), -1).T
-        at, answer = cells % known.counts, np.empty((2, len(cells)), np.bool_)
+        at, answer = np.ascontiguousarray(cells % known.counts), np.empty((2, len(cells)), np.bool_)
         held_in_boxes(at, at, known, table.index[self.place], table.pool, answer)
         return cells, ~answer[0]
 

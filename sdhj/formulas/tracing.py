@@ -8,7 +8,7 @@ import itertools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -130,14 +130,17 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    users = _users(tuple(map(id, list(sys.modules.values()))))
-    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *users]
+    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users()]
 
 
-@lru_cache(maxsize=1)
-def _users(modules: tuple[int, ...]) -> list[dict[str, Any]]:
-    """What stands in the user's modules, where all have some ids: to look through thousands outlasts a trace."""
-    return [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
+_looked: list[Any] = [[], []]  # through which modules; and what was in those of the user
+
+
+def _users() -> list[dict[str, Any]]:
+    """What is in the user's modules, sought anew where one has come or gone: to look through all outlasts a trace."""
+    if _looked[0] != (modules := list(sys.modules.values())):
+        _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
+    return _looked[1]
 
 
 def _is_users(name: str, module: Any) -> bool:

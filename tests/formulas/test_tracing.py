@@ -7,7 +7,9 @@ import inspect
 import math
 import operator
 import re
+import sys
 import threading
+import types
 import warnings
 
 import numba
@@ -605,6 +607,17 @@ def test_errors_of_the_function_are_its_own_and_numpy_is_as_before():
     refused(lambda p, t: p[:, 0] if t > 0 else t, DECISION)
     assert {name: getattr(np, name) for name in before} == before
     assert nodes_of(lambda p, t: p[:, 0])[0].op == "x"
+
+
+def test_modules_that_come_and_go_between_traces_are_the_users_too(monkeypatch, tmp_path):
+    """A notebook imports and reloads: what the function calls is in another module at each trace, of the same name."""
+    for sign in (1, -1, 1):
+        helpers = types.ModuleType("helpers_of_a_robot")
+        helpers.__file__ = str(tmp_path / "helpers_of_a_robot.py")
+        exec(f"import numpy as np\ndef worse(a, b): return {sign} * np.max([a, b], axis=0)", vars(helpers))
+        monkeypatch.setitem(sys.modules, helpers.__name__, helpers)
+        check(lambda p, t, worse=helpers.worse: worse(p[:, 0], p[:, 1]), undefined=0.0)
+        assert helpers.np is np
 
 
 def test_a_trace_within_a_trace():

@@ -85,7 +85,7 @@ def test_however_angles_are_written_as_much_is_certified(tmp_path):
         lambda x, most: by_arctan2(x) - most,
         lambda x, most: np.cos(most) - np.cos(x),
     ]
-    tables = [sdhj.solve(robot(one), sdhj.Certified(cells=[400])) for one in written_as]
+    tables = [sdhj.solve(robot(one), sdhj.Certified(cells=[200])) for one in written_as]
     shares = [table.fraction(start=0) for table in tables]
     assert shares == pytest.approx([shares[-1]] * 3, abs=0.01) and shares[-1] > 0.5
     for table in tables[:2]:
