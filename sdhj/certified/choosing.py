@@ -15,7 +15,7 @@ are not linear; so each is divided by the power 1 - `SHARPNESS` of what a single
 
 Where a step loses nearly all, no step is of use, and only the target is to be proved. So cells are chosen twice, as if
 nothing was rounded out on axes with one velocity, and with that; and those are taken of which more is kept, where a
-loss of l leaves exp(-`STEEP` l), added up over the steps.
+loss of l leaves exp(-`DECAY` l), added up over the steps.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
@@ -45,7 +45,7 @@ WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
 LOSING_STEPS = 10  # over which losses are added up, at most
 SHARPNESS = 2 / 3
-STEEP = 0.4  # tells which of two numbers of cells proves more, of nine robots
+DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -80,7 +80,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         own = [cells[k][place] for k, place in enumerate(places)]
         once = sum(rates[0, k] * float(axis.width) for k, axis in enumerate(own))
         each = (sum(lost_to(problem, k, rates[:, k], [axis])[0] for k, axis in enumerate(own)) - once) / steps
-        return sum(math.exp(-STEEP * (once + n * each)) for n in range(steps + 1))
+        return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     without = rates * [[1.0], [1.0], [0.0]]
     places = max((_spread(problem, parts, seconds, speeds, cells, some) for some in (without, rates)), key=kept)
