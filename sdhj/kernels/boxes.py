@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import FEW, kernel
+from sdhj.kernels.compiling import FEW, UNCOUNTED, kernel
 from sdhj.kernels.stages import raise_to
 
 STRETCH = 1024  # nodes in one loop: long enough to vectorise, short enough for the first-level cache
@@ -38,7 +38,7 @@ def _limited(a, b):
     return lesser if a * b > 0 else a - a  # not a * 0: that would be of double precision
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _end(out, values, taps, weight, start, stop, raised):
     """The values between two nodes, of which the next ones are m and p; raised: the greater of them and `out`."""
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
@@ -55,7 +55,7 @@ def _end(out, values, taps, weight, start, stop, raised):
             out[i] = value if not raised or value > out[i] else out[i]
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
     """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]

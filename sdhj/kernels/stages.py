@@ -15,7 +15,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import FEW, chosen, inlined, kernel
+from sdhj.kernels.compiling import FEW, UNCOUNTED, chosen, inlined, kernel
 
 REACH = 3  # nodes to each side that the kernels can read
 BLOCKS = 64  # pieces that threads share a stage in
@@ -202,7 +202,7 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
         rhs[i] += half * _larger(abs(low), abs(high)) * (plus - minus)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def raise_to(out, wall):
     for i in range(out.size):
         out[i] = _larger(out[i], wall[i])

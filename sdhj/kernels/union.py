@@ -11,7 +11,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, over_interval
-from sdhj.kernels.compiling import FEW, inlined, kernel
+from sdhj.kernels.compiling import FEW, UNCOUNTED, inlined, kernel
 from sdhj.kernels.stages import BLOCKS, raise_to
 
 EIGHT = 8  # inputs at a time
@@ -42,7 +42,7 @@ def _reach(out, reach, j, row):
         _moved(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _moved(out, values, leaves, j, row):
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
@@ -50,7 +50,7 @@ def _moved(out, values, leaves, j, row):
     over_interval(out, source, start, start + out.size, node % leaves.taps.shape[1], leaves.which[j], leaves, False)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _least(out, reach, j, row):
     """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
     values, begin, at, width, nodes = reach
@@ -79,7 +79,7 @@ def _least(out, reach, j, row):
             out[start + np.uint64(node)] = level
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _raised(out, wall, highest, level):
     """Raise a row to that of a wall; where that has one value only, return the greater of it and `level` instead.
 
@@ -106,7 +106,7 @@ def _joined(rest, bit, best, marks, i):
     return _joined(rest[1:], np.int32(bit + bit), value if value < best else best, more, i)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _join(tube, marks, reach, levels):
     """Add eight inputs to a row; marks in lanes as wide as the values, or the loop would not be vectorised."""
     inputs = (
@@ -122,6 +122,24 @@ def _join(tube, marks, reach, levels):
     for i in range(tube.size):
         tube[i], found = _joined(inputs, np.int32(1), tube[i], np.int32(0), i)
         marks[i] |= np.uint8(found)
+
+
+@kernel(**UNCOUNTED)
+def _add_to_row(tube, marks, reach, which, walls, before, row, room):
+    """What `add_inputs` does of one row, for the inputs in range(*which); `room` has eight rows and as many levels."""
+    (found, levels), (first, end), size = room, which, tube.shape[1]
+    for i in range(size):
+        tube[row, i] = before[row, i]
+    for byte in range(first // EIGHT, (end + EIGHT - 1) // EIGHT):
+        for q in range(EIGHT):
+            j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
+            if first <= j < end:
+                _reach(found[q], reach, j - first, row)
+                line, level = found[q, :size], tube.dtype.type(-np.inf)
+                at = walls.static_at[row]
+                level = _raised(line, walls.static[j, at], walls.highest[j, at], level)
+                levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], tube.dtype.type(np.inf), level)
+        _join(tube[row], marks[byte, row], found, levels)
 
 
 @kernel(parallel=True, least=FEW)
@@ -140,15 +158,4 @@ def add_inputs(tube, marks, reach, count, first, walls, before):
     for block in prange(blocks):
         found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
-            for i in range(size):
-                tube[row, i] = before[row, i]
-            for byte in range(first // EIGHT, (first + count + EIGHT - 1) // EIGHT):
-                for q in range(EIGHT):
-                    j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
-                    if first <= j < first + count:
-                        _reach(found[q], reach, j - first, row)
-                        line, level = found[q, :size], tube.dtype.type(-np.inf)
-                        at = walls.static_at[row]
-                        level = _raised(line, walls.static[j, at], walls.highest[j, at], level)
-                        levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], tube.dtype.type(np.inf), level)
-                _join(tube[row], marks[byte, row], found, levels)
+            _add_to_row(tube, marks, reach, (first, first + count), walls, before, row, (found, levels))
