@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import kernel
+from sdhj.kernels.compiling import UNCOUNTED, kernel
 
 STATE_SLACK = 1e-10  # of a state's coordinate: see the docstring of sdhj.certified.sets
 TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
@@ -157,7 +157,7 @@ def add_certified(cells, first, number, allowed, clear, out):
 # calls of parallel kernels from several threads at once.
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def cells_at(state, cells, found):
     """The cells within STATE_SLACK of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
 

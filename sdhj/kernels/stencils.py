@@ -12,7 +12,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import kernel
+from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.packed import BIT, STATE_SLACK, cells_at, has_bit, has_bits, row_and_bit
 
 
@@ -58,7 +58,7 @@ def cell_of(number, counts, cell):
         number //= counts[axis]
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def image_inside(cell, low, high, safe, cells, index, pool, room):
     """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
 
@@ -102,34 +102,41 @@ def grow(near, own, following, clear, moves, groups, cells, keep):
     near (R, W) bool: the words; own, following (R, W), `own` modified in place. The moves are `groups` of one length;
     of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is (0, 0).
     """
-    last, ndim, some = cells.counts[-1], cells.counts.size, moves.low.shape[0] // groups
-    index = np.arange(len(own))
+    index, ndim = np.arange(len(own)), cells.counts.size
     for i in prange(len(own)):
         row = np.int64(i)
-        if not near[row].any():
+        if near[row].any():
+            room = np.empty((4, ndim), np.int64)
+            grow_row(row, near[row], own[row], (index, following), clear, moves, groups, cells, keep, room)
+
+
+@kernel(**UNCOUNTED)
+def grow_row(row, near, own, following, clear, moves, groups, cells, keep, room):
+    """What `grow` does of one row; following (index, pool) as `image_inside` takes it, room (4, ndim)."""
+    (index, pool), last, some = following, cells.counts[-1], moves.low.shape[0] // groups
+    cell, room, begin, tried = room[0], room[1:], 0, 0
+    cell_of(row * last, cells.counts, cell)
+    for axis in range(cell.size):
+        begin += cell[axis] * moves.strides[axis]
+    for bit in range(last):
+        if not near[bit >> 6] or has_bit(own, bit) != keep:
             continue
-        cell, room, tried = np.empty(ndim, np.int64), np.empty((3, ndim), np.int64), 0
-        cell_of(row * last, cells.counts, cell)
-        begin = np.sum(cell * moves.strides)
-        for bit in range(last):
-            if not near[row, bit >> 6] or has_bit(own[row], bit) != keep:
-                continue
-            cell[ndim - 1], number, found = bit, row * last + bit, True
-            place = begin + bit * moves.strides[ndim - 1]
-            for group in range(groups):
-                found = False
-                for turn in range(some):
-                    j = (tried + turn) % some  # what served before is tried first
-                    at = group * some + j
-                    if (clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image_inside(
-                        cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, following, room
-                    ):
-                        found, tried = True, j
-                        break
-                if not found:
+        cell[cell.size - 1], number, found = bit, row * last + bit, True
+        place = begin + bit * moves.strides[cell.size - 1]
+        for group in range(groups):
+            found = False
+            for turn in range(some):
+                j = (tried + turn) % some  # what served before is tried first
+                at = group * some + j
+                if (clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image_inside(
+                    cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, pool, room
+                ):
+                    found, tried = True, j
                     break
-            if found != keep:
-                own[row, bit >> 6] ^= BIT << np.uint64(bit & 63)
+            if not found:
+                break
+        if found != keep:
+            own[bit >> 6] ^= BIT << np.uint64(bit & 63)
 
 
 @kernel()
@@ -139,9 +146,14 @@ def reached_words(rows, changed, reach, cells, out):
     changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
     input leads from any place, first and last. out (R, W) bool: words are set to True.
     """
-    last, words = cells.counts.size - 1, out.shape[1]
-    cell, begin, number = np.empty(last, np.int64), np.empty(last, np.int64), np.empty(last, np.int64)
-    hit = np.empty(words, np.bool_)
+    room, hit = np.empty((3, cells.counts.size - 1), np.int64), np.empty(out.shape[1], np.bool_)
+    mark_reached(rows, changed, reach, cells, out, room, hit)
+
+
+@kernel(**UNCOUNTED)
+def mark_reached(rows, changed, reach, cells, out, room, hit):
+    """As `reached_words`, in some room: (3, ndim - 1), and (W,) bool."""
+    (cell, begin, number), last, words = (room[0], room[1], room[2]), cells.counts.size - 1, out.shape[1]
     for i in range(rows.size):
         cell_of(rows[i], cells.counts[:last], cell)
         for j in range(reach.shape[0]):
@@ -221,7 +233,7 @@ class Placed(NamedTuple):
     safe: FloatArray
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def parts_inside(cell, tube, layout):
     """In how many parts of the interval, from the first on, what was in a cell may still be between the safe ends."""
     for axis in range(cell.size):
@@ -245,21 +257,26 @@ def strike(clear, tubes, places, lattice, bit, layout):
     clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
     cell at a place move in each part of the interval. places (begin, end) of the cells looked at.
     """
-    groups, last = layout.free // layout.abreast, lattice.axes.size - 1
-    total = (places[1] - places[0]) * groups
+    ndim, last, abreast = layout.counts.size, lattice.axes.size - 1, layout.abreast
     for chunk in prange(CHUNKS):
-        cell, at = np.empty(layout.counts.size, np.int64), np.empty((2, last), np.int64)
-        along, found = np.empty((2, layout.abreast), np.int64), np.empty(layout.abreast, np.int64)
-        open_ = np.empty(layout.abreast, np.bool_)
-        for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
-            place = places[0] + i // groups
-            first = layout.begin[place] + layout.offset[i % groups * layout.abreast]
-            left = False
-            for n in range(layout.abreast):
-                open_[n] = clear[first + n] & bit != 0
-                left |= open_[n]
-            if not left:
-                continue
+        cell, at, along = np.empty(ndim, np.int64), np.empty((2, last), np.int64), np.empty((2, abreast), np.int64)
+        room = cell, at, along, np.empty(abreast, np.int64), np.empty(abreast, np.bool_)
+        strike_some(clear, tubes, places, lattice, bit, layout, np.int64(chunk), room)
+
+
+@kernel(**UNCOUNTED)
+def strike_some(clear, tubes, places, lattice, bit, layout, chunk, room):
+    """What one thread does of `strike`, the chunk of so many of `CHUNKS`."""
+    (cell, at, along, found, open_), groups = room, layout.free // layout.abreast
+    total = (places[1] - places[0]) * groups
+    for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
+        place = places[0] + i // groups
+        first = layout.begin[place] + layout.offset[i % groups * layout.abreast]
+        left = False
+        for n in range(layout.abreast):
+            open_[n] = clear[first + n] & bit != 0
+            left |= open_[n]
+        if left:
             cell_of(first, layout.counts, cell)
             tube = tubes[place - places[0]]
             tube = tube[: parts_inside(cell, tube, layout)]
@@ -267,7 +284,7 @@ def strike(clear, tubes, places, lattice, bit, layout):
             strike_abreast(some, cell, tube, lattice, bit, layout.edges, open_, (at, along, found))
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
     """Clear a bit of those of some cells (n,), abreast of a first, that are open, where a tube may meet a set.
 
@@ -316,15 +333,29 @@ def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
 def strike_ends(clear, tubes, places, faces, bit, layout):
     """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none."""
     ndim = layout.counts.size
-    for i in prange((places[1] - places[0]) * layout.free):
-        cell, place = np.empty(ndim, np.int64), places[0] + i // layout.free
-        number = layout.begin[place] + layout.offset[i % layout.free]
+    for chunk in prange(CHUNKS):
+        cell, far = np.empty(ndim, np.int64), np.empty((2, ndim))
+        strike_some_ends(clear, tubes, places, faces, bit, layout, np.int64(chunk), cell, far)
+
+
+@kernel(**UNCOUNTED)
+def strike_some_ends(clear, tubes, places, faces, bit, layout, chunk, cell, far):
+    """What one thread does of `strike_ends`. far (2, ndim): how far the ends of a cell get, kept while that is so."""
+    total, known, edges = (places[1] - places[0]) * layout.free, (-1, -1), layout.edges
+    for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
+        place = places[0] + i // layout.free
+        number, tube = layout.begin[place] + layout.offset[i % layout.free], tubes[place - places[0]]
         cell_of(number, layout.counts, cell)
-        tube = tubes[place - places[0]]
-        tube = tube[: parts_inside(cell, tube, layout)]
-        for axis in range(ndim):
-            if layout.edges[axis, cell[axis]] + tube[:, axis, 0].min() < faces[0, axis] or (
-                layout.edges[axis, cell[axis] + 1] + tube[:, axis, 1].max() > faces[1, axis]
+        parts = parts_inside(cell, tube, layout)
+        if known != (place, parts):
+            known, far[0], far[1] = (place, parts), np.inf, -np.inf
+            for part in range(parts):
+                for axis in range(cell.size):
+                    far[0, axis] = min(far[0, axis], tube[part, axis, 0])
+                    far[1, axis] = max(far[1, axis], tube[part, axis, 1])
+        for axis in range(cell.size):
+            if edges[axis, cell[axis]] + far[0, axis] < faces[0, axis] or (
+                edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
             ):
                 clear[number] &= ~bit
 
