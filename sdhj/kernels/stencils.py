@@ -73,17 +73,16 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
             begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
         elif end - begin >= count:
             begin, end = 0, count - 1
-        first[axis], number[axis], at[axis] = begin, end - begin + 1, 0
+        first[axis], number[axis], at[axis] = begin % count, end - begin + 1, 0
         total *= number[axis] if axis < last else 1
-    count = cells.counts[last]
-    begin = first[last] % count
-    end = begin + number[last]
+    whole, begin, end = cells.counts[last], first[last], first[last] + number[last]
     for _ in range(total):
         row = 0
         for axis in range(last):
-            row = row * cells.counts[axis] + (first[axis] + at[axis]) % cells.counts[axis]
+            count, place = cells.counts[axis], first[axis] + at[axis]
+            row = row * count + (place if place < count else place - count)  # a remainder takes longest
         block = pool[index[row]]
-        if not has_bits(block, begin, min(end, count)) or (end > count and not has_bits(block, 0, end - count)):
+        if not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
         axis = last - 1
         while axis >= 0:
@@ -146,14 +145,14 @@ def reached_words(rows, changed, reach, cells, out):
     changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
     input leads from any place, first and last. out (R, W) bool: words are set to True.
     """
-    room, hit = np.empty((3, cells.counts.size - 1), np.int64), np.empty(out.shape[1], np.bool_)
+    room, hit = np.empty((4, cells.counts.size - 1), np.int64), np.empty(out.shape[1], np.bool_)
     mark_reached(rows, changed, reach, cells, out, room, hit)
 
 
 @kernel(**UNCOUNTED)
 def mark_reached(rows, changed, reach, cells, out, room, hit):
-    """As `reached_words`, in some room: (3, ndim - 1), and (W,) bool."""
-    (cell, begin, number), last, words = (room[0], room[1], room[2]), cells.counts.size - 1, out.shape[1]
+    """As `reached_words`, in some room: (4, ndim - 1), and (W,) bool."""
+    (cell, begin, number, at), last, words = (room[0], room[1], room[2], room[3]), cells.counts.size - 1, out.shape[1]
     for i in range(rows.size):
         cell_of(rows[i], cells.counts[:last], cell)
         for j in range(reach.shape[0]):
@@ -161,7 +160,8 @@ def mark_reached(rows, changed, reach, cells, out, room, hit):
             for axis in range(last):
                 count, periodic = cells.counts[axis], cells.periodic[axis]
                 begin[axis], end = led_from(cell[axis], cell[axis], reach[j, :, axis], count, periodic)
-                number[axis] = end - begin[axis] + 1
+                number[axis], at[axis] = end - begin[axis] + 1, 0
+                begin[axis] %= count
                 total *= max(number[axis], 0)
             hit[:] = False
             for word in range(words):
@@ -172,15 +172,20 @@ def mark_reached(rows, changed, reach, cells, out, room, hit):
                     first %= count
                     hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True
                     hit[: ((end - count) >> 6) + 1 if end >= count else 0] = True
-            for code in range(total):
-                rest, flat, stride = code, 0, 1
-                for back in range(last):
-                    axis = last - 1 - back
-                    flat += (begin[axis] + rest % number[axis]) % cells.counts[axis] * stride
-                    rest //= number[axis]
-                    stride *= cells.counts[axis]
+            for _ in range(total):
+                flat = 0
+                for axis in range(last):
+                    count, place = cells.counts[axis], begin[axis] + at[axis]
+                    flat = flat * count + (place if place < count else place - count)  # a remainder takes longest
                 for word in range(words):
                     out[flat, word] |= hit[word]
+                axis = last - 1
+                while axis >= 0:
+                    at[axis] += 1
+                    if at[axis] < number[axis]:
+                        break
+                    at[axis] = 0
+                    axis -= 1
 
 
 @kernel(inline="always")
