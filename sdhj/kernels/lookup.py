@@ -140,14 +140,14 @@ def _reduce(values, source, nodes, rest, near, far):
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, ends, own, order, lattice, room, out):
+def _worst_values(values, state, ends, column, order, lattice, room, out):
     """out[j] = maximum of the interpolated `values` over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
     _gather(values, state, order, lattice, room)
-    low, high, rest = ends[0, :, :, own], ends[1, :, :, own], room.rest
+    low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
         for a in range(order.size):
@@ -200,7 +200,7 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
 
 
 @kernel(**UNCOUNTED)
-def _by_tubes(m, own, states, when, shelf, ends, space, out):
+def _by_tubes(m, column, states, when, shelf, ends, space, out):
     """The answers for one state, but for the look at the true sets."""
     (order, lattice, room), (to_go, safe, margins, best), (step, within) = space, out, when
     state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
@@ -216,19 +216,19 @@ def _by_tubes(m, own, states, when, shelf, ends, space, out):
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
     tube = shelf.tubes[shelf.index[following + n - 1]]
-    _worst_values(tube, state, ends, own, order, lattice, room, margins[m])
+    _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
     best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m])
 
 
 @kernel(**UNCOUNTED)
-def _hull(ends, own, spacing, hull):
+def _hull(ends, column, spacing, hull):
     """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
     size = 1.0
     for axis in range(ends.shape[2]):
-        hull[0, axis], hull[1, axis] = ends[0, 0, axis, own], ends[1, 0, axis, own]
+        hull[0, axis], hull[1, axis] = ends[0, 0, axis, column], ends[1, 0, axis, column]
         for j in range(1, ends.shape[1]):
-            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, own])
-            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, own])
+            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column])
+            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column])
         size *= np.ceil((hull[1, axis] - hull[0, axis]) / spacing[axis] + 1e-6) + 2.0
     return int(size)
 
@@ -254,17 +254,17 @@ def _lattice(ints, floats):
 @kernel(**UNCOUNTED)
 def _place(at, state, j, box, lattice, look, spots):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
-    (ends, own), (times, faces), (points, past) = box, look, spots
+    (ends, column), (times, faces), (points, past) = box, look, spots
     ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
         spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
         for axis in range(ndim):
             x = state[axis]
             if i > last:
-                x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, own]
+                x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, column]
             elif i > 0:
-                x += share * ends[2, j, axis, own]
-                x += share * share * ends[3, j, axis, own]
+                x += share * ends[2, j, axis, column]
+                x += share * share * ends[3, j, axis, column]
                 lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
             out |= (x < lattice.left[axis]) | (x > lattice.left[ndim + axis])
             x = min(max(x, faces[axis]), faces[ndim + axis])
@@ -477,13 +477,13 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
                 for r in range(some.size):
                     near[term, j, axis, r] = ends[term, j, axis, begin + r]
         for r in range(some.size if looks != ONLY_LOOK else 0):
-            own = 0 if alike else r
+            column = 0 if alike else r
             if not alike or begin + r == 0:
-                needed = _hull(near, own, lattice.spacing, room.hull)
+                needed = _hull(near, column, lattice.spacing, room.hull)
                 if needed > size:
                     size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
                     room = Room(*room[:7], *block)  # type: ignore[call-arg]
-            _by_tubes(some[r], own, states, (step, within), shelf, near, (order, lattice, room), out)
+            _by_tubes(some[r], column, states, (step, within), shelf, near, (order, lattice, room), out)
         table, ahead = (shelf, lattice, room), (near, scores)
         if looks != TUBES and not _look(some, when, states, packs, ahead, table, out, spots):
             return False

@@ -95,22 +95,23 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
 
 
 @kernel(parallel=True)
-def grow(near, own, following, clear, moves, groups, cells, keep):
+def grow(near, inside, following, clear, moves, groups, cells, keep):
     """Of the cells in some words, add those led into `following` by a move of each group; keep: only such stay in.
 
-    near (R, W) bool: the words; own, following (R, W), `own` modified in place. The moves are `groups` of one length;
-    of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is (0, 0).
+    near (R, W) bool: the words; inside, following (R, W): the sets, `inside` modified in place. The moves are `groups`
+    of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is
+    (0, 0).
     """
-    index, ndim = np.arange(len(own)), cells.counts.size
-    for i in prange(len(own)):
+    index, ndim = np.arange(len(inside)), cells.counts.size
+    for i in prange(len(inside)):
         row = np.int64(i)
         if near[row].any():
             room = np.empty((4, ndim), np.int64)
-            grow_row(row, near[row], own[row], (index, following), clear, moves, groups, cells, keep, room)
+            grow_row(row, near[row], inside[row], (index, following), clear, moves, groups, cells, keep, room)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, near, own, following, clear, moves, groups, cells, keep, room):
+def grow_row(row, near, inside, following, clear, moves, groups, cells, keep, room):
     """What `grow` does of one row; following (index, pool) as `image_inside` takes it, room (4, ndim)."""
     (index, pool), last, some = following, cells.counts[-1], moves.low.shape[0] // groups
     cell, room, begin, tried = room[0], room[1:], 0, 0
@@ -118,7 +119,7 @@ def grow_row(row, near, own, following, clear, moves, groups, cells, keep, room)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
     for bit in range(last):
-        if not near[bit >> 6] or has_bit(own, bit) != keep:
+        if not near[bit >> 6] or has_bit(inside, bit) != keep:
             continue
         cell[cell.size - 1], number, found = bit, row * last + bit, True
         place = begin + bit * moves.strides[cell.size - 1]
@@ -135,7 +136,7 @@ def grow_row(row, near, own, following, clear, moves, groups, cells, keep, room)
             if not found:
                 break
         if found != keep:
-            own[bit >> 6] ^= BIT << np.uint64(bit & 63)
+            inside[bit >> 6] ^= BIT << np.uint64(bit & 63)
 
 
 @kernel()
@@ -219,7 +220,7 @@ def boxes_along(low, high, k, lattice):
     return first, max(last, first + 1)
 
 
-CHUNKS = 64  # that cells are looked at in, each with its own scratch memory
+CHUNKS = 64  # that cells are looked at in, each with scratch memory
 
 
 class Placed(NamedTuple):
@@ -307,8 +308,8 @@ def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
                 low, high = min(low, tube[other, axis, 0]), max(high, tube[other, axis, 1])
             low, high = low + lattice.narrow[k], high - lattice.narrow[k]
             for n in range(open_.size if k == last else 1):
-                own = cell[axis] + n
-                ends = boxes_along(edges[axis, own] + low, edges[axis, own + 1] + high, k, lattice)
+                number = cell[axis] + n
+                ends = boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
                 if k == last:
                     along[0, n], along[1, n] = ends
                 else:
