@@ -107,13 +107,13 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
         row = np.int64(i)
         if near[row].any():
             room = np.empty((4, ndim), np.int64)
-            grow_row(row, near[row], inside[row], (index, following), clear, moves, groups, cells, keep, room)
+            grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, room)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, near, inside, following, clear, moves, groups, cells, keep, room):
-    """What `grow` does of one row; following (index, pool) as `image_inside` takes it, room (4, ndim)."""
-    (index, pool), last, some = following, cells.counts[-1], moves.low.shape[0] // groups
+def grow_row(row, sets, clear, moves, groups, cells, keep, room):
+    """What `grow` does of one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; room (4, ndim)."""
+    (near, inside, index, pool), last, some = sets, cells.counts[-1], moves.low.shape[0] // groups
     cell, room, begin, tried = room[0], room[1:], 0, 0
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
@@ -340,13 +340,14 @@ def strike_ends(clear, tubes, places, faces, bit, layout):
     """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none."""
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
-        cell, far = np.empty(ndim, np.int64), np.empty((2, ndim))
-        strike_some_ends(clear, tubes, places, faces, bit, layout, np.int64(chunk), cell, far)
+        room = np.empty(ndim, np.int64), np.empty((2, ndim))
+        strike_some_ends(clear, tubes, places, faces, bit, layout, np.int64(chunk), room)
 
 
 @kernel(**UNCOUNTED)
-def strike_some_ends(clear, tubes, places, faces, bit, layout, chunk, cell, far):
-    """What one thread does of `strike_ends`. far (2, ndim): how far the ends of a cell get, kept while that is so."""
+def strike_some_ends(clear, tubes, places, faces, bit, layout, chunk, room):
+    """What one thread does of `strike_ends`; how far (2, ndim) the ends of a cell get is kept while that is so."""
+    cell, far = room
     total, known, edges = (places[1] - places[0]) * layout.free, (-1, -1), layout.edges
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = places[0] + i // layout.free
