@@ -17,7 +17,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from tempfile import TemporaryDirectory, gettempdir
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
 import click
 import numpy as np
@@ -34,11 +34,11 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import MOST_RUNS, monte_carlo, simulate
+from sdhj.simulation.runs import MOST_RUNS, monte_carlo, said, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
 from sdhj.table.controller import Controller
-from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, header, opened, writable_file
+from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, checked_head, header, opened, writable_file
 
 
 def stop(number: int, frame: FrameType | None) -> None:
@@ -153,7 +153,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
     for t, at in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at))
-    click.echo(f"outcome: {trajectory.outcome}")
+    click.echo(f"outcome: {said(trajectory.outcome, controller.problem.stays)}")
 
 
 @main.command()
@@ -161,15 +161,25 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
 @plainly
 def info(table: Path) -> None:
     """Print what a table contains and how it was computed."""
-    with opened(table) as (head, file):
-        mathematics = in_mathematics(head, arrays_in(file))
+    if (table / "zarr.json").is_file():
+        store = cast(Any, load(table)).store
+        head = checked_head(store.head)
+        mathematics = in_mathematics(head, store.functions)
+    else:
+        with opened(table) as (head, file):
+            mathematics = in_mathematics(head, arrays_in(file))
     grid, steps = head["grid"], head["steps"]
     name = click.format_filename(table)
     click.echo(f"{name}: {head['problem']}, method {head['method']}, written by sdhj {head['sdhj_version']}")
     for axis, (low, high, n) in enumerate(zip(grid.lower, grid.upper, grid.shape, strict=True)):
-        kind = "periodic" if grid.periodic[axis] else "bounded"
+        ends = " and ".join(dict.fromkeys(grid.ends[axis]))  # of the lower and of the upper end
+        kind = "periodic" if grid.periodic[axis] else f"bounded, {ends} ends"
         click.echo(f"  {grid.names[axis]}: {n} nodes on [{low:g}, {high:g}], {kind}")
-    click.echo(f"  {steps} steps of {head['delta']:g} s, {len(head['inputs'])} inputs, view-time {head['view_time']}")
+    lasting = " (steps=None)" if head["details"].get("endless") else ""
+    much = f"{len(head['inputs'])} inputs, view-time {head['view_time']}"
+    click.echo(f"  {steps} steps of {head['delta']:g} s{lasting}, {much}")
+    if head["sensing"]:
+        click.echo("  sensing: " + ", ".join(f"{name} {value}" for name, value in vars(head["sensing"]).items()))
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
     for line in mathematics:
@@ -201,10 +211,13 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     text = letters + [f"d{name}/dt = {one}" for name, one in zip(grid.names, rates, strict=False)]
     text += [f"|{one}| <= {bound}" for one, bound in zip(v, most, strict=True) if bound != "0"]
     lines += [f"  {one}" for one in text]
+    if all(entry["kind"] != "target" for entry in head["sets"]):
+        lines.append("no target: the robot only has to stay clear")
     for name, entry in sets_in(head).items():
         if name in found:
+            chosen = "" if entry.get("sampling", "nodes") == "nodes" else f", sampling {entry['sampling']}"
             *letters, value = shown(found[name].outputs, [grid.names[axis] for axis in entry["axes"]])
-            lines += [f"{entry['kind']} {entry['name']!r}:", *(f"  {one}" for one in letters), f"  {value} <= 0"]
+            lines += [f"{entry['kind']} {entry['name']!r}{chosen}:", *(f"  {one}" for one in letters), f"  {value} <= 0"]
     return lines
 
 
@@ -223,7 +236,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
 def verify_command(context: click.Context, table: Path, samples: int, seed: int, problem: str | None) -> None:
     """Check every claim of a certified table again."""
     if header(table)["method"] != "certified":
-        how = "make a certified table with `sdhj solve --method certified`"
+        how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
         raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
     began, given = time.perf_counter(), user_problem(problem)
     if given is not None:

@@ -103,7 +103,7 @@ def test_options_that_do_not_go_together_are_refused(saved):
 
 def test_tubes_without_a_proof_are_not_verified(saved):
     result = run("verify", saved)
-    assert result.exit_code == 2 and "interpolated tubes, which have no proof; make a certified" in result.output
+    assert result.exit_code == 2 and "interpolated tubes, which have no proof; solve(problem, \"certified\")" in result.output
 
 
 def test_damaged_file_is_one_line(tmp_path):
@@ -185,7 +185,7 @@ def test_info_says_which_black_boxes_there_are(tmp_path):
     sdhj.solve(black_car(), progress=False).save(path)
     result = run("info", path)
     assert result.exit_code == 0 and "share of C" not in result.output
-    assert "  unsafe 'pillar':\n    hypot(x - 0.8, y) - 0.2 <= 0\n" in result.output
+    assert "  unsafe 'pillar', sampling steep:\n    hypot(x - 0.8, y) - 0.2 <= 0\n" in result.output
     assert (
         "load(path, problem=...) needs the problem:\n    drift: a BlackBox with reads, slope, rate\n" in result.output
     )
@@ -193,6 +193,47 @@ def test_info_says_which_black_boxes_there_are(tmp_path):
     refused = run("simulate", path)
     (line,) = refused.output.splitlines()
     assert refused.exit_code == 2 and "black boxes (drift: a BlackBox with reads, slope, rate)" in line
+
+
+def test_info_says_what_a_promise_rests_on(tmp_path):
+    """Which ends count as what, how sets were sampled, what is sensed, that there is no target, and that it lasts."""
+    own = unicycle_problem(nodes=(9, 9, 8), steps=1)
+    ends, (post,) = ["unsafe", ["wall", "safe"], "unsafe"], own.unsafe
+    grid = sdhj.Grid(own.grid.lower, own.grid.upper, own.grid.shape, own.grid.periodic, ends=ends)
+    stays = dataclasses.replace(
+        own, grid=grid, target=None, steps=None, unsafe=(dataclasses.replace(post, sampling="cell"),)
+    )
+    sdhj.solve(stays, progress=False, play=False).save(tmp_path / "stays.h5")
+    shown = run("info", tmp_path / "stays.h5").output
+    for text in (
+        "  x1: 9 nodes on [-1.5, 1.5], bounded, unsafe ends\n",
+        "  x2: 9 nodes on [-1.5, 1.5], bounded, wall and safe ends\n",
+        " steps of 0.2 s (steps=None), 3 inputs",
+        "  no target: the robot only has to stay clear\n  unsafe 'pillar', sampling cell:\n",
+    ):
+        assert text in shown, shown
+    sensed = dataclasses.replace(own, sensing=sdhj.Sensing(error=0.01, delay=0.05, jitter=0.02))
+    sdhj.solve(sensed, progress=False).save(tmp_path / "sensed.h5")
+    shown = run("info", tmp_path / "sensed.h5").output
+    assert "  sensing: error 0.01, delay 0.05, jitter 0.02, rest 0\n" in shown and "bounded, wall ends" in shown, shown
+
+
+def test_info_of_a_store_is_that_of_a_file(tmp_path):
+    pytest.importorskip("zarr")
+    problem = torus_problem(nodes=12, steps=2)
+    sdhj.solve(problem, progress=False, store=tmp_path / "own.zarr")
+    sdhj.load(tmp_path / "own.zarr").loaded().save(tmp_path / "own.h5")
+    of_store, of_file = (run("info", tmp_path / name).output.splitlines() for name in ("own.zarr", "own.h5"))
+    assert of_store[0] == of_file[0].replace("own.h5", "own.zarr") and of_store[1:] == of_file[1:]
+
+
+def test_who_stays_clear_reaches_nothing(tmp_path):
+    own = unicycle_problem(nodes=(9, 9, 8), steps=1)
+    sdhj.solve(dataclasses.replace(own, target=None), progress=False).save(tmp_path / "stays.h5")
+    many = run("simulate", tmp_path / "stays.h5", "--runs", 5)
+    one = run("simulate", tmp_path / "stays.h5", "--start", "-1,1,0")
+    assert "\nstayed clear " in many.output and "stayed clear for 1.00 steps on average" in many.output, many.output
+    assert one.output.endswith("outcome: stayed clear\n") and "reached" not in many.output + one.output
 
 
 def test_info_shows_a_disturbance_that_enters_as_it_likes(tmp_path):

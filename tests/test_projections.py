@@ -640,8 +640,9 @@ def test_a_dropped_axis_of_an_unsafe_set_alone_is_reported():
 def test_tubes_that_do_not_grow_are_reported():
     """The disturbance outruns the target: the projections are sound, and still nothing is won."""
     problem = sdhj.arm_case_study(nodes=9, steps=1, v_p_max=5.0)
-    with pytest.warns(ProjectionWarning, match="never grow"):
-        solve_quietly(problem, "projected")
+    with pytest.warns(ProjectionWarning, match="never grow") as told:
+        sdhj.solve(problem, "projected", progress=False)
+    assert {one.filename for one in told} == {__file__}  # the line that called solve
 
 
 def test_the_table_is_an_ordinary_one(tmp_path):

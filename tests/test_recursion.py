@@ -283,6 +283,19 @@ def test_something_else_than_a_problem_is_named():
         sdhj.solve(None)
 
 
+@pytest.mark.parametrize("method", ["hji", "lax"])
+def test_units_that_cannot_be_meant_are_named(method):
+    """At 10^10 m/s the ends of the axis would be played on 10^11 nodes."""
+    inputs = [[1e10], [0.0]]
+    problem = dataclasses.replace(
+        interval_problem(unsafe=False),
+        grid=sdhj.Grid([-2.0], [2.0], [41]),
+        dynamics=sdhj.Dynamics(inputs, inputs, [[1.0]], [0.1]),
+    )
+    with pytest.raises(ValueError, match=r"cells to be crossed, .* the velocity is up to 1e\+10 .* check their units"):
+        sdhj.solve(problem, method, progress=False)
+
+
 def test_an_unsafe_set_between_the_nodes_is_told():
     """A wall of 0.08 m on nodes 0.2 m apart: no table can know of it."""
     problem = interval_problem(nodes=41, unsafe=False)

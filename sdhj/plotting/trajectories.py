@@ -26,7 +26,7 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
     """
     problem = table.problem
     where = plane(problem.grid, run.states[0], axes)
-    n = int(run.steps_to_go[0])
+    n = int(run.steps_to_go[0]) if len(run.inputs) else 0  # a run that starts in the target has no inputs
     draw_set(ax, where, where.of(problem.grid, table.values(start=0, within=n)), FULL_LOOKS, "tube", zorder=1.0)
     draw_constraints(ax, problem, through=run.states[0], axes=axes)
     then = where.true(problem.target, float(run.times[-1]))

@@ -84,6 +84,11 @@ def score_interval(count: int, runs: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
+def said(outcome: str, stays: bool) -> str:
+    """What an outcome is called where people read it: without a target, nothing is reached."""
+    return "stayed clear" if stays and outcome == "reached" else outcome
+
+
 @dataclass(frozen=True)
 class Report:
     """The outcomes of many simulated runs; `str()` formats them as a table. Returned by `monte_carlo`.
@@ -100,6 +105,8 @@ class Report:
         The number of intervals of each run.
     seconds : float
         Wall-clock time.
+    stays : bool
+        Whether there is no target, so that who has "reached" has stayed clear.
     """
 
     runs: int
@@ -112,6 +119,7 @@ class Report:
     outcomes: FloatArray = field(repr=False)
     steps: FloatArray = field(repr=False)
     seconds: float
+    stays: bool = False
 
     def rate(self, outcome: str) -> float:
         """The share of the runs that had this outcome."""
@@ -126,10 +134,11 @@ class Report:
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            lines.append(f"{outcome:<13}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
+            lines.append(f"{said(outcome, self.stays):<13}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
-            lines.append(f"reached after {reached.mean():.2f} steps on average, {reached.max()} at most")
+            done = said("reached", self.stays) + (" for" if self.stays else " after")
+            lines.append(f"{done} {reached.mean():.2f} steps on average, {reached.max()} at most")
         lines.append(f"took {self.seconds:.1f} s")
         return "\n".join(lines)
 
@@ -270,6 +279,7 @@ def monte_carlo(
         outcomes=outcomes,
         steps=taken,
         seconds=time.perf_counter() - began,
+        stays=controller.problem.stays,
     )
 
 

@@ -17,6 +17,7 @@ from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
 from sdhj.solver.games import Games
+from sdhj.solver.schemes import checked_travel
 from sdhj.table.table import AvoidTubes
 
 MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
@@ -101,8 +102,8 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
     place, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
     delta = problem.interval(0).delta
-    speed = max(problem.interval(step).speeds[axis] for step in range(problem.steps if timed else 1))
-    more = int(np.ceil(speed * delta / grid.spacing[place])) + MARGIN
+    speeds = np.max([problem.interval(step).speeds for step in range(problem.steps if timed else 1)], axis=0)
+    more = int(np.ceil(checked_travel(problem.grid, speeds, delta)[axis])) + MARGIN
     widened = np.array([more * (i == place) for i in range(len(axes))])
     # a state that leaves through a safe end is out of danger here too
     ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]

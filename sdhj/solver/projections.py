@@ -224,7 +224,7 @@ class ProjectedSets(GridSets):
         free = {self._name(place): share for place, share in sorted(games.free.items())}
         found = self._findings(table, kept, free)
         for sentence in found:
-            warnings.warn(sentence, ProjectionWarning, stacklevel=5)
+            warnings.warn(sentence, ProjectionWarning, stacklevel=4)
         return {"target_kept": kept, "free": free, "warnings": found}
 
     def _name(self, place: int) -> str:

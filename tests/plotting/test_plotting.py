@@ -251,6 +251,15 @@ def test_a_run_of_any_robot_on_any_slice():
     assert len(marks.get_xdata()) == len(run.samples) > 1
 
 
+def test_a_run_that_begins_in_the_target_is_a_point_in_it():
+    table = sdhj.solve(unicycle_problem(), progress=False)
+    inside = sdhj.simulate(sdhj.Controller(table), np.array([0.1, 0.2, 0.0]))
+    ax = axes()
+    trajectories.draw_run(ax, table, inside)
+    (way,) = named(ax, "path")
+    assert len(inside.inputs) == 0 and way.get_xdata().tolist() == [0.1] and named(ax, "tube")
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_a_moment_of_a_run(table, run, share):
     figure = plotting.new_figure(6, 3)
