@@ -154,8 +154,10 @@ def _emptied(table: Table, share: float) -> str:
     if ways <= NEARLY_EMPTY:
         names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
         return message + f": no input stays clear of {names} for one interval; use a shorter delta or other inputs"
+    gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
+    but = "hardly from any for all steps" if problem.stays else gains
+    less = "a smaller error, delay or jitter, " if problem.sensing else ""
     return message + (
-        f": from {ways:.0%} of the free states some input stays clear for one interval, but none of the "
-        f"{len(problem.inputs)} inputs makes progress against the adversary; use stronger inputs, more nodes or "
-        "another delta"
+        f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; use {less}stronger "
+        "inputs, more nodes or another delta"
     )

@@ -85,6 +85,12 @@ def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
     assert here and not wall and not desk
 
 
+def test_the_picture_shows_a_run_that_arrives(recipes: dict[str, Any]) -> None:
+    drawn = [line for line in recipes["ax"].lines if line.get_gid() == "path"]
+    assert drawn and drawn[0].get_xdata()[0] == 0.7 and recipes["run"].outcome == "reached"
+    assert any((one.get_gid() or "").startswith("tube") for one in recipes["ax"].collections + recipes["ax"].patches)
+
+
 def test_a_robot_that_measures_with_an_error_is_promised_less(recipes: dict[str, Any]) -> None:
     action, real, exact = recipes["action"], recipes["real"], recipes["controller"].table
     assert action.promised and not action.missed

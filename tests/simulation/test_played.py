@@ -60,8 +60,15 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     with pytest.warns(ResolutionWarning, match="no input stays clear of .*bars.* for one interval"):
         sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
     weak = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], [1.5])
-    with pytest.warns(ResolutionWarning, match="none of the 3 inputs makes progress against the adversary"):
+    kept = "from 93% of the free states some input stays clear for one interval, but hardly from any for all steps; use"
+    with pytest.warns(ResolutionWarning, match=f"{kept} stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
+    blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5))
+    with pytest.warns(ResolutionWarning, match="hardly from any for all steps; use a smaller error, delay or jitter, "):
+        sdhj.solve(blurred, progress=False)
+    reach = replace(interval_problem(unsafe=False), dynamics=weak)
+    with pytest.warns(ResolutionWarning, match="none of the 3 inputs makes progress against the adversary; use"):
+        sdhj.solve(reach, progress=False)
 
 
 @pytest.mark.parametrize(
