@@ -172,7 +172,9 @@ class Dynamics:
             label = f"{name} under input {j}" if "u" in takes else name
             found, one = traced(label, given, rows, partial(taken, sealed(u)), shape, "points" in takes, again=j == 0)
             if name == "bounds" and len(one) != 1:
-                raise ValueError(f"bounds must return a row of half-widths for each point, got shape {one}")
+                points = ("M",) * ("points" in takes)
+                shapes = f"shape {(*points, 'D')}, got {(*points, *one)}".replace("'", "")
+                raise ValueError(f"bounds must return the half-widths of the D components of v, {shapes}")
             outputs += found
         if (lines := len(ordered(outputs))) >= MOST_LINES:
             raise ValueError(
