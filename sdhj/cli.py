@@ -217,7 +217,8 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
         if name in found:
             chosen = "" if entry.get("sampling", "nodes") == "nodes" else f", sampling {entry['sampling']}"
             *letters, value = shown(found[name].outputs, [grid.names[axis] for axis in entry["axes"]])
-            lines += [f"{entry['kind']} {entry['name']!r}{chosen}:", *(f"  {one}" for one in letters), f"  {value} <= 0"]
+            lines.append(f"{entry['kind']} {entry['name']!r}{chosen}:")
+            lines += [f"  {one}" for one in (*letters, f"{value} <= 0")]
     return lines
 
 

@@ -134,7 +134,8 @@ class Report:
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            lines.append(f"{said(outcome, self.stays):<13}{self.counts[outcome]:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
+            name, count = said(outcome, self.stays), self.counts[outcome]
+            lines.append(f"{name:<13}{count:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
             done = said("reached", self.stays) + (" for" if self.stays else " after")
