@@ -174,6 +174,8 @@ def test_functions_are_called_with_what_they_name():
     assert dynamics.gain_at(np.zeros((3, 2)), 0, 0.25).tolist() == [[[0.25], [1.0]]] * 3
     assert dynamics.bounds_at(0, 9.0).tolist() == [0.375] and dynamics.bounds_at(1).tolist() == [0.5]
     assert len(calls) == made
+    with pytest.raises(ValueError, match=r"1 more, numbers.* got .*\[3.0\]. problem.dynamics.drift_at\(points, j, t\)"):
+        dynamics.drift(points, [3.0])
 
 
 # ---- what is refused, when made and when read

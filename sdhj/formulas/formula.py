@@ -88,20 +88,25 @@ class Formula:
         """
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
-        if len(shape := np.shape(points)) != 2 or shape[1] != self.coordinates or len(parameters) != self.parameters:
-            more = f" and {self.parameters} more, the time first" if self.parameters else " alone"
+        numbers = not any(hasattr(one, "__len__") and np.ndim(one) for one in parameters)
+        fits = numbers and len(parameters) == self.parameters and np.ndim(points) == 2
+        if not fits or points.shape[1] != self.coordinates:
+            more = f" and {self.parameters} more, numbers, the time first" if self.parameters else " alone"
+            got = ", ".join([f"points of shape {np.shape(points)}", *map(reprlib.repr, parameters)])
+            under = f"problem.dynamics.{self.name}_at(points, j, t) is under input j"
+            columns = "points[:, :1] is a column as points, and points[:, [0, 2]] are two"
             raise ValueError(
-                f"{self.name} is a function of points (M, {self.coordinates}){more}; got points of shape {shape} and "
-                f"{len(parameters)} more. points[:, :1] is a column as points, and points[:, [0, 2]] are two"
+                f"{self.name} is a function of points (M, {self.coordinates}){more}; got {got}. "
+                f"{under if self.name in ('drift', 'gain') else columns}"
             )
         if traced:
             return self._inlined(points, parameters)
         if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
             points = points.copy()
-        out = np.empty((len(self.outputs), len(points)))
-        if not _play(self.tape, points, np.array(parameters, np.float64), out) and finite:
+        out, given = np.empty((len(self.outputs), len(points))), np.array(parameters, np.float64)
+        if not _play(self.tape, points, given, out) and finite:
             row = int(np.argmin(np.isfinite(out).all(axis=0)))
-            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(format(t, "g") for t in parameters)
+            value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(map("{:g}".format, given))
             raise ValueError(
                 f"{self.name} is undefined or infinite ({value}) at {points[row].tolist()}, t = {when}; every value "
                 "must be finite"

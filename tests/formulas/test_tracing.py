@@ -665,9 +665,11 @@ def test_what_is_drawn_alike_each_time_is_a_constant():
 
 def test_formulas_are_called_with_all_that_they_read():
     disk = Formula.read("disk", lambda p, t: np.hypot(p[:, 0] - t, p[:, 1]), 2, "t")
-    for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (POINTS, T, T), (np.hstack([POINTS, POINTS]), T)]:
-        with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, the time first; got"):
+    several = (POINTS, T, T), (POINTS, [1.0]), (POINTS, np.array([1.0])), (POINTS, np.zeros((2, 0)))
+    for given in [(POINTS,), (POINTS[:, :1], T), (POINTS[0], T), (np.hstack([POINTS, POINTS]), T), *several]:
+        with pytest.raises(ValueError, match=r"disk is a function of points \(M, 2\) and 1 more, .* first; got"):
             disk(*given)
+    assert disk(POINTS, np.array(T)).shape == (len(POINTS),)
     with pytest.raises(ValueError, match=r"\(M, 1\) alone; got .* points\[:, :1\] is a column as points"):
         nodes_of(lambda p, t: gridded([0.0, 1.0], [0.0], [1.0])(p[:, 0]))
     with pytest.raises(ValueError, match="disk is a function"):
