@@ -51,6 +51,7 @@ RATIONAL = {
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
     "div": lambda a, b: None if b == 0 else a / b,
+    "share": lambda a, b: 0 if b == 0 else max(-1, min(1, a / b)),
     "neg": lambda a: -a,
     "abs": abs,
     "sqr": lambda a: a * a,
@@ -136,6 +137,7 @@ def _sure(op, balls, n):
     if op in ("min", "max"):
         return a.min(b) if op == "min" else a.max(b)
     simple = {"neg": lambda: -a, "abs": lambda: abs(a), "sqr": lambda: a * a, "power": lambda: a**n,
-              "add": lambda: a + b, "sub": lambda: a - b, "mul": lambda: a * b, "div": lambda: a / b}  # fmt: skip
+              "add": lambda: a + b, "sub": lambda: a - b, "mul": lambda: a * b, "div": lambda: a / b,
+              "share": lambda: (a / b).min(1).max(-1)}  # fmt: skip
     result = simple[op]() if op in simple else BALLS[op](*balls)
     return result if result.is_finite() else None

@@ -6,7 +6,7 @@ from sdhj.kernels import tape as tapes
 
 OPERATIONS = tapes.OPERATIONS
 THREE, TRUTHS = ("where",), ("and", "or", "not")
-TWO = "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or".split()
+TWO = "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or share".split()
 NONE = np.zeros(1)  # parameters
 
 
@@ -58,7 +58,7 @@ def random_rows(rng, coordinates, length):
     rows += [("const", k, (), float(rng.choice([0.0, 1.0, -1.0, 0.5, np.pi, -0.3, 1e-3, 100.0]))) for k in range(3, 5)]
     truths: list[int] = []
     while len(rows) < length:
-        op = str(rng.choice(OPERATIONS[3:36]))
+        op = str(rng.choice(OPERATIONS[3:37]))
         numbers = [row[1] for row in rows if row[1] not in truths]
         if (op in TRUTHS or op == "where") and not truths:
             continue

@@ -19,7 +19,7 @@ NAMES = {"neg": "negative", "sqr": "square", "pow": "power", "min": "minimum", "
          "lesseq": "less_equal", "equal": "equal", "abs": "absolute", "div": "divide", "sub": "subtract",
          "mul": "multiply", "and": "multiply", "or": "maximum"}  # fmt: skip
 POWERS = [0, 1, 2, 3, 7, 8, 64, -1, -2, -3, -64]
-SCALARS = [(op, 0) for op in OPERATIONS[3:36] if op != "power"] + [("power", n) for n in POWERS]
+SCALARS = [(op, 0) for op in OPERATIONS[3:37] if op != "power"] + [("power", n) for n in POWERS]
 BITS = ("less", "lesseq", "equal", "and", "or", "not", "where")
 
 
@@ -48,6 +48,8 @@ def numpy_values(op, n, points):
             return np.where(columns[0] != 0.0, columns[1], columns[2])
         if op == "not":
             return 1.0 - columns[0]
+        if op == "share":
+            return np.where(columns[1] != 0.0, np.clip(columns[0] / columns[1], -1.0, 1.0), 0.0 * columns[0])
         return np.asarray(getattr(np, NAMES.get(op, op))(*columns), float)
 
 
@@ -177,6 +179,9 @@ def test_zeros_and_ends_stay_exact():
         ("pow", 0, [0.0, 0.5], [4.0, 0.5], 0.0, 2.0),
         ("mul", 0, [-1.0, -2.0], [3.0, 1.0], -6.0, 3.0),
         ("div", 0, [-1.0, 2.0], [3.0, 4.0], -0.5, 1.5),
+        ("share", 0, [-1.0, 2.0], [3.0, 4.0], -0.5, 1.0),
+        ("share", 0, [0.5, 0.0], [0.5, 2.0], -1.0, 1.0),
+        ("share", 0, [0.5, 1.0], [0.5, 2.0], 0.25, 0.5),
         ("less", 0, [0.0, 1.0], [1.0, 2.0], 0.0, 1.0),
         ("lesseq", 0, [0.0, 1.0], [1.0, 2.0], 1.0, 1.0),
         ("equal", 0, [1.0, 1.0], [1.0, 1.0], 1.0, 1.0),

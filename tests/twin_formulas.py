@@ -87,6 +87,7 @@ RULES = {
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
     "div": lambda a, b: a / b,
+    "share": lambda a, b: max(-1.0, min(1.0, a / b)) if b else 0.0,
     "neg": lambda a: -a,
     "abs": abs,
     "sqr": lambda a: a * a,

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
+from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
 
 MOST_NODES = 200_000  # entries that one function may compute
@@ -82,7 +83,7 @@ NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writ
 ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
 SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
 UNCOMPILED = "let it stand uncompiled"
-DEFINED = "np.where(divisor != 0, number / divisor, other) is defined everywhere, but not proved where it may be 0"
+DEFINED = "np.where(divisor > 1e-3, number / divisor, other) is defined everywhere, and has bounds"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
     **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
@@ -170,7 +171,7 @@ class Traced(NDArrayOperatorsMixin):
         if isinstance(at, Traced):
             if at.dtype != TRUTH or value.ndim or at.shape != self.shape:
                 raise NotTraced("writing where values say so", WHERE)
-            value, at = _each("where", entries_of(at), value, self.entries), ...
+            value, at = mapped(narrowing.where, entries_of(at), value, self.entries), ...
         elif holds_traced(at):
             raise NotTraced("writing where values say so", WHERE)
         self.entries[at] = value if value.ndim else value[()]
@@ -395,12 +396,12 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
-TWO = "add subtract:sub multiply:mul divide:div hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
+TWO = "add subtract:sub multiply:mul hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
 ORDER = "less less_equal:lesseq equal"
 OPERATIONS: dict[Any, Callable[..., Node]] = {
     getattr(np, name): functools.partial(make, op or name)
     for name, _, op in (one.partition(":") for one in f"{ONE} {TWO} {ORDER}".split())
-} | dict.fromkeys((np.power, np.float_power), power)
+} | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
 EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
 EXACT |= {np.less, np.less_equal, np.equal}  # ... of whole numbers and truth values, too
 LOGICAL: dict[Any, Callable[..., Node]] = {
@@ -489,7 +490,7 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 def _where(condition: Any, *branches: Any) -> Traced:
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
-    entries = _each("where", _true(condition), *map(entries_of, branches))
+    entries = mapped(narrowing.where, _true(condition), *map(entries_of, branches))
     return Traced(entries, np.result_type(*map(weak_type, branches)))
 
 

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
+from sdhj.formulas.narrowing import ZERO, squares
 
-ZERO, ONE = constant(0.0), constant(1.0)
+ONE = constant(1.0)
 EITHER = make("cos", make("arctan2", ZERO, constant(-1.0)))  # on arctan2's cut: its interval is [-1, 1]
 TURN = constant(2 * math.pi)
-NEAR = constant(1e-100)  # lengths that are no longer divided by
 DECISIONS = ("less", "lesseq", "equal")
 STEPS = ("floor", "sign", "and", "or", "not", *DECISIONS)
 Found = dict[Node, Node]  # derivatives; ZERO of what is not read
@@ -54,8 +54,8 @@ def _derived(one: Node, found: Found) -> Node:
         return _branches(one, slopes, found)
     if one.op == "gridded":
         return _interpolated(one, slopes)
-    if one.op == "sqrt" and (parts := _squares(one.args[0])) is not None:
-        return sum((_share(part, one) * found[part] for part in parts), ZERO)
+    if one.op == "sqrt" and (parts := squares(one.args[0])) is not None:
+        return sum((make("share", part, one) * found[part] for part in parts), ZERO)
     if one.op in ("sin", "cos"):
         slopes = [_turning(one.args[0], found)]
     return CHAIN[one.op](one, one.args, slopes)
@@ -75,20 +75,6 @@ def _turning(one: Node, found: Found) -> Node:
 def _settled(one: Node) -> Node:
     """0 in boxes where the interval of a node is one number, undefined in others."""
     return make("div", ZERO, make("sub", make("equal", one, one), constant(0.5)))
-
-
-def _share(part: Node, length: Node) -> Node:
-    """A component of a vector, divided by the length; at 0 anything from -1 to 1."""
-    share = make("div", part, make("max", length, NEAR))
-    return make("where", make("lesseq", length, NEAR), EITHER, make("min", make("max", share, constant(-1.0)), ONE))
-
-
-def _squares(one: Node) -> list[Node] | None:
-    """What a sum consists of whose terms are squares or numbers, the numbers left out; None for others."""
-    if one.op == "add":
-        first, second = map(_squares, one.args)
-        return None if first is None or second is None else first + second
-    return list(one.args) if one.op == "sqr" else [] if one.op == "const" and one.value >= 0 else None
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
@@ -160,7 +146,9 @@ CHAIN: dict[str, Callable[[Node, Sequence[Node], Sequence[Node]], Node]] = {
     "sub": lambda _, a, d: make("sub", *d),
     "neg": lambda _, a, d: make("neg", *d),
     "mul": _product,
-    "div": lambda f, a, d: make("div", d[0] if d[1] is ZERO else make("sub", d[0], f * d[1]), a[1]),
+    **dict.fromkeys(
+        ("div", "share"), lambda f, a, d: make("div", d[0] if d[1] is ZERO else make("sub", d[0], f * d[1]), a[1])
+    ),
     "sqr": lambda _, a, d: constant(2.0) * a[0] * d[0],
     "sqrt": lambda f, a, d: make("div", d[0], constant(2.0) * f),
     "power": lambda f, a, d: constant(f.value) * make("power", a[0], value=f.value - 1) * d[0],
@@ -175,7 +163,7 @@ CHAIN: dict[str, Callable[[Node, Sequence[Node], Sequence[Node]], Node]] = {
     "arctan2": _angle,
     "arcsin": lambda _, a, d: make("div", d[0], make("sqrt", make("sub", ONE, make("sqr", a[0])))),
     "arccos": lambda _, a, d: make("neg", make("div", d[0], make("sqrt", make("sub", ONE, make("sqr", a[0]))))),
-    "hypot": lambda f, a, d: _share(a[0], f) * d[0] + _share(a[1], f) * d[1],
+    "hypot": lambda f, a, d: make("share", a[0], f) * d[0] + make("share", a[1], f) * d[1],
     "abs": lambda _, a, d: make("where", make("less", a[0], ZERO), make("neg", d[0]), d[0]),
     "min": lambda _, a, d: make("where", make("less", *a), *d),
     "max": lambda _, a, d: make("where", make("less", *a), *d[::-1]),

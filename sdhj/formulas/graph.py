@@ -178,12 +178,14 @@ def _where(condition: Node, a: Node, b: Node) -> Node | None:
     return a if a is b and condition.total else None
 
 
-def _but_for(neutral: float) -> Callable[[Node, Node], Node | None]:
+def _but_for(op: str, neutral: float) -> Callable[[Node, Node], Node | None]:
     """Of an operation that gives a itself for a and a, and for a and `neutral`."""
 
     def simpler(a: Node, b: Node) -> Node | None:
         if a is b or is_constant(b, neutral):
             return a
+        if a.op == op and is_constant(b) and is_constant(a.args[1]):
+            return make(op, a.args[0], make(op, a.args[1], b))
         return b if is_constant(a, neutral) else None
 
     return simpler
@@ -191,7 +193,7 @@ def _but_for(neutral: float) -> Callable[[Node, Node], Node | None]:
 
 SIMPLER: dict[str, Callable[..., Node | None]] = {
     **{"add": _add, "sub": _sub, "mul": _mul, "where": _where},
-    **{"min": _but_for(math.inf), "max": _but_for(-math.inf), "and": _but_for(1.0), "or": _but_for(0.0)},
+    **{op: _but_for(op, neutral) for op, neutral in (("min", math.inf), ("max", -math.inf), ("and", 1.0), ("or", 0.0))},
     "div": lambda a, b: a if is_constant(b, 1.0) else None,
     "neg": lambda a: a.args[0] if a.op == "neg" else None,
 }
@@ -212,18 +214,21 @@ def power(a: Node, b: Node) -> Node:
     return make("pow", a, b)
 
 
-def ordered(outputs: Iterable[Node]) -> list[Node]:
-    """All nodes that some hang on, operands before what is made of them, in an order that the graph alone decides."""
+def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
+    """All nodes that some hang on, operands before what is made of them, in an order that the graph alone decides.
+
+    Nothing where there are more than `most`, or about as many.
+    """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
-    while stack:
+    while stack and len(stack) + len(done) <= most:
         one, opened = stack.pop()
         if opened:
             done[one] = None
         elif one not in done:
             stack.append((one, True))
             stack.extend((arg, False) for arg in reversed(one.args))
-    return list(done)
+    return [] if stack else list(done)
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:

@@ -59,6 +59,7 @@ RULES = {
         Rule("and", 2, "logical_and, &, all", "Whether both are true.", truth=True),
         Rule("or", 2, "logical_or, |, any", "Whether one is true.", truth=True),
         Rule("not", 1, "logical_not, ~", "Whether it is false.", truth=True),
+        Rule("share", 2, "divide", "The quotient, cut to [-1, 1]; 0 where the divisor is 0."),
         Rule("where", 3, "where, select", "The second if the first is true, else the third; the other may be NaN."),
         Rule("gridded", -1, "sdhj.gridded, interp", "Multilinear interpolation of a table, held at its ends."),
     )

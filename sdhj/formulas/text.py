@@ -125,9 +125,9 @@ def _near(one: Any, other: Any) -> bool:
     return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE, abs_tol=CLOSE))
 
 
-SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
+SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "share": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
 SIGNS |= {"and": " and ", "or": " or "}
-BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div neg", "power sqr")  # the loosest first
+BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div share neg", "power sqr")  # the loosest first
 RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
 
 
@@ -154,7 +154,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
             second = inside(b, rank + text[b].startswith("-"))
             text[one] = f"{inside(a, rank + (' / ' in text[a]))} {second}"
         elif one.op in SIGNS:
-            second = inside(one.args[1], rank + (one.op in ("sub", "div")))
+            second = inside(one.args[1], rank + (one.op in ("sub", "div", "share")))
             text[one] = f"{inside(one.args[0], rank)}{SIGNS[one.op]}{second}"
         elif one.op in ("sqr", "power"):
             text[one] = f"{inside(one.args[0], rank + 1)}^{2 if one.op == 'sqr' else one.value}"

@@ -19,11 +19,11 @@ from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, 
 
 OPERATIONS = tuple(
     "x p const add sub mul div neg abs sqr sqrt power pow exp log sin cos tan arctan arctan2 tanh arcsin arccos hypot "
-    "min max floor mod sign less lesseq equal and or not where gridded".split()
+    "min max floor mod sign less lesseq equal and or not share where gridded".split()
 )
 X, P, CONST, ADD, SUB, MUL, DIV, NEG, ABS, SQR, SQRT, POWER, POW, EXP, LOG, SIN, COS, TAN, ARCTAN = range(19)
 ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MIN, MAX, FLOOR, MOD, SIGN, LESS, LESSEQ, EQUAL = range(19, 32)
-AND, OR, NOT, WHERE, GRIDDED = range(32, 37)
+AND, OR, NOT, SHARE, WHERE, GRIDDED = range(32, 38)
 
 BLOCK = 128  # points played at a time: rows of all slots stay in the first-level cache
 MANY = 2**23  # numbers in the program times points; fewer are not shared out to threads
@@ -34,8 +34,8 @@ def _which(names: str) -> Any:
     return np.isin(OPERATIONS, names.split())
 
 
-_BINARY = _which("add sub mul div pow arctan2 hypot min max mod less lesseq equal and or where")
-_DIRECT = _which("add sub mul div equal where")  # each has a rule of its own for intervals
+_BINARY = _which("add sub mul div pow arctan2 hypot min max mod less lesseq equal and or share where")
+_DIRECT = _which("add sub mul div equal share where")  # each has a rule of its own for intervals
 _PLAYED_AS = np.arange(len(OPERATIONS))  # what is the same for values: truths are 0 and 1
 _PLAYED_AS[[SQR, AND, OR]] = MUL, MUL, MAX
 # How intervals follow from values at ends: an operation falls with an operand where there is a 1, and rises elsewhere,
@@ -203,6 +203,9 @@ def _truths(op, room, i, j, k, last, count):
     elif op == NOT:
         for m in range(count):
             out[m] = 1.0 - a[m]
+    elif op == SHARE:
+        for m in range(count):
+            out[m] = lesser(1.0, larger(-1.0, a[m] / b[m])) if b[m] != 0.0 else 0.0 * a[m]
     elif op == WHERE:
         for m in range(count):
             out[m] = (b[m] if a[m] != 0.0 else c[m]) if a[m] == a[m] else NAN
@@ -394,6 +397,12 @@ def _direct_bounds(op, room, i, j, k, last, count):
     elif op == DIV:
         for m in range(count):
             out[0, m], out[1, m] = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
+    elif op == SHARE:
+        for m in range(count):
+            low, high = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
+            low, high = lesser(1.0, larger(-1.0, low)), lesser(1.0, larger(-1.0, high))
+            zero = (b[0, m] <= 0.0) & (b[1, m] >= 0.0)
+            out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high
     elif op == EQUAL:
         for m in range(count):
             out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0

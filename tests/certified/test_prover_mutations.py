@@ -378,6 +378,7 @@ WRONG = {
         "mul",
     ),
     "a divisor of zero": (INTERVALS, "low if above | below else NAN", "low", "hold_what_is_exact", "div"),
+    "a share of zero": (TAPE, "-1.0 if zero else low", "0.0 if zero else low", "hold_what_is_exact", "share"),
     "hills": (
         INTERVALS,
         "most = 1.0 if _holds_whole(low, high) else larger(p, q)",

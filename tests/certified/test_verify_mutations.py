@@ -109,6 +109,7 @@ MUTATIONS = {
     "not below zero": (INTERVALS, "return np.maximum(low, least), high", "return low, high", FORMS),
     "signs of products": (INTERVALS, "np.where(alike, np.maximum(low, 0.0), low)", "low", FORMS),
     "a divisor of zero": (INTERVALS, "(b[0] <= 0) & (b[1] >= 0)", "b[0] > b[1]", FORMS),
+    "a share of zero": (INTERVALS, "np.where(zero, known - 1.0, low)", "low", EXACT),
     "odd powers": (INTERVALS, "np.where(a[0] < 0, -up, down)", "down", EXACT),
     "a base of zero": (INTERVALS, "((a[0] == 0) & (b[0] > 0))", "(a[0] == 0)", EXACT),
     "NumPy's powers of one": (INTERVALS, "~defined | np.isnan(b[0])", "~defined", "test_what_is_undefined"),

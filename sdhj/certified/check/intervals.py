@@ -82,6 +82,13 @@ def div(a: Interval, b: Interval) -> Interval:
     return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))
 
 
+def share(a: Interval, b: Interval) -> Interval:
+    """A quotient cut to [-1, 1], which is 0 where the divisor is 0."""
+    known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
+    low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
+    return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)
+
+
 def neg(a: Interval) -> Interval:
     return -a[1], -a[0]
 
@@ -292,6 +299,7 @@ RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of ope
     "sub": (2, sub),
     "mul": (2, mul),
     "div": (2, div),
+    "share": (2, share),
     "neg": (1, neg),
     "abs": (1, size),
     "sqr": (1, lambda a: power(a, 2)),

@@ -41,6 +41,7 @@ EXACT = {  # None where it is undefined
     "sub": fraction(lambda a, b: a - b),
     "mul": fraction(lambda a, b: a * b),
     "div": fraction(lambda a, b: None if b == 0 else a / b),
+    "share": fraction(lambda a, b: Fraction(0) if b == 0 else max(Fraction(-1), min(Fraction(1), a / b))),
     "neg": fraction(lambda a: -a),
     "abs": fraction(abs),
     "sqr": fraction(lambda a: a * a),
@@ -163,6 +164,10 @@ def test_closed_forms():
     np.testing.assert_allclose(of("mod", (-2.8, -2.6), (1, 1)), [0.2, 0.4], atol=1e-14)
     assert of("mod", (0.9, 1.1), (1, 1)).tolist() == [0.0, 1.0] and of("mod", (0.9, 1.1), (-1, -1)).tolist() == [-1, 0]
     assert np.isnan(of("mod", (0.9, 1.1), (0, 1))).all() and np.isnan(of("tan", (1, 2))).all()
+    assert of("share", (1, 2), (0, 1)).tolist() == [-1, 1] and of("share", (1, 1), (2, 4)).round(9).tolist() == [
+        0.25,
+        0.5,
+    ]
     assert np.isnan(of("div", (1, 2), (-1, 1))).all() and np.isnan(of("div", (1, 2), (0, 0))).all()
     assert of("arctan2", (-1, 1), (-1, 1)).tolist() == of("arctan2", (0, 0), (-2, -1)).tolist()
     assert of("arctan2", (0, 0), (-2, -1))[1] > math.pi > of("arctan2", (0, 1), (1, 2))[1]

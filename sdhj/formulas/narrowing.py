@@ -1,0 +1,112 @@
+"""What a condition says of numbers, in the branches of `where`: their bounds need to hold only where they are taken.
+
+There x is the maximum of x and 1 if the condition is x > 1: the same number, with a narrower interval. A component
+divided by a length is a share, which has bounds however small the length is.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+from sdhj.formulas.graph import Node, constant, is_constant, make, ordered
+
+MOST_NARROWED = 100  # operations of a branch: what both branches share is copied, and a loop may double it each time
+ZERO = constant(0.0)
+LENGTHS = ("abs", "hypot", "sqrt", "sqr")  # never negative
+SHRINKING = ("abs", "neg", "sin", "tanh", "arctan")  # |f(a)| <= |a|
+
+
+def where(condition: Node, one: Node, other: Node) -> Node:
+    """The node `where`; branches that may be undefined are narrowed by what the condition says."""
+    if one is not other:
+        one, other = _narrowed(one, condition, True), _narrowed(other, condition, False)
+    return make("where", condition, one, other)
+
+
+def quotient(a: Node, b: Node) -> Node:
+    """a / b; a share if it is one and b is kept above 0."""
+    above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
+    kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
+    return make("share" if kept and _at_most(a, b) else "div", a, b)
+
+
+def squares(one: Node) -> list[Node] | None:
+    """What a sum consists of whose terms are squares or numbers, the numbers left out; None for others."""
+    left, found = [one], list[Node]()
+    while left:
+        one = left.pop()
+        if one.op == "add":
+            left += one.args[::-1]
+        elif one.op == "sqr":
+            found += one.args
+        elif not _is_length(one) or one.args:
+            return None
+    return found
+
+
+def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
+    """The same wherever a condition holds, or does not."""
+    if branch.total or not (order := ordered([branch], MOST_NARROWED)):
+        return branch
+    cuts, apart = defaultdict[Node, list[tuple[str, Node]]](list), set[Node]()  # what is not 0
+    for a, b, strict in _ordered_pairs(condition, holds):
+        for cut, op, bound in _cuts(a, b):
+            cuts[cut].append((op, bound))
+        apart |= {b} if is_constant(a) and (a.value > 0 or (strict and a is ZERO)) else set()
+        apart |= {a} if is_constant(b) and (b.value < 0 or (strict and b is ZERO)) else set()
+    new = dict[Node, Node]()
+    for one in order:
+        share = one.op == "div" and _is_apart(one.args[1], apart) and _at_most(*one.args)
+        args = [new[arg] for arg in one.args]
+        new[one] = make("share" if share else one.op, *args, value=one.value) if args else one
+        for op, bound in () if one.op == "const" else cuts.get(one, ()):
+            new[one] = make(op, new[one], bound)
+    return new[branch]
+
+
+def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
+    """What is cut where a <= b, and at what: so that its interval has no more numbers than before."""
+    if is_constant(b):
+        inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
+        return [(a, "min", b), *inner]
+    if is_constant(a):
+        return [] if _is_length(b) and a.value <= 0 else [(b, "max", a)]
+    return [(make("sub", b, a), "max", ZERO), (make("sub", a, b), "min", ZERO)]
+
+
+def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
+    """What a condition says where it holds, or does not: a <= b, or a < b."""
+    left = [(condition, holds)]
+    while left:
+        one, holds = left.pop()
+        if one.op == "not" or one.op == ("and" if holds else "or"):
+            left += [(arg, holds != (one.op == "not")) for arg in one.args]
+        elif one.op in ("less", "lesseq"):
+            a, b = one.args if holds else one.args[::-1]
+            yield a, b, (one.op == "less") == holds
+        elif one.op == "equal" and holds:
+            a, b = one.args
+            yield from ((a, b, False), (b, a, False))
+        elif one.op == "equal" and ZERO in one.args:
+            yield ZERO, make("abs", one.args[one.args[0] is ZERO]), True
+
+
+def _is_length(one: Node) -> bool:
+    return one.op in LENGTHS or (one.op == "const" and one.value >= 0)
+
+
+def _is_apart(one: Node, apart: set[Node]) -> bool:
+    """Whether a divisor is not 0, by what is known not to be."""
+    inner = one.op in ("abs", "neg", "sqrt") and _is_apart(one.args[0], apart)
+    return inner or one in apart or make("abs", one) in apart
+
+
+def _at_most(a: Node, b: Node) -> bool:
+    """Whether |a| <= |b| wherever both are defined."""
+    if a is b or (a.op in SHRINKING and _at_most(a.args[0], b)):
+        return True
+    parts = list(b.args) if b.op in ("hypot", "abs", "neg") else []
+    if b.op == "sqrt":
+        parts = squares(b.args[0]) or []
+    elif b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))):
+        parts = list(filter(_is_length, b.args))
+    return any(_at_most(a, part) for part in parts)
