@@ -423,11 +423,15 @@ def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
         ends = np.clip(a - laps[:, None], 0.0, 1.0) * b[0]
         ends = np.where(laps[1] - laps[0] > 1, np.array([[[0.0], [1.0]]]) * b[0], ends)
     else:
-        cut, x = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0), b + 0.0  # of a zero's sign nothing is known
-        y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], [a[0], np.where(cut, -0.0, a[1])]])
-        corners = np.arctan2(y[:, :, None], x)
+        cut, side = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0), np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+        y = np.array([[np.where(cut, 0.0, a[0]), a[1]], [a[0], np.where(cut, 0.0, a[1])]])[:, :, None]
+        places = np.stack(np.broadcast_arrays(side * y, b), axis=-1)
+        corners = side * ANGLE(places.reshape(-1, 2), finite=False).reshape(places.shape[:-1])
         ends = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
     return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ANGLE_ERROR + TINY)
+
+
+ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y and x; -pi is minus the angle of (0, x)
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
