@@ -78,7 +78,8 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
     return watched
 
 
-WHERE = "use np.where(condition, one, other), and NumPy's functions in place of math's"
+WHERE = "use np.where(condition, one, other), np.maximum and np.minimum, and NumPy's functions in place of math's"
+MASK = "out[mask] = x[mask] is out = np.where(mask, x, out), and x[mask] alone has no shape that is known"
 NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writing into np.zeros(2)"
 ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
 SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
@@ -89,6 +90,8 @@ ADVICE = {
     **dict.fromkeys(("argmin", "argmax", "argsort"), "np.min and np.max along an axis are known"),
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
+    **dict.fromkeys(("copysign", "signbit"), "a zero has no sign here: np.where(b < 0, -abs(a), abs(a))"),
+    **dict.fromkeys(("sort", "median", "partition"), "np.minimum and np.maximum sort two"),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
     "piecewise": "np.select(conditions, values) is known",
     "linspace": "np.linspace(0.0, 1.0, count) * end is known",
@@ -160,7 +163,7 @@ class Traced(NDArrayOperatorsMixin):
     @noted
     def __getitem__(self, at: Any) -> "Traced":
         if holds_traced(at):
-            raise NotTraced("an index or a mask that depends on values", WHERE)
+            raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
     @noted
@@ -170,10 +173,10 @@ class Traced(NDArrayOperatorsMixin):
         value = written_as(traced_array(value), self.dtype).entries
         if isinstance(at, Traced):
             if at.dtype != TRUTH or value.ndim or at.shape != self.shape:
-                raise NotTraced("writing where values say so", WHERE)
+                raise NotTraced("writing where values say so", MASK)
             value, at = mapped(narrowing.where, entries_of(at), value, self.entries), ...
         elif holds_traced(at):
-            raise NotTraced("writing where values say so", WHERE)
+            raise NotTraced("writing where values say so", MASK)
         self.entries[at] = value if value.ndim else value[()]
 
     @noted
@@ -183,6 +186,8 @@ class Traced(NDArrayOperatorsMixin):
             raise NotTraced("a call of compiled code", UNCOMPILED)
         if method == "reduce" and ufunc in REDUCED and out is None:
             return _reduced(ufunc, *inputs, **{"axis": 0} | options)
+        if ufunc is np.divmod and method == "__call__" and not options and out is None:
+            return np.floor_divide(*inputs), np.remainder(*inputs)
         if method not in ("__call__", "outer") or options:
             raise _unknown(ufunc.__name__ if method == "__call__" else f"{ufunc.__name__}.{method}", options)
         whole = any(isinstance(one, Traced) and not one.ndim and one.dtype != FLOAT for one in inputs)
@@ -223,7 +228,7 @@ class Traced(NDArrayOperatorsMixin):
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("sum", "prod", "cumsum", "mean", "min", "max", "any", "all", "clip", "dot", "round"):
+        if name in ("sum", "prod", "cumsum", "mean", "var", "std", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
             return functools.partial(self._moved, name)
@@ -439,6 +444,8 @@ MADE: dict[Any, Callable[..., Any]] = {
     np.log1p: lambda a: np.log(1.0 + a),
     np.log2: lambda a: np.log(a) / np.log(2.0),
     np.log10: lambda a: np.log(a) / np.log(10.0),
+    np.logaddexp: lambda a, b: np.maximum(a, b) + np.log1p(np.exp(-abs(a - b))),
+    np.cbrt: lambda a: np.sign(a) * abs(a) ** (1 / 3) * abs(a) ** 1.850371707708594e-17,  # 1/3 and what it is short of
     **dict.fromkeys((np.deg2rad, np.radians), lambda a: a * (np.pi / 180.0)),
     **dict.fromkeys((np.rad2deg, np.degrees), lambda a: a * (180.0 / np.pi)),
 }
@@ -550,6 +557,10 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.max, np.amax), _reducing(np.maximum)),
     **{np.any: _reducing(np.logical_or), np.all: _reducing(np.logical_and), np.full_like: _full_like},
     **{np.where: _where, np.clip: _clip, np.select: _select, np.interp: _interp},
+    np.var: lambda a, axis=None, *, keepdims=False: np.mean(
+        np.square(a - np.mean(a, axis=axis, keepdims=True)), axis=axis, keepdims=keepdims
+    ),
+    np.std: lambda a, axis=None, *, keepdims=False: np.sqrt(np.var(a, axis=axis, keepdims=keepdims)),
     np.ptp: lambda a, axis=None: np.max(a, axis=axis) - np.min(a, axis=axis),
     np.zeros_like: lambda a, dtype=None: _full_like(a, 0, dtype),
     np.ones_like: lambda a, dtype=None: _full_like(a, 1, dtype),

@@ -22,7 +22,7 @@ _numbers = itertools.count(1)
 
 # ---- what is replaced in numpy
 
-LISTS = "min max amin amax sum prod mean any all where clip"  # which may be given a list
+LISTS = "min max amin amax sum prod mean var std any all where clip"  # which may be given a list
 
 
 def _joined(value: Any) -> Any:
