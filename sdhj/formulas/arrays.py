@@ -370,10 +370,6 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
-def _each(op: str, *arrays: Any) -> Any:
-    return mapped(functools.partial(make, op), *arrays)
-
-
 def _true(array: Any) -> Any:
     """Whether entries are not zero, as NumPy takes numbers for conditions."""
     zero = constant(0.0)

@@ -83,10 +83,7 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
         elif one.op in ("less", "lesseq"):
             a, b = one.args if holds else one.args[::-1]
             yield a, b, (one.op == "less") == holds
-        elif one.op == "equal" and holds:
-            a, b = one.args
-            yield from ((a, b, False), (b, a, False))
-        elif one.op == "equal" and ZERO in one.args:
+        elif one.op == "equal" and not holds and ZERO in one.args:
             yield ZERO, make("abs", one.args[one.args[0] is ZERO]), True
 
 

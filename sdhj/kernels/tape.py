@@ -420,7 +420,7 @@ def _direct_bounds(op, room, i, j, k, last, count):
 def _gridded_bounds(lookup, places, tables, room, place, out, count):
     """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis."""
     position, corner = np.empty(6), np.empty(64)
-    ends, number, at = np.empty((2, 6)), np.empty(6, np.int64), np.empty(6, np.int64)
+    ends, number = np.empty((2, 6)), np.empty(6, np.int64)
     for m in range(count):
         fine, total = True, 1
         for axis in range(lookup[0]):
@@ -431,24 +431,16 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
             number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0
-            at[axis] = 0
             total *= number[axis]
         out[0, m], out[1, m], largest = INF if fine else NAN, -INF, 0.0
-        for _ in range(total):
-            for axis in range(lookup[0]):
-                inside = np.floor(ends[0, axis]) + at[axis]
-                last = at[axis] == number[axis] - 1
-                position[axis] = ends[0, axis] if at[axis] == 0 else (ends[1, axis] if last else inside)
+        for index in range(total):
+            for axis in range(lookup[0] - 1, -1, -1):
+                index, at = index // number[axis], index % number[axis]
+                inside = np.floor(ends[0, axis]) + at
+                position[axis] = ends[0, axis] if at == 0 else (ends[1, axis] if at == number[axis] - 1 else inside)
             value, most = _interpolated(tables, lookup[13], lookup, position, corner)
             fine &= value == value
             out[0, m], out[1, m], largest = lesser(value, out[0, m]), larger(value, out[1, m]), larger(most, largest)
-            axis = lookup[0] - 1
-            while axis >= 0:
-                at[axis] += 1
-                if at[axis] < number[axis]:
-                    break
-                at[axis] = 0
-                axis -= 1
         slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY  # each axis: three roundings, of two numbers
         out[0, m], out[1, m] = out[0, m] - slack if fine else NAN, out[1, m] + slack
 
