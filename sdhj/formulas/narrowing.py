@@ -5,7 +5,8 @@ divided by a length is a share, which has bounds however small the length is.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from sdhj.formulas.graph import Node, constant, is_constant, make, ordered
 
@@ -26,7 +27,8 @@ def quotient(a: Node, b: Node) -> Node:
     """a / b; a share if it is one and b is kept above 0."""
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
-    return make("share" if kept and _at_most(a, b) else "div", a, b)
+    share = _shares(a, b, {}) if kept else None
+    return make("div", a, b) if share is None else share
 
 
 def squares(one: Node) -> list[Node] | None:
@@ -55,9 +57,10 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
         apart |= {a} if is_constant(b) and (b.value < 0 or (strict and b is ZERO)) else set()
     new = dict[Node, Node]()
     for one in order:
-        share = one.op == "div" and _is_apart(one.args[1], apart) and _at_most(*one.args)
+        divided = one.op == "div" and _is_apart(one.args[1], apart)
+        share = _shares(one.args[0], one.args[1], new) if divided else None
         args = [new[arg] for arg in one.args]
-        new[one] = make("share" if share else one.op, *args, value=one.value) if args else one
+        new[one] = one if not args else share if share is not None else make(one.op, *args, value=one.value)
         for op, bound in () if one.op == "const" else cuts.get(one, ()):
             new[one] = make(op, new[one], bound)
     return new[branch]
@@ -95,6 +98,23 @@ def _is_apart(one: Node, apart: set[Node]) -> bool:
     """Whether a divisor is not 0, by what is known not to be."""
     inner = one.op in ("abs", "neg", "sqrt") and _is_apart(one.args[0], apart)
     return inner or one in apart or make("abs", one) in apart
+
+
+def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
+    """a / b, made of shares, with `new` nodes in place of some; None where it cannot be."""
+    found = dict[Node, Any]()
+    for one in ordered([a], MOST_NARROWED):
+        parts: list[Any] = [found.get(arg) for arg in one.args]
+        rest = [new.get(arg, arg) for arg in one.args]
+        if _at_most(one, b):
+            found[one] = make("share", new.get(one, one), new.get(b, b))
+        elif one.op in ("add", "sub") and None not in parts:
+            found[one] = make(one.op, *parts)
+        elif one.op in ("mul", "div") and parts[0] is not None:
+            found[one] = make(one.op, parts[0], rest[1])
+        elif one.op == "mul" and parts[1] is not None:
+            found[one] = make("mul", rest[0], parts[1])
+    return found.get(a)
 
 
 def _at_most(a: Node, b: Node) -> bool:

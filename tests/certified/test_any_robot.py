@@ -101,6 +101,29 @@ def test_staying_clear_for_ever(tmp_path, rng):
         assert (np.abs(states) <= [1.0, 2.0]).all()
 
 
+def test_a_hill_pushes_outward_from_its_top(tmp_path):
+    """A direction is divided by a length that is 0 at the top; the proof needs its bounds there, too."""
+
+    def drift(q, u):
+        r = np.linalg.norm(q, axis=1)[:, None]
+        return np.where(r > 0, 0.3 * q / r, 0.0) + u
+
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21]),
+        sdhj.Dynamics([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], drift, np.eye(2), [0.05, 0.05]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1]) - 0.5),
+        [],
+        0.3,
+        6,
+    )
+    table = sdhj.solve(problem, sdhj.Certified(cells=[32, 32]), progress=False, play=False)
+    assert table.contains([[0.6, 0.0]], start=0) and not table.contains([[-1.8, 0.0]], start=0)
+    table.save(tmp_path / "hill.h5")
+    assert (verdict := verify(tmp_path / "hill.h5", progress=False)).ok, str(verdict)
+    report = sdhj.monte_carlo(sdhj.Controller(table), 500, "worst", seed=0, progress=False)
+    assert report.counts["reached"] == 500
+
+
 def test_what_left_over_a_safe_end_is_checked_too(tmp_path):
     """A stream to the right, three cells a step: the cells at its safe end are proved because they leave."""
 

@@ -71,7 +71,7 @@ def test_branches_at_random():
 
 @pytest.mark.slow
 def test_many_branches_at_random():
-    check_random_branches(range(300, 20_000))
+    check_random_branches(range(300, 8_000))
 
 
 def length(p):
@@ -94,6 +94,8 @@ IDIOMS = {  # function; its extremes for |x|, |y| <= 1/2
     ),
     "kept away": (lambda p, t: p[:, 0] / np.maximum(length(p), 1e-9), -1.0, 1.0),
     "moved away": (lambda p, t: np.sin(p[:, 0]) / (1e-9 + np.abs(p[:, 0])), -1.0, 1.0),
+    "faster": (lambda p, t: np.where((n := length(p)) > 0, 3.0 * p[:, 0] / n, 0.0), -3.0, 3.0),
+    "range rate": (lambda p, t: (p[:, 0] * (2 + t) - p[:, 1] / 2) / np.maximum(length(p), 1e-9), -2.5, 2.5),
     "sinc": (lambda p, t: np.where(p[:, 0] != 0, np.sin(p[:, 0]) / p[:, 0], 1.0), -1.0, 1.0),
     "truth": (lambda p, t: np.where(p[:, 0], np.tanh(p[:, 0]) / p[:, 0], 1.0), -1.0, 1.0),
     "quotient": (lambda p, t: np.where(p[:, 1] > 0.1, p[:, 0] / p[:, 1], 0.0), -5.0, 5.0),
