@@ -61,7 +61,7 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
         share = _shares(one.args[0], one.args[1], new) if divided else None
         args = [new[arg] for arg in one.args]
         new[one] = one if not args else share if share is not None else make(one.op, *args, value=one.value)
-        for op, bound in () if one.op == "const" else cuts.get(one, ()):
+        for op, bound in () if one.truth or one.op == "const" else cuts.get(one, ()):
             new[one] = make(op, new[one], bound)
     return new[branch]
 

@@ -9,7 +9,7 @@ import pytest
 from sdhj.formulas import narrowing
 from sdhj.formulas.formula import Formula, compare
 from sdhj.formulas.graph import constant, interned, leaf, make, ordered
-from sdhj.formulas.text import shown
+from sdhj.formulas.text import parsed, shown, written
 
 X, Y = leaf("x", 0), leaf("x", 1)
 NUMBERS = [constant(c) for c in (-1.0, 0.0, 0.5, 1.0)]
@@ -48,7 +48,9 @@ def check_random_branches(seeds):
     """Values are the same, NaN where they were, and lie in bounds that are no wider than without."""
     rng, known = np.random.default_rng(0), np.zeros(2)
     for seed in seeds:
-        narrowed, plain = (Formula((one,), 2) for one in random_pair(random.Random(seed)))
+        pair = random_pair(random.Random(seed))
+        narrowed, plain = (Formula((one,), 2) for one in pair)
+        assert parsed(written(pair[:1], []), [], 2, 0) == pair[:1]
         low, high = np.sort(rng.choice([-2.0, -1.0, -0.3, 0.0, 0.5, 0.7, 1.0, 3.0], (2, 40, 2)), axis=0)
         least, most = narrowed.bounds(low, high, (0.0, 0.0))
         before = plain.bounds(low, high, (0.0, 0.0))
@@ -158,6 +160,14 @@ def test_only_what_may_be_undefined_is_narrowed():
     assert shown([narrowing.where(make("less", X, NUMBERS[1]), Y, make("sqrt", X))], "xy") == [
         "where(x < 0, y, sqrt(max(x, 0)))"
     ]
+
+
+def test_truth_values_stay_truth_values():
+    """A comparison that is compared with a number is not cut at it: `and` takes truth values alone."""
+    compared, other = make("less", X, Y), make("less", Y, NUMBERS[2])
+    branch = make("where", make("and", compared, other), make("sqrt", X), Y)
+    found = narrowing.where(make("less", compared, NUMBERS[2]), branch, X)
+    assert parsed(written([found], []), [], 2, 0) == (found,)
 
 
 def test_many_pieces_stay_few_operations():
