@@ -91,7 +91,6 @@ ADVICE = {
     **dict.fromkeys(("digitize", "searchsorted"), "a sum of np.where(x >= edge, 1.0, 0.0) counts edges"),
     **dict.fromkeys(("copyto", "putmask", "place", "choose"), WHERE),
     **dict.fromkeys(("copysign", "signbit"), "a zero has no sign here: np.where(b < 0, -abs(a), abs(a))"),
-    **dict.fromkeys(("sort", "median", "partition"), "np.minimum and np.maximum sort two"),
     **dict.fromkeys(("solve", "inv", "det"), "solve it by hand, or outside of the function where it is constant"),
     "piecewise": "np.select(conditions, values) is known",
     "linspace": "np.linspace(0.0, 1.0, count) * end is known",
