@@ -48,7 +48,7 @@ def values(tape, points, parameters=NONE):
 def bounds(tape, low, high, parameters_low=NONE, parameters_high=NONE):
     low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
     out = np.full((2, results(tape), len(low)), -7.0)
-    tapes.play_bounds(tape, low, high, np.asarray(parameters_low, float), np.asarray(parameters_high, float), out)
+    tapes.play_bounds(tape, low, high, np.array([parameters_low, parameters_high], float), out)
     return out
 
 

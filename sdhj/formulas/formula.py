@@ -121,8 +121,8 @@ class Formula:
         -inf and inf where it may be undefined somewhere in the box.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
-        low, high, begin, end = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, *ends))
-        _play_bounds(self.tape, low, high, begin, end, out)
+        low, high, ends = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, ends))
+        _play_bounds(self.tape, low, high, ends, out)
         undefined = np.isnan(out[0])
         out[0][undefined], out[1][undefined] = -np.inf, np.inf
         least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)

@@ -455,7 +455,7 @@ def _or_nothing(room, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, start, stop):
+def play_bounds_part(tape, low, high, ends, out, start, stop):
     """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
@@ -472,8 +472,8 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
             elif op == P or op == CONST:
-                least = parameters_low[first] if op == P else value[k]
-                most = parameters_high[first] if op == P else value[k]
+                least = ends[0, first] if op == P else value[k]
+                most = ends[1, first] if op == P else value[k]
                 for m in range(count):
                     result[0, m], result[1, m] = least, most
             elif op == GRIDDED:
@@ -496,19 +496,12 @@ def play_bounds_part(tape, low, high, parameters_low, parameters_high, out, star
                 out[0, i, at + m], out[1, i, at + m] = room[row, m], room[row + 1, m]
 
 
-def play_bounds(
-    tape: Tape,
-    low: FloatArray,
-    high: FloatArray,
-    parameters_low: FloatArray,
-    parameters_high: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Intervals of a tape over boxes from low to high (M, C), parameters (P,) each, into out (2, K, M).
+def play_bounds(tape: Tape, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray) -> None:
+    """Intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P), into out (2, K, M).
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
     """
-    arguments = (tuple(tape), low, high, parameters_low, parameters_high, out)
+    arguments = (tuple(tape), low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:
         play_bounds_part(*arguments, 0, len(low))
     else:
