@@ -88,11 +88,12 @@ class Formula:
         """
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
-        numbers = not any(hasattr(one, "__len__") and np.ndim(one) for one in parameters)
-        fits = numbers and len(parameters) == self.parameters and np.ndim(points) == 2
-        if not fits or points.shape[1] != self.coordinates:
+        fits = len(shape := np.shape(points)) == 2 and shape[1] == self.coordinates
+        fits = fits and len(parameters) == self.parameters
+        given = np.array(parameters if fits and not traced else (), np.float64)
+        if not fits or given.ndim != 1:
             more = f" and {self.parameters} more, numbers, the time first" if self.parameters else " alone"
-            got = ", ".join([f"points of shape {np.shape(points)}", *map(reprlib.repr, parameters)])
+            got = ", ".join([f"points of shape {shape}", *map(reprlib.repr, parameters)])
             under = f"problem.dynamics.{self.name}_at(points, j, t) is under input j"
             columns = "points[:, :1] is a column as points, and points[:, [0, 2]] are two"
             raise ValueError(
@@ -103,7 +104,7 @@ class Formula:
             return self._inlined(points, parameters)
         if not points.flags.writeable:  # for what may not be written to, all would be compiled once more
             points = points.copy()
-        out, given = np.empty((len(self.outputs), len(points))), np.array(parameters, np.float64)
+        out = np.empty((len(self.outputs), len(points)))
         if not _play(self.tape, points, given, out) and finite:
             row = int(np.argmin(np.isfinite(out).all(axis=0)))
             value, when = out[:, row][~np.isfinite(out[:, row])][0], ", ".join(map("{:g}".format, given))
