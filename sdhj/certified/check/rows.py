@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sdhj.certified.check.bits import NONE, Array, any_bit, compiled, drop, has
-from sdhj.certified.check.separation import STACK, Bench, clear, sweep, tip_inside
+from sdhj.certified.check.separation import BOUNDS, STACK, Bench, clear, sweep, tip_inside
 
 
 class Stored(NamedTuple):
@@ -45,9 +45,10 @@ def settle(velocity, duration, world, bench, bits):
 @compiled()
 def bench_of(i1, i2, world):
     """Room to work on the row of two joint cells."""
-    nx, part = world.x.size - 1, np.zeros(10)
+    nx, part = world.x.size - 1, np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
-    return Bench(part, np.empty(nx), np.empty(nx), np.empty((STACK, 10)))
+    part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push
+    return Bench(part, np.empty(nx), np.empty(nx), np.empty((STACK, BOUNDS)))
 
 
 @compiled()

@@ -29,9 +29,10 @@ from sdhj.certified.check.bits import Array, any_bit, compiled, drop
 ROUNDING = 1e-11  # m: see above
 STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
 DIRECTIONS = 24  # tried for a whole row, beside the links' normals
-TURNS = 8
+TURNS = 16
 GRANTED = 2000  # boxes for one question; then it is not proved
 STACK = 160
+BOUNDS = 14  # of a part
 
 
 class World(NamedTuple):
@@ -59,8 +60,9 @@ class World(NamedTuple):
 
 # ---- where the arm, the agent and the disks can be
 #
-# A *part* (10,) holds bounds of both joints and of the agent's coordinates at the start of an interval, and in its last
-# two entries of tau, a time since then. A *box* (10,) holds bounds of where they are at those times.
+# A *part* (14,) holds bounds of both joints and of the agent's coordinates at the start of an interval, of tau, a time
+# since then, and of what the disturbance adds to the velocity of either joint on average until then. A *box* holds in
+# its first ten entries bounds of where they are at those times.
 
 
 @compiled()
@@ -68,7 +70,7 @@ def moved(part, velocity, world, box):
     """The box of everything that can be reached from a part; the middle of one can be reached from the other's."""
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
-        slow, fast = velocity[joint] - world.push, velocity[joint] + world.push
+        slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]
         off = world.off[joint] + STATE_ERROR
         box[2 * joint] = part[2 * joint] + min(slow * tau0, slow * tau1) - off
         box[2 * joint + 1] = part[2 * joint + 1] + max(fast * tau0, fast * tau1) + off
@@ -167,9 +169,9 @@ def separated(link, pose, body, turn):
 
 @compiled()
 def halve(part, weights, first, second):
-    """Cut a part where it is widest, its coordinates and the time taken by their weights."""
+    """Cut a part where it is widest, all that it bounds taken by its weight."""
     axis, widest = 0, 0.0
-    for k in range(5):
+    for k in range(len(weights)):
         size = (part[2 * k + 1] - part[2 * k]) * weights[k]
         if size > widest:
             axis, widest = k, size
@@ -181,14 +183,15 @@ def halve(part, weights, first, second):
 def link_clear(link, body, part, velocity, start, world, stack):
     """Whether it is proved that a link stays clear of a body, from anywhere in a part, at all its times.
 
-    velocity (2,) : the input. start : of the interval. stack (STACK, 10) : scratch.
+    velocity (2,) : the input. start : of the interval. stack (STACK, BOUNDS) : scratch.
     """
-    l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1], 1.0 if body == len(world.disks) else 0.0
+    l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
     fastest = (abs(velocity[0]) + world.push) * l1 + (abs(velocity[1]) + world.push) * l2 + agent * world.agent[0]
     if body < len(world.disks):
         disk = world.disks[body]
         fastest += abs(disk[2]) + abs(disk[3]) + abs(disk[4] * disk[5])
-    weights, size, box, piece = (l1, l2, agent, agent, fastest), 1, stack[STACK - 1], stack[STACK - 2]
+    tau, size, box, piece = part[9], 1, stack[STACK - 1], stack[STACK - 2]
+    weights = l1, l2, agent, agent, fastest, l1 * tau, l2 * tau
     stack[0] = part
     for _ in range(GRANTED):
         if size == 0:
@@ -226,7 +229,7 @@ def tip_inside(part, t, world, stack):
     """
     moved(part, world.inputs[0], world, stack[0])  # by the error of states
     l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
-    size, box, weights = 1, stack[STACK - 1], (l1 + l2, l2, 0.0, 0.0, 0.0)
+    size, box, weights = 1, stack[STACK - 1], (l1 + l2, l2)
     for _ in range(GRANTED):
         if size == 0:
             return True
@@ -260,10 +263,10 @@ def tip_inside(part, t, world, stack):
 class Bench(NamedTuple):
     """Room to work on one row: the bounds of its joints and of one of the agent's cells, and scratch."""
 
-    part: Array  # (10,) see `separation`
+    part: Array  # (BOUNDS,) see above
     low: Array  # (nx,) `beyond`
     high: Array
-    stack: Array  # (STACK, 10) boxes
+    stack: Array  # (STACK, BOUNDS)
 
 
 @compiled()

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from naive_certified import CIRCLE, LINE, STILL
 
+import sdhj
 from sdhj.certified.check import separation
+from sdhj.certified.check.arm import Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
 
-def part_of(cell, duration=0.0):
-    """Bounds of the joints and the agent (8,) with those of a time from 0 to `duration`."""
-    return np.array([*cell, 0.0, duration])
+def part_of(cell, duration=0.0, push=0.0):
+    """Bounds of the joints and the agent (8,) with those of a time from 0 to `duration`, and of a disturbance."""
+    return np.array([*cell, 0.0, duration, -push, push, -push, push])
 
 
 def test_no_point_of_the_arm_is_farther(rng):
@@ -57,7 +59,7 @@ def test_a_disk_stays_where_it_is_said_to_be(late, arm_world):
 @pytest.mark.parametrize("evader", [False, True])
 def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
     """Wide cells; the target's radius is about the distance of the farthest tip in samples."""
-    world, stack, outcomes = arm_world(), np.empty((separation.STACK, 10)), []
+    world, stack, outcomes = arm_world(), np.empty((separation.STACK, separation.BOUNDS)), []
     for _ in range(100):
         low = rng.uniform([-3, -3, -0.3, -0.3], [3, 3, 0.3, 0.3])
         cell = np.stack([low, low + rng.uniform(0.0, [1.0, 1.0, 0.1, 0.1])], axis=1).ravel()
@@ -79,24 +81,26 @@ def test_tips_that_are_proved_inside_are_inside(evader, arm_world, rng):
 def test_what_is_proved_clear_is_clear(kinematics, arm_world, rng):
     """And what is not proved nearly touches."""
     world = arm_world(kinematics=kinematics, u_max=3.0, v_d_max=0.4, delta=0.1)
-    stack, gaps = np.empty((separation.STACK, 10)), {True: [], False: []}
+    stack, gaps = np.empty((separation.STACK, separation.BOUNDS)), {True: [], False: []}
     for trial in range(120):
         low = rng.uniform([-3, -3, -0.3, -0.3], [3, 3, 0.3, 0.3])
         cell = np.stack([low, low + rng.uniform(0.01, 0.05, 4)], axis=1).ravel()
         j, body, duration = int(rng.integers(0, 9)), trial % 4, 0.1 if trial % 3 else 0.0
-        proved = separation.clear((body, body + 1), part_of(cell, duration), world.inputs[j], 0.2, world, stack)
+        proved = separation.clear(
+            (body, body + 1), part_of(cell, duration, world.push), world.inputs[j], 0.2, world, stack
+        )
         gaps[proved].append(naive.smallest_gap(world, cell, j, body, 0.2, duration, rng))
     assert min(gaps[True]) > 0.0 and len(gaps[True]) > 40 and len(gaps[False]) > 10
     assert max(gaps[False]) < 0.006  # samples of a cell of up to 15 mm do not find the nearest state
 
 
-def pose(q1, q2, px, py, duration=0.0):
-    return part_of(np.array([q1, q1, q2, q2, px, px, py, py], dtype=float), duration)
+def pose(q1, q2, px, py, duration=0.0, push=0.0):
+    return part_of(np.array([q1, q1, q2, q2, px, px, py, py], dtype=float), duration, push)
 
 
 def test_contact_is_met_to_a_hair(arm_world):
     """A stretched arm and a pursuer: 50 mm between centre and link is contact; so are rounding and a state's error."""
-    world, stack, still = arm_world(obstacles=()), np.empty((separation.STACK, 10)), np.zeros(2)
+    world, stack, still = arm_world(obstacles=()), np.empty((separation.STACK, separation.BOUNDS)), np.zeros(2)
     at_rest = world._replace(push=0.0)
     for x, link in ((0.07, 0), (0.2, 1)):
         for y, expected in ((0.0501, True), (0.05 + 1e-8, True), (0.05 + 1e-10, False), (0.05, False), (0.03, False)):
@@ -104,11 +108,39 @@ def test_contact_is_met_to_a_hair(arm_world):
     box = pose(0, 0, 0.2, 0.05 + 5e-12)  # the error of the state left out
     arm, body = separation.pose_of(box, world.arm), separation.body_of(box, 0, 0.0, world)
     assert not separation.separated(1, arm, body, 1.0)[0]
-    assert not separation.clear(
-        (0, 1), pose(0, 0, 0.2, 0.12, 0.1), np.array([3.0, 0.0]), 0.0, world, stack
-    )  # the arm comes
+    coming = pose(0, 0, 0.2, 0.12, 0.1, world.push)
+    assert not separation.clear((0, 1), coming, np.array([3.0, 0.0]), 0.0, world, stack)
     slow = world._replace(push=0.3, agent=np.array([0.2, 0.05]))
-    assert separation.clear((0, 1), pose(0, 0, 0.2, -0.085, 0.1), np.array([3.0, 0.0]), 0.0, slow, stack)
+    assert separation.clear((0, 1), pose(0, 0, 0.2, -0.085, 0.1, 0.3), np.array([3.0, 0.0]), 0.0, slow, stack)
+
+
+def test_all_that_a_disturbance_adds_counts(arm_world):
+    """A stretched arm at rest beside a pursuer at rest: to either side it is pushed to contact, or not as far."""
+    world, stack, still = arm_world(obstacles=()), np.empty((separation.STACK, separation.BOUNDS)), np.zeros(2)
+    world = world._replace(agent=np.array([0.0, 0.05]))
+    for y in (-0.058, 0.058):
+        for push, expected in ((0.1, True), (0.5, False)):
+            part = pose(0, 0, 0.25, y, 0.1, push)
+            assert separation.clear((0, 1), part, still, 0.0, world._replace(push=push), stack) == expected
+
+
+def test_what_is_hard_to_separate_is_proved():
+    """Cells of the case study, as many as there are by default: a corner of a cell of the pursuer, disks beside a link.
+
+    The first one is 48 micrometres from contact, in the others the disturbance moves the arm by more than a cell.
+    """
+    problem = sdhj.arm_case_study()
+    edges = [axis.edges() for axis in sdhj.Certified().axes(problem)]
+    world, stack = Scene.of(problem.recipe, {}).world(edges), np.empty((separation.STACK, separation.BOUNDS))
+
+    def proved(bodies, joints, agent, start, duration):
+        bounds = [edge[i : i + 2] for edge, i in zip(edges, (*joints, *agent), strict=True)]
+        part = part_of(np.concatenate(bounds), duration, world.push)
+        return separation.clear(bodies, part, world.inputs[12], start * world.delta, world, stack)
+
+    assert proved((3, 4), (313, 117), (30, 38), 8, 0.0)
+    for joints, start in (((194, 200), 1), ((186, 216), 0), ((278, 95), 0)):
+        assert proved((0, 3), joints, (0, 0), start, world.held)
 
 
 def test_states_beside_their_cell_count(arm_world):
