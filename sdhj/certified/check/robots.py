@@ -278,12 +278,14 @@ class Robot(Sets):
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
-    def clear_holds(self, numbers: Array, step: int, swept: Array) -> Array:
-        """Whether tubes from cells (M,), swept (M, parts, 2, ndim), are clear in the interval from a step: (M,)."""
+    def clear_holds(self, numbers: Array, step: int, swept: Array, at: Array) -> Array:
+        """Whether tubes from cells (M,), of those of places swept[at], are clear in the interval from a step: (M,)."""
         grid, ends, out = self.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
-        there = self.inside(ends, swept)
-        until = np.where(there[:, :, None, None], swept, swept[:, :1])
-        whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
+        there = self.inside(ends, swept, at)
+        whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]
+        if not there.all():
+            until = np.where(there[:, :, None, None], swept[at], swept[at, :1])
+            whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
             room = ROOM * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
@@ -294,18 +296,18 @@ class Robot(Sets):
             if not part.moving:  # often the whole tube at once will do
                 left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
-                box = ends[:, left] + np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR
+                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR
                 when = times[0] - self.jitter, times[1] + self.jitter
                 good = self.outside(part, box[..., own], self.always if not part.moving else when)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]
         return out
 
-    def inside(self, ends: Array, swept: Array) -> Array:
+    def inside(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
-        left, grid = np.zeros(swept.shape[:2], np.bool_), self.grid
+        left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe):
-            a, b = (ends[side, :, axis, None] + swept[:, :, side, axis] for side in (0, 1))
+            a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
             left |= (b < grid.lower[axis] - NEAR) & (grid.ends[axis][0] == "safe")
             left |= (a > grid.upper[axis] + NEAR) & (grid.ends[axis][1] == "safe")
         return ~np.logical_or.accumulate(left, axis=1)
@@ -393,7 +395,7 @@ class Robot(Sets):
                 for step, some in open_.items():
                     rows = np.searchsorted(looked_at, at[some])
                     slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
-                    good = [self.clear_holds(numbers[some[own]], step, swept[rows[own]]) for own in slabs]
+                    good = [self.clear_holds(numbers[some[own]], step, swept, rows[own]) for own in slabs]
                     open_[step] = some[~np.concatenate(good)] if good else some
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
             wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])

@@ -282,8 +282,8 @@ MUTATIONS = {
     ),
     "states near a part of a tube": (
         ROBOTS_PY,
-        "np.moveaxis(swept[left, piece], 1, 0) + OUTWARD * 2 * NEAR",
-        "np.moveaxis(swept[left, piece], 1, 0)",
+        "np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR",
+        "np.moveaxis(swept[at[left], piece], 1, 0)",
         "a moving set nearer than rounding",
     ),
     "the upper end": (ROBOTS_PY, "(whole[1, :, axis] <= grid.upper[axis] + room)", "True", "out by the upper end"),
@@ -332,10 +332,16 @@ MUTATIONS = {
         "a set behind the seam",
     ),
     "laps": (ROBOTS_PY, "np.floor((a - least) / (most - least)) * (most - least)", "0.0", "a set before the seam"),
+    "all of a tube": (
+        ROBOTS_PY,
+        "swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)",
+        "swept[:, 0, 0], swept[:, 0, 1]",
+        "a rock at the end of the way",
+    ),
     "all parts of a tube": (
         ROBOTS_PY,
-        "np.where(there[:, :, None, None], swept, swept[:, :1])",
-        "swept[:, :1]",
+        "np.where(there[:, :, None, None], swept[at], swept[at, :1])",
+        "swept[at, :1]",
         "a rock at the end of the way",
     ),
     "wholly past a lower end": (
