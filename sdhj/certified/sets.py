@@ -170,8 +170,10 @@ class Certified:
         count = math.prod(axis.count for axis in proof.axes)
 
         def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
-            cells = float(math.prod(axis.count for axis in axes))
-            return (cells, cells) if isinstance(proof, ArmProof) else cost(problem, axes, self.parts, speeds)
+            if isinstance(proof, GeneralProof):
+                return cost(problem, axes, self.parts, speeds)
+            rows, cells = (math.prod(axis.count for axis in some) for some in (axes[:3], axes))
+            return rows, cells  # the agent's cells that touch the arm are found a row at a time
 
         share = min(max(QUICK / count, COARSER), 1.0)
         for some in (share / 8, share):  # the first time compiles
