@@ -75,10 +75,8 @@ class ArmProof(Proof):
             parts_of = np.arange(problem.steps) + instants[:, None] * (length / problem.delta)
             times = parts_of * problem.delta + problem.sensing.delay
             allowed = clear_of_obstacles(problem, axes, times, velocities, length)
-        contact, fastest = (
-            float(stage.agent_radius + stage.arm.half_width),
-            float(max(speeds[2][0][1], speeds[3][0][1])),
-        )
+        contact = float(stage.agent_radius + stage.arm.half_width)
+        fastest = float(max(speeds[2][0][1], speeds[3][0][1]))
         plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
         unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"

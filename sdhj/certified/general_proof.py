@@ -193,9 +193,8 @@ class GeneralProof(Images):
 
         with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
             for some in (work[at : at + n] for at in range(0, len(work), n)):
-                for (start, j, slab), (tubes, last) in zip(
-                    some, pool.map(moved, *zip(*some, strict=True)), strict=True
-                ):
+                found = pool.map(moved, *zip(*some, strict=True))
+                for (start, j, slab), (tubes, last) in zip(some, found, strict=True):
                     places = slab * PLACES, min((slab + 1) * PLACES, size)
                     at = start, j, slice(*places)
                     self.low[at], self.high[at] = self.in_cells(np.arange(*places), last)
@@ -253,11 +252,8 @@ class GeneralProof(Images):
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set a lattice for each step, or one for all where it stands still."""
         out: list[list[Boxes]] = []
-        grid, (length, _), late = (
-            self.problem.grid,
-            self.problem.sensing.hold(self.problem.delta),
-            self.problem.sensing.jitter,
-        )
+        grid, sensing = self.problem.grid, self.problem.sensing
+        length, late = sensing.hold(self.problem.delta)[0], sensing.jitter
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))

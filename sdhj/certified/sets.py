@@ -172,8 +172,8 @@ class Certified:
         def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
             if isinstance(proof, GeneralProof):
                 return cost(problem, axes, self.parts, speeds)
-            rows, cells = (math.prod(axis.count for axis in some) for some in (axes[:3], axes))
-            return rows, cells  # the agent's cells that touch the arm are found a row at a time
+            # the agent's cells that touch the arm are found a row at a time
+            return [math.prod(axis.count for axis in some) for some in (axes[:3], axes)]
 
         share = min(max(QUICK / count, COARSER), 1.0)
         for some in (share / 8, share):  # the first time compiles
@@ -186,10 +186,8 @@ class Certified:
         whole, coarse = model(proof.axes), model(sets.proof.axes)
         seconds = sum(each * much / little for each, much, little in zip(times, whole, coarse, strict=True))
         found = sum(len(rows) for rows, _ in sets.added.values()) / sets.shape[0]  # times all rows
-        rows, packed = (
-            math.prod(axis.count for axis in some) for some in (proof.axes[: proof.rows], proof.axes[proof.rows :])
-        )
-        nbytes = (2 * found + 3) * rows * 8 * -(-packed // 64) + 4 * len(sets.added) * rows
+        rows = math.prod(axis.count for axis in proof.axes[: proof.rows])
+        nbytes = (2 * found + 3) * rows * 8 * -(-(count // rows) // 64) + 4 * len(sets.added) * rows
         return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
