@@ -237,7 +237,7 @@ FALSE = {
     ),
     "the lower end of a tube": (STENCILS, "low + lattice.narrow[k]", "lattice.narrow[k]", "line", CLEAR),
     "the upper end of a tube": (STENCILS, "high - lattice.narrow[k]", "0.0 - lattice.narrow[k]", "line", CLEAR),
-    "each of the cells abreast": (STENCILS, "own = cell[axis] + n", "own = cell[axis]", "line", CLEAR),
+    "each of the cells abreast": (STENCILS, "number = cell[axis] + n", "number = cell[axis]", "line", CLEAR),
     "parts in turn": (
         STENCILS,
         "lattice.sums[max(part, 0) % kinds]",
@@ -247,15 +247,15 @@ FALSE = {
     ),
     "out by a lower end": (
         STENCILS,
-        "tube[:, axis, 0].min() < faces[0, axis]",
-        "tube[:, axis, 0].min() < -1e9",
+        "far[0, axis] < faces[0, axis]",
+        "far[0, axis] < -1e9",
         "line",
         CLEAR,
     ),
     "out by an upper end": (
         STENCILS,
-        "tube[:, axis, 1].max() > faces[1, axis]",
-        "tube[:, axis, 1].max() > 1e9",
+        "far[1, axis] > faces[1, axis]",
+        "far[1, axis] > 1e9",
         "line",
         CLEAR,
     ),
@@ -315,7 +315,7 @@ FALSE = {
     "every cell of an image": (STENCILS, "at[axis] < number[axis]:", "at[axis] < number[axis] - 1:", "cart", NEARER),
     "the last cells of a row": (
         STENCILS,
-        "has_bits(block, begin, min(end, count))",
+        "has_bits(block, begin, min(end, whole))",
         "has_bits(block, begin, begin + 1)",
         "line",
         NEARER,
@@ -335,7 +335,7 @@ ANOTHER = {
     "cells whose images change": (STENCILS, "first - reach[1], last - reach[0]", "first, last", "cornered"),
     "cells at an end": (STENCILS, "return 0 if first == 0 else max(begin, 0)", "return max(begin, 0)", "to the left"),
     "words that change": (STENCILS, "(min(end, count - 1) >> 6) + 1] = True", "first >> 6] = True", "cart"),
-    "only what was in the set": (STENCILS, "or has_bit(own[row], bit) != keep:", "or False:", "cart"),
+    "only what was in the set": (STENCILS, "or has_bit(inside, bit) != keep:", "or False:", "cart"),
     "inputs that lead there": (
         STENCILS,
         "out[m, j] = pool.size == 0 or image_inside(",
