@@ -54,10 +54,10 @@ ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
 # an input and a corner of the boxes of a set that stands still, or of one that moves and a part of the interval; for a
 # cell and an input at unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, STILL_CORNER, MOVING_CORNER, AT_ENDS, BOXED = 1.6e-7, 1.4e-8, 1.2e-8, 5.4e-9, 1.4e-7, 8.8e-9
-ABREAST = 1 / 3  # of a corner's seconds, where cells are looked up abreast
+AXIS, OPERATION, STILL_CORNER, MOVING_CORNER, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 1.2e-8, 5.4e-9, 3e-8, 8.8e-9
+ABREAST = 1 / 2  # of a corner's seconds, where cells are looked up abreast
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
-ENTRY, IMAGE, NEAR_ROW = 6e-8, 1.3e-9, 4e-10
+ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
