@@ -63,6 +63,8 @@ def test_no_step_is_asked_for(staying):
     assert controller.select(q) == 0 and controller.filter(q, wanted=2).inputs == 0
     assert controller.fallback(np.array([0.9, 2.0])) == controller.fallback(np.array([0.9, 2.0]), 0)
     np.testing.assert_array_equal(controller.batch(q[None]).safe, controller.batch(q[None], 0).safe)
+    with pytest.raises(sdhj.NotAdmissible, match=r"states that stay clear for ever \("):
+        controller.select(np.array([0.9, 2.0]))
 
 
 def test_what_depends_on_time_asks_for_the_step():

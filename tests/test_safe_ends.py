@@ -199,6 +199,8 @@ def test_what_is_past_a_safe_end_after_the_interval_has_all_margin():
     batch = Controller(table).batch(np.array([[0.9, -0.5], [0.3, -0.5], [0.9, 1.2], [-0.95, -0.5]]), 0)
     assert batch.margins[0, 0] == -np.inf and -np.inf < batch.margins[1, 0] <= 0
     assert batch.promised.tolist() == [True, True, False, False]
+    with pytest.raises(sdhj.NotAdmissible, match="past a safe end, where the task is over"):
+        Controller(table).select([1.2, 0.0], 0)
 
 
 def test_one_end_safe_and_the_other_unsafe(monkeypatch):

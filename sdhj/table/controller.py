@@ -321,20 +321,25 @@ class Controller:
         return batch
 
     def _explain(self, states: FloatArray, step: int) -> str:
-        within = self.table.steps - step
+        within, details = self.table.steps - step, self.table.details
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
             where = "it is off the grid"
+        elif self.problem.grid.beyond(states, "safe")[0]:
+            where = "it is past a safe end, where the task is over"
         elif self.table.proved:
             where = "its cell is not certified: table.explain says why"
         else:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
-        promise = "stay clear for" if self.problem.stays else "reach the target within"
+        steps = f"{within} step{'s' * (within != 1)}"
+        promise = f"stay clear for {steps}" if self.problem.stays else f"reach the target within {steps}"
+        if self.problem.stays and details.get("settled", details.get("endless")):
+            promise = "stay clear for ever"
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
-            f"outside the tube of the states that {promise} {within} steps ({where}); choose a state "
+            f"outside the tube of the states that {promise} ({where}); choose a state "
             f"where table.contains(q, start={step}, within={within}) is true, or solve with more steps or nodes"
         )
 
