@@ -154,8 +154,10 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
             second = inside(b, rank + text[b].startswith("-"))
             text[one] = f"{inside(a, rank + (' / ' in text[a]))} {second}"
         elif one.op in SIGNS:
-            second = inside(one.args[1], rank + (one.op in ("sub", "div", "share")))
-            text[one] = f"{inside(one.args[0], rank)}{SIGNS[one.op]}{second}"
+            second, sign = inside(one.args[1], rank + (one.op in ("sub", "div", "share"))), SIGNS[one.op]
+            if one.op in ("add", "sub") and second.startswith("-"):
+                second, sign = second[1:], SIGNS["sub" if one.op == "add" else "add"]
+            text[one] = f"{inside(one.args[0], rank)}{sign}{second}"
         elif one.op in ("sqr", "power"):
             text[one] = f"{inside(one.args[0], rank + 1)}^{2 if one.op == 'sqr' else one.value}"
         elif one.op == "neg":

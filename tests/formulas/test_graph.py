@@ -333,6 +333,8 @@ def test_fuzzed_texts_are_read_or_refused():
 def test_mathematics_to_look_at():
     node = make("sub", make("hypot", make("sub", X, make("mul", constant(0.5), T)), Y), constant(0.25))
     assert shown([node], ["x", "y"]) == ["hypot(x - 0.5 t, y) - 0.25"]
+    node = make("sub", make("add", X, make("mul", constant(-0.05), T)), make("neg", Y))
+    assert shown([node], ["x", "y"]) == ["x - 0.05 t + y"]
 
 
 class Reader:
