@@ -183,7 +183,7 @@ def mark_reached(rows, changed, reach, cells, out, room, hit):
                 axis = last - 1
                 while axis >= 0:
                     at[axis] += 1
-                    if at[axis] < number[axis]:
+                    if number[axis] > at[axis]:
                         break
                     at[axis] = 0
                     axis -= 1
