@@ -119,11 +119,21 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 
 def _at_most(a: Node, b: Node) -> bool:
     """Whether |a| <= |b| wherever both are defined."""
-    if a is b or (a.op in SHRINKING and _at_most(a.args[0], b)):
-        return True
-    parts = list(b.args) if b.op in ("hypot", "abs", "neg") else []
-    if b.op == "sqrt":
-        parts = squares(b.args[0]) or []
-    elif b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))):
-        parts = list(filter(_is_length, b.args))
-    return any(_at_most(a, part) for part in parts)
+    sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
+    while a.op in SHRINKING:
+        a = a.args[0]
+        sizes.add(a)
+    while left:
+        one = left.pop()
+        if one in sizes:
+            return True
+        if one in seen:
+            continue
+        seen.add(one)
+        if one.op in ("hypot", "abs", "neg"):
+            left += one.args
+        elif one.op == "sqrt":
+            left += squares(one.args[0]) or []
+        elif one.op == "max" or (one.op == "add" and all(map(_is_length, one.args))):
+            left += filter(_is_length, one.args)
+    return False

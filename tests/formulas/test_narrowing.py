@@ -154,6 +154,16 @@ def test_what_may_be_undefined_or_unbounded_has_no_bounds():
         assert np.isinf(Formula.read("f", lambda p, t, f=function: f(p), 2, "t").bounds(*box, (0.0, 0.0))).all()
 
 
+def test_a_length_may_be_made_of_many():
+    """Each is used twice: there are 2^3000 ways from the last to x."""
+    length = make("abs", X)
+    for _ in range(3000):
+        length = make("hypot", length, length)
+    kept = make("max", length, NUMBERS[3])
+    assert narrowing.quotient(X, kept) is make("share", X, kept)
+    assert narrowing.quotient(Y, kept) is make("div", Y, kept)
+
+
 def test_only_what_may_be_undefined_is_narrowed():
     kept = make("where", make("less", X, NUMBERS[1]), make("neg", X), X)
     assert narrowing.where(*kept.args) is kept
