@@ -59,6 +59,18 @@ def cell_of(number, counts, cell):
 
 
 @kernel(**UNCOUNTED)
+def step_on(at, number, axes):
+    """From a place of a box, at[axis] < number[axis] for so many axes, to the next, the last axis fastest. In place."""
+    axis = axes - 1
+    while axis >= 0:
+        at[axis] += 1
+        if at[axis] < number[axis]:
+            break
+        at[axis] = 0
+        axis -= 1
+
+
+@kernel(**UNCOUNTED)
 def image_inside(cell, low, high, safe, cells, index, pool, room):
     """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
 
@@ -84,13 +96,7 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
         block = pool[index[row]]
         if not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
-        axis = last - 1
-        while axis >= 0:
-            at[axis] += 1
-            if at[axis] < number[axis]:
-                break
-            at[axis] = 0
-            axis -= 1
+        step_on(at, number, last)
     return True
 
 
@@ -114,7 +120,7 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 def grow_row(row, sets, clear, moves, groups, cells, keep, room):
     """What `grow` does of one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; room (4, ndim)."""
     (near, inside, index, pool), last, some = sets, cells.counts[-1], moves.low.shape[0] // groups
-    cell, room, begin, tried = room[0], room[1:], 0, 0
+    cell, scratch, begin, tried = room[0], room[1:], 0, 0
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
@@ -129,7 +135,7 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
                 j = (tried + turn) % some  # what served before is tried first
                 at = group * some + j
                 if (clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image_inside(
-                    cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, pool, room
+                    cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, pool, scratch
                 ):
                     found, tried = True, j
                     break
@@ -180,13 +186,7 @@ def mark_reached(rows, changed, reach, cells, out, room, hit):
                     flat = flat * count + (place if place < count else place - count)  # a remainder takes longest
                 for word in range(words):
                     out[flat, word] |= hit[word]
-                axis = last - 1
-                while axis >= 0:
-                    at[axis] += 1
-                    if number[axis] > at[axis]:
-                        break
-                    at[axis] = 0
-                    axis -= 1
+                step_on(at, number, last)
 
 
 @kernel(inline="always")
@@ -267,11 +267,11 @@ def strike(clear, tubes, places, lattice, bit, layout):
     for chunk in prange(CHUNKS):
         cell, at, along = np.empty(ndim, np.int64), np.empty((2, last), np.int64), np.empty((2, abreast), np.int64)
         room = cell, at, along, np.empty(abreast, np.int64), np.empty(abreast, np.bool_)
-        strike_some(clear, tubes, places, lattice, bit, layout, np.int64(chunk), room)
+        strike_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), room)
 
 
 @kernel(**UNCOUNTED)
-def strike_some(clear, tubes, places, lattice, bit, layout, chunk, room):
+def strike_chunk(clear, tubes, places, lattice, bit, layout, chunk, room):
     """What one thread does of `strike`, the chunk of so many of `CHUNKS`."""
     (cell, at, along, found, open_), groups = room, layout.free // layout.abreast
     total = (places[1] - places[0]) * groups
@@ -341,11 +341,11 @@ def strike_ends(clear, tubes, places, faces, bit, layout):
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
         room = np.empty(ndim, np.int64), np.empty((2, ndim))
-        strike_some_ends(clear, tubes, places, faces, bit, layout, np.int64(chunk), room)
+        strike_ends_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), room)
 
 
 @kernel(**UNCOUNTED)
-def strike_some_ends(clear, tubes, places, faces, bit, layout, chunk, room):
+def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
     """What one thread does of `strike_ends`; how far (2, ndim) the ends of a cell get is kept while that is so."""
     cell, far = room
     total, known, edges = (places[1] - places[0]) * layout.free, (-1, -1), layout.edges
