@@ -34,7 +34,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
-from sdhj.simulation.runs import MOST_RUNS, monte_carlo, said, simulate
+from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
 from sdhj.table.controller import Controller
@@ -153,7 +153,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
     for t, at in zip(trajectory.times, trajectory.states, strict=True):
         click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at))
-    click.echo(f"outcome: {said(trajectory.outcome, controller.problem.stays)}")
+    click.echo(f"outcome: {outcome_name(trajectory.outcome, controller.problem.stays)}")
 
 
 @main.command()

@@ -84,7 +84,7 @@ def score_interval(count: int, runs: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def said(outcome: str, stays: bool) -> str:
+def outcome_name(outcome: str, stays: bool) -> str:
     """What an outcome is called where people read it: without a target, nothing is reached."""
     return "stayed clear" if stays and outcome == "reached" else outcome
 
@@ -134,11 +134,11 @@ class Report:
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            name, count = said(outcome, self.stays), self.counts[outcome]
+            name, count = outcome_name(outcome, self.stays), self.counts[outcome]
             lines.append(f"{name:<13}{count:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
-            done = said("reached", self.stays) + (" for" if self.stays else " after")
+            done = outcome_name("reached", self.stays) + (" for" if self.stays else " after")
             lines.append(f"{done} {reached.mean():.2f} steps on average, {reached.max()} at most")
         lines.append(f"took {self.seconds:.1f} s")
         return "\n".join(lines)
