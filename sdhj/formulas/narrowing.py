@@ -78,9 +78,12 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
 
 def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
     """What a condition says where it holds, or does not: a <= b, or a < b."""
-    left = [(condition, holds)]
+    left, seen = [(condition, holds)], set[tuple[Node, bool]]()
     while left:
-        one, holds = left.pop()
+        one, holds = said = left.pop()
+        if said in seen:
+            continue
+        seen.add(said)
         if one.op == "not" or one.op == ("and" if holds else "or"):
             left += [(arg, holds != (one.op == "not")) for arg in one.args]
         elif one.op in ("less", "lesseq"):

@@ -164,6 +164,13 @@ def test_a_length_may_be_made_of_many():
     assert narrowing.quotient(Y, kept) is make("div", Y, kept)
 
 
+def test_a_condition_may_be_made_of_many():
+    both = make("less", NUMBERS[1], X)
+    for number in range(1, 1000):
+        both = make("and", both, make("and", make("less", constant(-float(number)), Y), both))
+    assert shown([narrowing.where(both, make("sqrt", X), Y).args[1]], "xy") == ["sqrt(max(x, 0))"]
+
+
 def test_only_what_may_be_undefined_is_narrowed():
     kept = make("where", make("less", X, NUMBERS[1]), make("neg", X), X)
     assert narrowing.where(*kept.args) is kept
