@@ -1,4 +1,4 @@
-"""Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens."""
+"""Compiling kernels, and saying so: the first use takes up to a minute in which nothing else happens."""
 
 import os
 import pickle
@@ -27,7 +27,7 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
+LINE = "compiling for this machine, up to a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 GLANCE = 0.05  # s between two looks at how many cores are free
