@@ -129,10 +129,6 @@ def arm_case_study(
     obstacles : sequence of Disk
         What neither link may touch.
 
-    Returns
-    -------
-    ReachAvoidProblem
-
     Raises
     ------
     ValueError
@@ -169,7 +165,7 @@ def evader_case_study(
     arm's reach, so it can escape. Use the method "hji": the tubes of "projected" never grow beyond the target, because
     no state is in the target for every position of the evader along a dropped axis.
 
-    All other parameters are those of `arm_case_study`.
+    All other parameters, and the errors raised, are those of `arm_case_study`.
 
     Parameters
     ----------
@@ -177,13 +173,6 @@ def evader_case_study(
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
         The evader's radius, and half the side of the square that its centre stays in, m.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
-    MemoryError
-        If there is not enough memory for that many nodes.
     """
     recipe = _recipe("evader_case_study", locals())  # only the arguments here
     return _problem(recipe, *_sets(_scene(recipe)))

@@ -76,7 +76,11 @@ def _unit(angle: FloatArray) -> FloatArray:
 
 
 class _Path:
-    """The path of a point, given by points (x, y), velocities and numbers, which are checked."""
+    """The path of a point, given by points (x, y), velocities and numbers, which are checked.
+
+    `at(t)` is its position at the times t, (*t.shape, 2); `speed` a bound on its speed, m/s; `swept_distance` the
+    distance (...) from segments to its trace over [t0, t1].
+    """
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -90,14 +94,12 @@ class Still(_Path):
     """A point that stays at `centre`."""
 
     centre: tuple[float, float]
-    speed = 0.0  # m/s
+    speed = 0.0
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """Position at the times t; shape (*t.shape, 2)."""
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Distance (...) from segments to the trace over [t0, t1], here a point."""
         return segment.distance(self.at(t0))
 
 
@@ -110,15 +112,12 @@ class Line(_Path):
 
     @property
     def speed(self) -> float:
-        """A bound on the speed (here the speed itself), m/s."""
         return float(np.hypot(*self.velocity))
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """Position at the times t; shape (*t.shape, 2)."""
         return np.asarray(self.start) + np.asarray(t, dtype=np.float64)[..., None] * np.asarray(self.velocity)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Distance (...) from segments to the trace over [t0, t1], here a segment."""
         direction = np.array(self.velocity) / self.speed if self.speed else np.array([1.0, 0.0])
         return segment_distance(segment, Segment(self.at(t0), direction, self.speed * (t1 - t0)))
 
@@ -134,16 +133,14 @@ class Circle(_Path):
 
     @property
     def speed(self) -> float:
-        """A bound on the speed (here the speed itself), m/s."""
         return self.radius * abs(self.rate)
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """Position at the times t; shape (*t.shape, 2)."""
         angle = self.rate * np.asarray(t, dtype=np.float64) + self.phase
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Distance (...) from segments to the trace over [t0, t1], here an arc.
+        """The trace is an arc.
 
         A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where

@@ -9,24 +9,15 @@ from sdhj.formulas.graph import Lookup, interned, leaf
 
 
 def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
-    """A function of points that interpolates values given at the nodes of a grid, multilinearly.
+    """A function of points (M, axes) -> (M,) that interpolates values given at the nodes of a grid, multilinearly.
 
-    Beyond the ends of the grid it has the value at the end.
+    Beyond the ends of the grid it has the value at the end. ValueError if values are not finite or shapes do not fit.
 
     Parameters
     ----------
     values : array of 1 to 6 axes, at least two nodes each
     lower, spacing : float, one for each axis
         Where the first node is, and how far nodes are apart.
-
-    Returns
-    -------
-    function of points (M, axes) -> (M,)
-
-    Raises
-    ------
-    ValueError
-        If values are not finite or the shapes do not fit.
 
     Examples
     --------

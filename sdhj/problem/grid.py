@@ -140,12 +140,8 @@ class Grid:
     def points(self) -> FloatArray:
         """Coordinates of all nodes, (size, ndim) float64 in the axes' units, the last axis varying fastest.
 
-        `values.reshape(grid.shape)` gives a function of them its shape on the grid.
-
-        Raises
-        ------
-        MemoryError
-            If they do not fit into memory together with some arrays of the same size.
+        `values.reshape(grid.shape)` gives a function of them its shape on the grid. MemoryError if they do not fit into
+        memory together with some arrays of the same size.
         """
         self.require_room(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
@@ -217,18 +213,9 @@ class Grid:
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
-        """Interpolate a grid function multilinearly.
+        """Interpolate values at the nodes (shape `grid.shape`) multilinearly at points (M, ndim): (M,) float64.
 
-        Parameters
-        ----------
-        values : array of shape `grid.shape`
-            The function at the nodes.
-        points : (M, ndim) array
-            Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
-
-        Returns
-        -------
-        (M,) float64 array
+        Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
         """
         flat = np.ascontiguousarray(values).reshape(1, self.size)
         flat.flags.writeable = False  # of all that comes: what may be written has another type, compiled anew
@@ -300,16 +287,10 @@ class Window(Grid):
 
     Ends, periodicity and spacing are those of the whole grid, and nodes have bit-for-bit the same coordinates. Results
     close to where a window ends and the grid does not are wrong, as the window has no values beyond.
-
-    Attributes
-    ----------
-    whole : Grid
-    first : tuple of int
-        The window's first node on each axis.
     """
 
-    whole: Any = None
-    first: tuple[int, ...] = ()
+    whole: Any = None  # the grid
+    first: tuple[int, ...] = ()  # the window's first node on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
         for name in ("lower", "upper", "periodic", "names", "ends", "rim"):

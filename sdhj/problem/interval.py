@@ -58,12 +58,9 @@ class Velocities:
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires.
+        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires, at most `MOST_STEPS`.
 
-        Raises
-        ------
-        ValueError
-            If it is more than `MOST_STEPS`.
+        ValueError if it is more.
         """
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
@@ -99,23 +96,14 @@ class Interval:
     """What an input and the adversary can do from one sampling time to the next.
 
     Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
-
-    Attributes
-    ----------
-    grid : Grid
-    dynamics : VectorField
-    begin, delta : float
-        When it begins and how long it lasts, s.
-    early, wider : float, (ndim,)
-        How much sooner the adversary may end it, s; by how much boxes of what is reachable are widened.
     """
 
     grid: Grid
     dynamics: VectorField
-    begin: float
-    delta: float
-    early: float = 0.0
-    wider: FloatArray | float = 0.0
+    begin: float  # when it begins, s
+    delta: float  # how long it lasts, s
+    early: float = 0.0  # how much sooner the adversary may end it, s
+    wider: FloatArray | float = 0.0  # (ndim,), by how much boxes of what is reachable are widened
     _known: dict[Any, Velocities] = field(default_factory=dict, init=False)  # of some times, for all steps to go
 
     @property

@@ -21,44 +21,22 @@ SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of eac
 
 @dataclass(frozen=True)
 class Moment:
-    """What an adversary sees of M simultaneous runs at the start of a substep.
-
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    states : (M, ndim) array
-        The current state of each run.
-    inputs : (M,) int array
-        The index in problem.inputs of the input that each robot holds over the interval.
-    steps_to_go : (M,) int array
-        The steps to go at the start of the interval.
-    step, substep : int
-        The step k of the interval, and the substep that begins; substep 0 begins at the start of the interval.
-    time, remaining, duration : float
-        The current time, the time left until the interval's end, and the length of the substep, s.
-    previous : (M, D) array
-        The disturbance in the previous substep; zeros at the start of an interval.
-    runs : (M,) int array
-        The number of the run that each row belongs to; runs that have ended have no row.
-    tube : callable (points (M, V, ndim)) -> (M, V)
-        Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
-    rng : numpy.random.Generator
-        The only source of random numbers, so that runs with the same seed are identical.
-    """
+    """What an adversary sees of M simultaneous runs at the start of a substep."""
 
     problem: ReachAvoidProblem
-    states: FloatArray
-    inputs: FloatArray
-    steps_to_go: FloatArray
-    step: int
-    substep: int
-    time: float
-    remaining: float
-    duration: float
-    previous: FloatArray
-    runs: FloatArray
+    states: FloatArray  # (M, ndim), the current state of each run
+    inputs: FloatArray  # (M,) int, the index in problem.inputs of the input that each robot holds over the interval
+    steps_to_go: FloatArray  # (M,) int, at the start of the interval
+    step: int  # k, of the interval
+    substep: int  # that begins; substep 0 begins at the start of the interval
+    time: float  # now, s
+    remaining: float  # until the interval's end, s
+    duration: float  # of the substep, s
+    previous: FloatArray  # (M, D), the disturbance in the previous substep; zeros at the start of an interval
+    runs: FloatArray  # (M,) int, the number of the run that each row belongs to; runs that have ended have no row
+    # of points (M, V, ndim), V for each run: level-set values (M, V) of the tube that has to hold the interval's end
     tube: Callable[[FloatArray], FloatArray]
-    rng: np.random.Generator
+    rng: np.random.Generator  # the only source of random numbers, so that runs with the same seed are identical
 
     @property
     def interval(self) -> Interval:

@@ -29,24 +29,13 @@ DECIDES = 5  # substeps for which the adversary keeps its decision, at the end o
 
 @dataclass(frozen=True)
 class Played:
-    """Statistics of runs from states drawn uniformly from the tube of all steps; `str()` gives a summary.
+    """Statistics of runs from states drawn uniformly from the tube of all steps; `str()` gives a summary."""
 
-    Attributes
-    ----------
-    runs, lost : int
-        How many runs were simulated, and how many of them did not end as "reached".
-    adversary : str
-    ways : mapping of str to int
-        The number of runs lost in each way; names the unsafe set or the axis whose end was crossed.
-    advice : str
-        What would reduce the losses; empty where no run was lost.
-    """
-
-    runs: int
-    lost: int
+    runs: int  # how many were simulated
+    lost: int  # how many of them did not end as "reached"
     adversary: str
-    ways: Mapping[str, int]
-    advice: str
+    ways: Mapping[str, int]  # runs lost in each way, which names the unsafe set or the axis whose end was crossed
+    advice: str  # what would reduce the losses; empty where no run was lost
 
     @property
     def interval(self) -> tuple[float, float]:

@@ -155,6 +155,8 @@ def simulate(
 ) -> Trajectory:
     """Simulate one run of the closed loop from the state q0 at step 0, until it reaches the target or is lost.
 
+    Returns a `Trajectory`: times, states, inputs, disturbances and the outcome.
+
     Parameters
     ----------
     controller : Controller
@@ -172,11 +174,6 @@ def simulate(
     steps : int, optional
         How many steps to simulate, if nothing depends on time: all of them then use the tubes of step 0. By default the
         steps of the table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
-
-    Returns
-    -------
-    Trajectory
-        Times, states, inputs, disturbances and the outcome.
 
     Raises
     ------
@@ -226,6 +223,8 @@ def monte_carlo(
 ) -> Report:
     """Simulate many runs of the closed loop from states drawn uniformly from the tube of step 0; count how they end.
 
+    `print` shows the counts in the `Report` with their rates; `report.rate("collided")` is one of these.
+
     Parameters
     ----------
     controller, runs : Controller, int
@@ -239,11 +238,6 @@ def monte_carlo(
         The errors and delays to simulate; by default those that the table was solved for.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
-
-    Returns
-    -------
-    Report
-        The outcome of each run and their counts; `print` shows them with their rates, `report.rate("collided")` is one.
 
     Raises
     ------
@@ -314,13 +308,7 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 
 
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
-    """States (count, ndim) drawn uniformly from the tube of step 0, by rejection.
-
-    Raises
-    ------
-    ValueError
-        If hardly any state of the grid is admissible.
-    """
+    """States (count, ndim) drawn uniformly from the tube of step 0, by rejection; ValueError if it is nearly empty."""
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []
     missing = count

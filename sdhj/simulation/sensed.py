@@ -31,33 +31,16 @@ LOST = np.finfo(np.float64).max  # worse than any level-set value
 
 @dataclass(frozen=True)
 class Sight:
-    """What an adversary sees before it chooses the measurement errors of M runs.
+    """What an adversary sees before it chooses the measurement errors of M runs."""
 
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-        The robot's problem, with the simulated sensing.
-    states : (M, ndim) array
-        The current state of each run.
-    box : (ndim,) array
-        The bounds on the measurement error.
-    step : int
-        The step that the measurement is for.
-    starting : (M, ndim) array
-        The state of each run when the next input starts, without a disturbance.
-    ask : callable (errors (M, ndim)) -> inputs, steps to go
-        The controller's choice under these errors, both (M,) int; -1 where it has no answer.
-    tube : callable (points (M, ndim), steps to go (M,)) -> (M,)
-        Level-set value of the tube of predictions, one step later.
-    rng : numpy.random.Generator
-    """
-
-    problem: ReachAvoidProblem
-    states: FloatArray
-    box: FloatArray
-    step: int
-    starting: FloatArray
+    problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
+    states: FloatArray  # (M, ndim), the current state of each run
+    box: FloatArray  # (ndim,), the bounds on the measurement error
+    step: int  # that the measurement is for
+    starting: FloatArray  # (M, ndim), each state when the next input starts, without a disturbance
+    # of errors (M, ndim): the inputs that the controller would choose, and steps to go, both (M,); -1 for no answer
     ask: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    # of points (M, ndim) and steps to go (M,): level-set values (M,) of the tube of predictions, one step later
     tube: Callable[[FloatArray, FloatArray], FloatArray]
     rng: np.random.Generator
 

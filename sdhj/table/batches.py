@@ -76,7 +76,8 @@ class Table:
     """A solved problem, whatever its method: `sdhj.solve` and `sdhj.load` return one, and `sdhj.Controller` uses it.
 
     Arguments `start` and `within` select a tube: the states that at step `start` can reach the target within `within`
-    steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left.
+    steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left. ValueError
+    where an argument does not fit.
 
     A subclass for a new method implements `problem`, `method`, `details`, `values`, `inputs`, `save`, and the methods
     marked "To be implemented" here.
@@ -99,28 +100,19 @@ class Table:
         return self.problem.most_steps
 
     def __repr__(self) -> str:
-        problem, nodes = self.problem, " x ".join(map(str, self.grid.shape))
+        problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
+        lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
         return (
             f"<{type(self).__name__} of {problem.name!r}, method {self.method!r}: {nodes} nodes, "
             f"{len(problem.inputs)} inputs, {self.steps} steps of {problem.delta:g} s; "
-            f"{self.fraction():.1%} of the grid's volume within all of them{self._lost}>"
+            f"{self.fraction():.1%} of the grid's volume within all of them{lost}>"
         )
-
-    @property
-    def _lost(self) -> str:
-        counts = self.details.get("played")
-        return f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
 
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
         """Simulate runs from the whole tube, to see how many of the table's promises are broken.
 
-        `runs`, `adversary`, `seed` and `steps` are those of `sdhj.monte_carlo`.
-
-        Returns
-        -------
-        sdhj.simulation.played.Played
-            `print` shows how many runs were lost, in which way, and what would help: more nodes on a certain axis, for
-            example.
+        The arguments are those of `sdhj.monte_carlo`. `print` of the answer, a `sdhj.simulation.played.Played`, shows
+        how many runs were lost, in which way, and what would help: more nodes on a certain axis, for example.
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
@@ -155,11 +147,6 @@ class Table:
         (M,) bool
             False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
             whatever is interpolated between nodes.
-
-        Raises
-        ------
-        ValueError
-            If a shape, a number, `start` or `within` does not fit.
         """
         points, (start, within) = np.atleast_2d(real_array("points", points)), self.clipped(start, within)
         if points.ndim != 2 or points.shape[1] != self.grid.ndim:
@@ -193,12 +180,7 @@ class Table:
 
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
-        N - step is used.
-
-        Raises
-        ------
-        ValueError
-            If a state has a NaN or an infinity, or if shape or step do not fit.
+        N - step is used. ValueError also where a state has a NaN or an infinity.
         """
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
@@ -267,20 +249,11 @@ class Table:
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Which inputs stay clear of the unsafe sets over the interval from a step, as level-set values.
+        """Which inputs stay clear of the unsafe sets in the interval from a step, 0 to N - 1: level-set values (M, L).
 
-        Parameters
-        ----------
-        states : (M, ndim) array
-        step : int
-            k, from 0 to N - 1.
-
-        Returns
-        -------
-        (M, L) array
-            For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
-            -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall uses the value at the
-            wall; a certified table gives <= 0 only with proof.
+        For each of the states (M, ndim) and each input j it is the value of its avoid tube: <= 0 if u_j stays clear
+        whatever the adversary does, -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall
+        uses the value at the wall; a certified table gives <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)

@@ -177,9 +177,11 @@ class Filtered:
 class Controller:
     """Set-valued feedback from a table, for any state, at or between the nodes or off the grid (Algorithm 2).
 
-    Queries of single states may come from several threads at once, also while a solve runs. If nothing depends on time,
-    the step may be omitted: the answer for step 0 is valid at any time, so a robot may run without end. With `Sensing`,
-    states are predictions, made by `predict`; `step` does all that a control loop needs.
+    Queries take a state q (ndim,), in the units of the grid's axes, and the step k at which the robot is there, from 0
+    to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
+    valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
+    also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
+    loop needs.
 
     Parameters
     ----------
@@ -221,22 +223,7 @@ class Controller:
     def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
         """Fewest steps in which the target can be reached safely from a state, or None if no tube contains it.
 
-        Parameters
-        ----------
-        q : (ndim,) array
-            The state, in the units of the grid's axes.
-        step : int, optional
-            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
-
-        Returns
-        -------
-        int, or None
-            0 means that q is in the target. Without a target: the number of steps that are left.
-
-        Raises
-        ------
-        ValueError
-            If q or step does not fit.
+        0 means that q is in the target. Without a target it is the number of steps that are left.
         """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
@@ -244,34 +231,17 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
-        Each leads into the tube of one step less, or from the target back into it. `q` and `step` are those of
-        `steps_to_go`.
-
-        Returns
-        -------
-        (K,) int
-            Indices into problem.inputs. Empty at the last step, and sometimes just inside the boundary of a tube, where
-            the grid promises too much.
-
-        Raises
-        ------
-        NotAdmissible
-            If no tube of this step contains q.
-        ValueError
-            If q or step does not fit.
+        They are indices (K,) into problem.inputs. Each input leads into the tube of one step less, or from the target
+        back into it. There is none at the last step, and sometimes just inside the boundary of a tube, where the grid
+        promises too much. NotAdmissible if no tube of this step contains q.
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None) -> int:
-        """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
+        """The input to apply until the next measurement, an index: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`.
-
-        Returns
-        -------
-        int
-            Index into problem.inputs.
+        safe, without a promise; `batch(q[None], step).promised` tells.
 
         Raises
         ------
@@ -279,8 +249,8 @@ class Controller:
             If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
             is proved to lead back into it.
         ValueError
-            If q or step does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
-            does not return a number for each safe input.
+            Also at the last step N, after which nothing is left to do, and if a rule of your own does not return a
+            number for each safe input.
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
@@ -296,10 +266,11 @@ class Controller:
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
 
-        For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
-        the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
+        For states that no tube contains, on the grid or off it. ValueError also at the last step.
         """
-        return fallback(self.table, q, self._at(step))
+        state = finite_array("a state", q, (self.problem.grid.ndim,))
+        chosen, promised, hazards = fallbacks(self.table, state[None], self._at(step))
+        return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
 
     def _at(self, step: int | None) -> int:
         if step is None and not self.problem.timeless:
@@ -346,31 +317,14 @@ class Controller:
     # ---- in a control loop: predictions from measurements, and an answer at every sampling time, late ones included
 
     def predict(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> FloatArray:
-        """Where a state measured at step k will be when the input of step k takes effect, one delay later.
+        """Where states measured at step k, (ndim,) or (M, ndim), will be when the input of step k takes effect.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j. `previous` is j, one
+        index or one for each measurement; by default `Sensing.rest`, which acts before the first.
 
-        Parameters
-        ----------
-        measurement : (ndim,) or (M, ndim) array
-            One measured state, or many.
-        previous : int or (M,) int, optional
-            Index into problem.inputs of the input that acts until then; by default `Sensing.rest`, which acts before
-            the first.
-        step : int, optional
-            k; may be omitted if nothing depends on time.
-
-        Returns
-        -------
-        array of the shape of `measurement`
-            The true state will be within `problem.half_widths[0]` of it on each axis. A measurement that is off the
-            grid by more than its error is returned as it is, and no tube contains it.
-
-        Raises
-        ------
-        ValueError
-            If an argument does not fit.
+        The true state will be within `problem.half_widths[0]` of the prediction on each axis. A measurement that is off
+        the grid by more than its error is returned as it is, and no tube contains it.
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
         given = plain_array("previous", self.problem.sensing.rest if previous is None else previous)
@@ -388,66 +342,74 @@ class Controller:
         remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
         stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
         For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
-        NotAdmissible is raised.
-
-        Raises
-        ------
-        NotAdmissible
-        ValueError
-            If measurement or time are invalid, if time does not increase from call to call, and after the last step.
+        NotAdmissible is raised. ValueError if measurement or time are invalid, if time does not increase from call to
+        call, and after the last step.
         """
-        self.last = acted(self, measurement, time, fallback)
+        problem, steps = self.problem, self.table.steps
+        most = np.inf if problem.timeless else (steps + 0.5) * problem.delta
+        k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
+        last = None if k == 0 else self.last
+        if last is not None and k <= last.step:
+            raise ValueError(
+                f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
+            )
+        late = time - k * problem.delta
+        missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
+        step, previous = 0 if problem.timeless else k, last.input if last else None
+        state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
+        batch = self.batch(state[None], step)
+        left = last.steps_to_go if last and not missed and problem.timeless and problem.stays else None
+        if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
+            step = steps + 1 - left  # not for as long again, but for what is left of what was promised
+            batch = self.batch(state[None], step)
+        if step == steps:
+            raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
+        chosen, to_go = int(self.choose(batch)[0]), int(batch.steps_to_go[0])
+        if chosen == NOT_ADMISSIBLE:
+            chosen = self.fallback(state, step).input if fallback else self.select(state, step)
+        promised = bool(batch.promised[0]) and not missed
+        self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
 
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """`steps_to_go` and `safe_inputs` of many states at once, on all cores.
-
-        Parameters
-        ----------
-        states : (M, ndim) array
-        step : int, optional
-            The one step k at which they all are; may be omitted if nothing depends on time.
-
-        Returns
-        -------
-        sdhj.table.batches.Batch
-            With `choose`, the inputs to apply.
-
-        Raises
-        ------
-        ValueError
-            If a state has a NaN or an infinity, or if shape or step do not fit.
-        """
+        """`steps_to_go` and `safe_inputs` of many states (M, ndim) at one step, on all cores, to `choose` from."""
         return self.table.batch(states, self._at(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest.
+        ValueError also at the last step.
 
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
             One state, or many.
         step : int, optional
-            As for `steps_to_go`.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
-
-        Returns
-        -------
-        Filtered
-            What to apply, whether that differs, and whether it is promised.
-
-        Raises
-        ------
-        ValueError
-            At the last step, or if an argument does not fit.
         """
-        return filtered(self.table, q, self._at(step), wanted)
+        step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
+        q, wanted = real_array("states", q), plain_array("wanted", wanted)
+        if single := q.ndim == 1:
+            q, wanted = q[None], wanted[None]
+        states = states_array("states", q, self.problem.grid.ndim)
+        inputs, rows = self.problem.inputs, np.arange(len(states))
+        commands, index = _commands(inputs, wanted, len(rows))
+        distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
+        if index is not None:
+            distances[rows, index] = -1.0  # before another input of the same command
+        batch = self.table.answers(states, step, self.table.steps - step, distances)
+        chosen, promised = batch.best, batch.promised
+        if (lost := chosen == NOT_ADMISSIBLE).any():
+            chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]
+        changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)
+        overruled = distances[rows, chosen] > distances.min(axis=1)
+        answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, ~promised)
+        return Filtered(*(field[0] for field in answer) if single else answer)
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
@@ -506,33 +468,6 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     return np.where(off, measured, states)
 
 
-def acted(controller: "Controller", measurement: FloatArray, time: float, fallback: bool) -> Action:
-    """As `Controller.step`, without storing the answer in `controller.last`."""
-    problem, last = controller.problem, controller.last
-    most = np.inf if problem.timeless else (controller.table.steps + 0.5) * problem.delta
-    k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
-    last = None if k == 0 else last
-    if last is not None and k <= last.step:
-        raise ValueError(f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}")
-    late = time - k * problem.delta
-    missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
-    step, previous = 0 if problem.timeless else k, last.input if last else None
-    state = controller.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
-    batch = controller.batch(state[None], step)
-    left = last.steps_to_go if last and not missed and problem.timeless and problem.stays else None
-    if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
-        step = controller.table.steps + 1 - left  # not for as long again, but for what is left of what was promised
-        batch = controller.batch(state[None], step)
-    if step == controller.table.steps:
-        raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-    chosen, to_go = int(controller.choose(batch)[0]), int(batch.steps_to_go[0])
-    if chosen == NOT_ADMISSIBLE:
-        chosen = controller.fallback(state, step).input if fallback else controller.select(state, step)
-    return Action(
-        chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, bool(batch.promised[0]) and not missed, late, missed
-    )
-
-
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
 
@@ -568,36 +503,6 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 @cache
 def _sides(ndim: int) -> FloatArray:
     return np.array(list(product((False, True), repeat=ndim)))
-
-
-def fallback(table: Table, q: FloatArray, step: int) -> Fallback:
-    """As `Controller.fallback`; ValueError at the last step, or if q is not a state."""
-    state = finite_array("a state", q, (table.grid.ndim,))
-    chosen, promised, hazards = fallbacks(table, state[None], step)
-    return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
-
-
-def filtered(table: Table, q: FloatArray, step: int, wanted: Any) -> Filtered:
-    """As `Controller.filter`."""
-    step = whole("step", step, least=0, most=table.steps - 1)
-    q = real_array("states", q)
-    wanted = plain_array("wanted", wanted)
-    if single := q.ndim == 1:
-        q, wanted = q[None], wanted[None]
-    states = states_array("states", q, table.grid.ndim)
-    inputs, rows = table.problem.inputs, np.arange(len(states))
-    commands, index = _commands(inputs, wanted, len(rows))
-    distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
-    if index is not None:
-        distances[rows, index] = -1.0  # before another input of the same command
-    batch = table.answers(states, step, table.steps - step, distances)
-    chosen, promised = batch.best, batch.promised
-    if (lost := chosen == NOT_ADMISSIBLE).any():
-        chosen[lost] = fallbacks(table, batch.states[lost], step)[0]
-    changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)
-    overruled = distances[rows, chosen] > distances.min(axis=1)
-    answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, ~promised)
-    return Filtered(*(field[0] for field in answer) if single else answer)
 
 
 def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:

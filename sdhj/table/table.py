@@ -95,7 +95,8 @@ class LookupTable(Table):
 
     `sdhj.solve` and `sdhj.load` make one; nobody else needs to. The tube (start=k, within=n), S_k^{N-n} in the paper,
     holds the states from which the target is reached safely in at most n of the steps that are left at step k, that is
-    with n from 0 to N - k. `start` and `within` select such a tube, by default that of all steps from 0.
+    with n from 0 to N - k. `start` and `within` select such a tube, by default that of all steps from 0. ValueError
+    where an argument does not fit.
 
     Attributes
     ----------
@@ -224,15 +225,10 @@ class LookupTable(Table):
     # ---- at the nodes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """The level-set function of a tube at the nodes of the grid, to draw or to measure it.
+        """The level-set function of a tube at the nodes, <= 0 inside, to draw or to measure it: grid.shape, read-only.
 
-        `start` and `within` select the tube, as in `contains`.
-
-        Returns
-        -------
-        array of shape grid.shape
-            <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
-            `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
+        These are the computed values, which are interpolated between the nodes; `contains` and `batch` also check the
+        true sets. With `Sensing`, the states are predictions.
         """
         return sealed(self.value_array(start, within))
 
