@@ -8,14 +8,19 @@ import numpy as np
 from charts import METHOD_LOOKS, METHOD_NAMES, SHARE
 from common import PURSUER_AT, Context, command_of
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 import sdhj
 from sdhj import plotting
+from sdhj.certified.labels import LABELS, labels
+from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, State
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
 STUDY = True
+LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))
 
 
@@ -59,10 +64,24 @@ def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.7)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     draw_cells(left, sweep, peers)
-    plotting.draw_labels(right, context.table("hji"), sweep.finest, through=PURSUER_AT)
+    draw_labels(right, context.table("hji"), sweep.finest, through=PURSUER_AT)
     right.set_title(f"pursuer at ({PURSUER_AT[2]:.2f}, {PURSUER_AT[3]:.2f}) m; line: interpolated tube", fontsize=8)
-    figure.legend(handles=plotting.label_legend(), loc="outside upper right", ncols=3)
+    edge: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.6}
+    entries = [Patch(facecolor=c, label=label, **edge) for c, label in zip(LABEL_COLOURS, LABELS, strict=True)]
+    figure.legend(handles=entries, loc="outside upper right", ncols=3)
     return figure
+
+
+def draw_labels(ax: Axes, table: Table, certified: Table, *, through: State, resolution: int = 121) -> None:
+    """Colour a slice by `LABELS`, which part of the table's tube is certified, and outline the table's tube."""
+    where = plotting.plane(table.grid, through, resolution=resolution)
+    found = where.shaped(labels(table, certified, where.points, within=table.steps))
+    colours, norm = ListedColormap(LABEL_COLOURS), BoundaryNorm(np.arange(-0.5, len(LABELS)), len(LABELS))
+    image = ax.pcolormesh(where.x, where.y, found, cmap=colours, norm=norm, shading="nearest", rasterized=True)
+    image.set_gid("labels")
+    outline = FULL_LOOKS | {"facecolor": "none", "edgecolor": INK}
+    plotting.draw_set(ax, where, where.of(table.grid, table.values()), outline, "tube", 3.0)
+    plotting.frame_slice(ax, table.grid)
 
 
 def draw_cells(ax: Axes, sweep: CellSweep, claimed: Mapping[str, float]) -> None:

@@ -6,9 +6,9 @@
         plotting.save(figure, "results", "tubes")
 
 ===================  ===============================================================================================
-for any robot        `draw_tubes`, `draw_constraints` and `draw_labels` (the certified part of a tube), on a slice along
-                     two axes through a state; `draw_run` and `draw_path`, a run on a slice. For other drawings on a
-                     slice, `plane(grid, through).points` gives its states, and `draw_set` draws a set
+for any robot        `draw_tubes` and `draw_constraints`, on a slice along two axes through a state; `draw_run` and
+                     `draw_path`, a run on a slice. For other drawings on a slice, `plane(grid, through).points` gives
+                     its states, and `draw_set` draws a set
 for the arm          `draw_workspace`, `draw_arm`; `draw_moment`, one instant of a run
 ===================  ===============================================================================================
 
@@ -26,12 +26,10 @@ from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, wr
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import (
     draw_constraints,
-    draw_labels,
     draw_path,
     draw_set,
     draw_tubes,
     frame_slice,
-    label_legend,
     plane,
 )
 from sdhj.plotting.trajectories import draw_moment, draw_run
@@ -39,7 +37,6 @@ from sdhj.plotting.trajectories import draw_moment, draw_run
 __all__ = [
     "draw_arm",
     "draw_constraints",
-    "draw_labels",
     "draw_moment",
     "draw_path",
     "draw_run",
@@ -47,7 +44,6 @@ __all__ = [
     "draw_tubes",
     "draw_workspace",
     "frame_slice",
-    "label_legend",
     "new_figure",
     "patch",
     "plane",

@@ -6,12 +6,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Patch
 
-from sdhj.certified.labels import LABELS, labels
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, OUTCOME_INK, Looks, State, look, step_colours
+from sdhj.plotting.looks import OUTCOME_INK, Looks, State, look, step_colours
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -25,7 +22,6 @@ AXIS_LABELS = {
     "px": "pursuer $p_x$ (m)",
     "py": "pursuer $p_y$ (m)",
 }
-LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 RIGHT_ANGLES = (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)
 QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 
@@ -184,33 +180,3 @@ def draw_path(
     if marks is not None and len(marks):
         dots: dict[str, Any] = {"markeredgecolor": OUTCOME_INK, "markersize": 3.6, "zorder": 6.5, "gid": "marks"}
         ax.plot(*grid.wrapped(marks)[:, list(axes)].T, "o", color="white", **dots)
-
-
-def draw_labels(
-    ax: Axes,
-    table: Table,
-    certified: Table,
-    *,
-    through: State,
-    start: int = 0,
-    within: int | None = None,
-    axes: Sequence[int] = (0, 1),
-    resolution: int = RESOLUTION,
-) -> None:
-    """Colour a slice by `LABELS`, which part of the table's tube is certified, and outline the table's tube."""
-    within = table.steps - start if within is None else within
-    where = plane(table.grid, through, axes, resolution)
-    found = where.shaped(labels(table, certified, where.points, start=start, within=within))
-    edges = np.arange(-0.5, len(LABELS))
-    colours, norm = ListedColormap(LABEL_COLOURS), BoundaryNorm(edges, len(LABELS))
-    image = ax.pcolormesh(where.x, where.y, found, cmap=colours, norm=norm, shading="nearest", rasterized=True)
-    image.set_gid("labels")
-    outline = FULL_LOOKS | {"facecolor": "none", "edgecolor": INK}
-    draw_set(ax, where, where.of(table.grid, table.values(start=start, within=within)), outline, "tube", 3.0)
-    frame_slice(ax, table.grid, axes)
-
-
-def label_legend() -> list[Patch]:
-    """The legend entries of `draw_labels`."""
-    looks: Looks = {"edgecolor": INK, "linewidth": 0.6}
-    return [Patch(facecolor=c, label=label, **looks) for c, label in zip(LABEL_COLOURS, LABELS, strict=True)]

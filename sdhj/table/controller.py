@@ -41,46 +41,36 @@ class NotAdmissible(ValueError):
 
 @dataclass(frozen=True)
 class Candidates:
-    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
-
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    step : int
-        The step k at which the inputs start.
-    rows, inputs : (P,) int array
-        Index of the state in the batch, and of the input in problem.inputs.
-    states : (P, ndim) array
-    steps_to_go : (P,) int array
-    margins : (P,) array
-        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
-    successors : (P, ndim) array
-        Where the input leads in one interval without a disturbance.
-    """
+    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state."""
 
     problem: ReachAvoidProblem
     batch: Batch
-    rows: FloatArray
-    inputs: FloatArray
+    rows: FloatArray  # (P,) int, the index of the state in the batch
+    inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
 
     @property
     def step(self) -> int:
+        """The step k at which the inputs start."""
         return self.batch.step
 
     @property
     def states(self) -> FloatArray:
+        """(P, ndim)."""
         return self.batch.states[self.rows]
 
     @property
     def steps_to_go(self) -> FloatArray:
+        """(P,) int."""
         return self.batch.steps_to_go[self.rows]
 
     @property
     def margins(self) -> FloatArray:
+        """(P,), as `Batch.margins`: the largest value of the next tube that the adversary can bring about."""
         return self.batch.margins[self.batch.safe]
 
     @property
     def successors(self) -> FloatArray:
+        """(P, ndim), where the input leads in one interval without a disturbance."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
         return self.problem.grid.clipped(moved)

@@ -1,7 +1,9 @@
 """What Figs. 10, 12 and 13 draw, asserted on the artists' data."""
 
 import os
+from dataclasses import replace
 
+import extra_certified
 import fig10_tubes
 import fig12_trajectory
 import fig13_comparison
@@ -14,6 +16,7 @@ from PIL import Image
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
+from sdhj.certified.labels import labels
 from sdhj.simulation.runs import Trajectory
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
@@ -35,6 +38,19 @@ def test_comparison_lays_two_tables_over_each_other(table):
     assert np.array_equal(vertices(ax, "full"), vertices(ax, "inner"))
     assert named(ax, "inner")[0].get_zorder() > named(ax, "full")[0].get_zorder()
     assert len(fig13_comparison.comparison_legend()) == 4
+
+
+def test_labels_are_colours_of_a_slice(table):
+    """A table held against a smaller one of the same game: what that holds counts as proved."""
+    smaller = replace(table, tubes=table.tubes + 0.02)
+    ax = axes()
+    extra_certified.draw_labels(ax, table, smaller, through=THROUGH, resolution=31)
+    (image,) = named(ax, "labels")
+    where = plotting.plane(table.grid, THROUGH, resolution=31)
+    expected = where.shaped(labels(table, smaller, where.points, start=0, within=3))
+    assert np.array_equal(image.get_array(), expected) and set(np.unique(expected)) == {0, 1, 2}
+    assert np.array_equal(expected <= 1, where.shaped(table.contains(where.points, start=0, within=3)))
+    assert named(ax, "tube-edge")
 
 
 @pytest.mark.slow

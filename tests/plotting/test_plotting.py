@@ -1,6 +1,5 @@
 """The drawing functions: what is in the pictures, asserted on the artists' data, not on pixels."""
 
-import dataclasses
 import itertools
 import logging
 
@@ -17,7 +16,6 @@ from toys import torus_problem, unicycle_problem
 import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
-from sdhj.certified.labels import LABELS, labels
 from sdhj.plotting import looks, slices, trajectories
 from sdhj.simulation.runs import Trajectory
 
@@ -165,20 +163,6 @@ def test_slices_know_any_problem():
     slices.draw_constraints(ax, problem, through=(0.0, 0.0))
     assert named(ax, "tube-3") and named(ax, "target") and named(ax, "orbiting disk")
     assert ax.get_xlabel() == "x1"
-
-
-def test_labels_are_colours_of_a_slice(table):
-    """A table held against a smaller one of the same game: what that holds counts as proved."""
-    smaller = dataclasses.replace(table, tubes=table.tubes + 0.02)
-    ax = axes()
-    slices.draw_labels(ax, table, smaller, through=THROUGH, resolution=31)
-    (image,) = named(ax, "labels")
-    where = slices.plane(table.grid, THROUGH, resolution=31)
-    expected = where.shaped(labels(table, smaller, where.points, start=0, within=3))
-    assert np.array_equal(image.get_array(), expected) and set(np.unique(expected)) == {0, 1, 2}
-    assert np.array_equal(expected <= 1, where.shaped(table.contains(where.points, start=0, within=3)))
-    assert [patch.get_label() for patch in slices.label_legend()] == list(LABELS)
-    assert named(ax, "tube-edge")
 
 
 def test_a_path_is_cut_at_the_seam():
