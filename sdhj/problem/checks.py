@@ -131,7 +131,7 @@ def sequence(name: str, value: Any) -> Any:
     return value
 
 
-def ascending(axes: Any, name: str) -> tuple[int, ...]:
+def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
     """The axes of a set as a tuple of int; ValueError naming the set if they are not whole numbers."""
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):

@@ -163,13 +163,12 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
-    def pieces(self, most: int | None = None, overlap: int = 0, axis: int = 0) -> "Iterator[Grid]":
-        """Cut the grid, from `axis` on, into windows of about `most` nodes (default `PIECE`), in the nodes' order."""
-        rows, some = self.shape[axis], (most or PIECE) // math.prod(self.shape[axis + 1 :])
+    def pieces(self, axis: int = 0) -> "Iterator[Grid]":
+        """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
+        rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
         for row in range(0, rows, max(some, 1)):
-            begin, end = max(row - overlap, 0), min(row + max(some, 1), rows)
-            piece = self.stretch(axis, begin, end - begin)
-            yield from [piece] if some else piece.pieces(most, overlap, axis + 1)
+            piece = self.stretch(axis, row, min(max(some, 1), rows - row))
+            yield from [piece] if some else piece.pieces(axis + 1)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""

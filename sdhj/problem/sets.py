@@ -15,7 +15,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import ascending, option
+from sdhj.problem.checks import axis_numbers, option
 from sdhj.problem.maps import map_level_set, polygon_level_set
 from sdhj.problem.tubes import table_level_set
 
@@ -79,7 +79,7 @@ class UnsafeSet:
 
     def __post_init__(self) -> None:
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
-        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         count, name = len(self.axes), f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, count, "t"))
         if self.swept is not None:
@@ -153,7 +153,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", ascending(self.axes, self.name))
+        object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
 
@@ -173,6 +173,6 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
-    if len(pair := ascending(axes, name)) != 2:
+    if len(pair := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return pair

@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import LOOK, ONLY_LOOK
 from sdhj.kernels.tape import Tape
-from sdhj.problem.checks import real_array, states_array, whole
+from sdhj.problem.checks import points_array, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
@@ -148,9 +148,8 @@ class Table:
             False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
             whatever is interpolated between nodes.
         """
-        points, (start, within) = np.atleast_2d(real_array("points", points)), self.clipped(start, within)
-        if points.ndim != 2 or points.shape[1] != self.grid.ndim:
-            raise ValueError(f"points must have shape (M, {self.grid.ndim}), got {points.shape}")
+        points = points_array("points", np.atleast_2d(real_array("points", points)), self.grid.ndim)
+        start, within = self.clipped(start, within)
         if np.isnan(points).any():
             raise ValueError("points has a NaN; every coordinate must be a number")
         found = self._inside(points, start, within)
@@ -238,10 +237,8 @@ class Table:
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
-        Looked at are `sdhj.kernels.lookup.LOOKED` instants of the path without a disturbance, which must be safe, and
-        the corners of the box that the input can lead to; these must be in the true target if `left` (M,), the steps to
-        go then, is 0. What is past a safe end no longer matters. It is a check at these places, no proof. Proved tables
-        pass every input.
+        It is point 6 of `notebooks/site/queries.md`, `left` (M,) being the steps to go then. What is past a safe end no
+        longer matters. Proved tables pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         looked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))

@@ -2,7 +2,7 @@
 
 At step k a state q has n steps to go if n is the fewest for which q is in the tube S_k with n to go; n = 0 is success.
 An input u_j keeps the promise if q is in its reach-avoid set of the tube S_{k+1} with n - 1 to go. The table answers
-both questions (`sdhj.table.table` says how), and a rule selects one of the inputs.
+both questions (`notebooks/site/queries.md` says how), and a rule selects one of the inputs.
 """
 
 import reprlib
@@ -462,8 +462,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
 
     Inputs that fail `Table.passes` come last. Among equally deep tubes, as where nothing is unsafe, the input of the
-    least margin is chosen: the largest value of the tube with all steps left, over the corners of the box that it and
-    any disturbance can lead to.
+    least margin is chosen (`_margins`).
     """
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
@@ -481,6 +480,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
+    """The largest value of the tube with all steps left, at the corners of the box that each input can lead to."""
     low, high = table.problem.interval(step).reachable(states)
     sides = _sides(table.grid.ndim)
     ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)

@@ -1,19 +1,9 @@
 """The look-up table of Fig. 8, which all methods on a grid produce.
 
-A state between the nodes is in a tube if the interpolated level-set function is <= 0. The *margin* of u_j there is the
-largest interpolated value of the tube S_{k+1}, with n - 1 to go, over the box of all states that u_j and any
-disturbance can lead to. Inputs are safe by the first of these tests that some input passes:
-
-1. every node of the cell around q marks u_j in the look-up table, and its margin is <= 0;
-2. the interpolated avoid tube of u_j at q and its margin are both <= 0;
-3. next to the boundary of a tube there may be no such input. Then no input is safe, and the best one comes without a
-   promise (`Batch.best`): of the inputs that every node of the cell marks, or of all if there is none, the one for
-   which the larger of the two values of test 2 is least.
-
-Inputs that pass are checked once more with the true sets (`sdhj.table.batches`). If the adversary couples axes, the box
-is larger than the reachable set, and promises are given more rarely. Margins lose fewer runs than the marks of the
-nodes alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. The
-certified method has a proof instead.
+A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
+which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
+alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
+adversary couples axes, the box of a margin is larger than the reachable set, and promises are given more rarely.
 """
 
 import os
@@ -29,7 +19,7 @@ from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
 from sdhj.kernels.tape import RESULTS
-from sdhj.problem.checks import ascending, sealed
+from sdhj.problem.checks import axis_numbers, sealed
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
 from sdhj.table.ahead import NO_TAPES, tapes_of
@@ -324,7 +314,7 @@ class LookupTable(Table):
         masks = stored(file, "masks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):
-            axes = ascending(head["avoid_axes"][name], f"avoid_{name}")
+            axes = axis_numbers(head["avoid_axes"][name], f"avoid_{name}")
             if list(axes) != sorted(set(axes) & set(range(grid.ndim))):
                 raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
             shape = tuple(grid.shape[axis] for axis in axes)
