@@ -142,23 +142,21 @@ class Interval:
             velocity[rows] = self.drift(states[rows], j, t)
         return velocity
 
-    def advance(
-        self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float, *, walls: bool = True
-    ) -> FloatArray:
+    def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
         """States `duration` s after t under constant inputs (M,) and v (M, D), clipped at the walls of the grid.
 
-        Exact for constant velocities, else one Runge-Kutta step of order 4. walls=False lets them through.
+        Exact for constant velocities, else one Runge-Kutta step of order 4.
         """
         if self.dynamics.constant:
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
-            return self.grid.clipped(moved) if walls else moved
+            return self.grid.clipped(moved)
         out, whole = np.empty_like(states), np.concatenate([states, v], axis=1)
         for j, rows in by_input(inputs):
-            step = self._as_formula(("step", j, walls), partial(self._runge_kutta, j, walls), whole.shape[1], 2)
+            step = self._as_formula(("step", j), partial(self._runge_kutta, j), whole.shape[1], 2)
             out[rows] = step(whole[rows], t, duration)
         return out
 
-    def _runge_kutta(self, j: int, walls: bool, whole: Any, t: Any, duration: Any) -> Any:
+    def _runge_kutta(self, j: int, whole: Any, t: Any, duration: Any) -> Any:
         """States and disturbances side by side, (M, ndim + D), to states a step later."""
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
@@ -166,7 +164,7 @@ class Interval:
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
 
         def moved(span: Any, slope: Any) -> Any:
-            return self.grid.clipped(states + span * slope) if walls else states + span * slope
+            return self.grid.clipped(states + span * slope)
 
         k1 = velocity(states, t)
         k2 = velocity(moved(duration / 2, k1), t + duration / 2)

@@ -93,7 +93,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         time, inputs, runs = problem.time(now), np.array([applied]), np.array([0])
         to_go, left = self.table.batch(states, now).steps_to_go, np.array([self.table.steps - end])
         begun = first_moment(self.table, problem, states, inputs, to_go, now, time, runs, self.np_random, left)
-        states, ended, _ = play_interval(begun, self.play, None, walls=True)
+        states, ended, _ = play_interval(begun, self.play, None)
         self.state, self.now = states[0], end
         if ended[0] != UNDECIDED:
             self.outcome = OUTCOMES[ended[0]]

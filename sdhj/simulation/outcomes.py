@@ -19,22 +19,21 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 
 
 def play_interval(
-    begun: Moment, play: Adversary, watch: Watch | None, walls: bool, substeps: range = range(SUBSTEPS)
+    begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Apply the inputs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v."""
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
-    lost = ("unsafe",) if walls else ("unsafe", "wall")
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
-        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration, walls=walls)
+        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration)
         met = begun.problem.grid.clipped(states, "safe")  # nothing beyond a safe end is unsafe
         clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, *lost)] = OFF
+        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "unsafe")] = OFF
         if begun.problem.stays:
             ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
         if watch is not None:

@@ -9,7 +9,7 @@ interval. The outcome of a run is one of
 * collided: the state was in an unsafe set at one of the instants, the start included;
 * left: at a sampling time before the last, the state was in no tube, so the controller had no answer;
 * late: none of these by the last sampling time;
-* off the grid: the state left the grid past an unsafe end (or, with walls=False, past a wall).
+* off the grid: the state left the grid past an unsafe end.
 
 The target is checked by its true level-set function. Where the interpolated table counts a state as in the target that
 is just outside, the run goes on with inputs that bring the state back into the target.
@@ -150,7 +150,6 @@ def simulate(
     adversary: str | Adversary = "worst",
     seed: int = 0,
     *,
-    walls: bool = True,
     steps: int | None = None,
 ) -> Trajectory:
     """Simulate one run of the closed loop from the state q0 at step 0, until it reaches the target or is lost.
@@ -169,8 +168,6 @@ def simulate(
         `sdhj.simulation.adversaries`.
     seed : int
         Of the random numbers: the same seed gives the same run.
-    walls : bool
-        Whether the simulated robot stops at ends of the grid that are walls; with False it can pass them and is lost.
     steps : int, optional
         How many steps to simulate, if nothing depends on time: all of them then use the tubes of step 0. By default the
         steps of the table, or `FOREVER_PLAYED` = 100 for a table that stays clear for ever.
@@ -198,7 +195,7 @@ def simulate(
             applied.append((moment.inputs[0], moment.steps_to_go[0]))
 
     rng, steps = np.random.default_rng(seed), play_length(controller, steps)
-    outcomes, _ = rollouts(controller, start[None], play, rng, watch, walls=walls, steps=steps)
+    outcomes, _ = rollouts(controller, start[None], play, rng, watch, steps=steps)
     inputs, steps_to_go = np.array(applied, dtype=np.int64).reshape(-1, 2).T
     return Trajectory(
         times=np.array([began[0] if began else 0.0, *(t for t, _, _ in seen)]),
@@ -216,7 +213,6 @@ def monte_carlo(
     adversary: str | Adversary = "worst",
     seed: int = 0,
     *,
-    walls: bool = True,
     steps: int | None = None,
     sensing: Sensing | None = None,
     progress: bool | None = None,
@@ -232,7 +228,7 @@ def monte_carlo(
         As for `simulate`, for M runs at once. One of your own is called from one thread only.
     seed : int
         The same seed gives the same report, whatever the number of threads.
-    walls, steps
+    steps : int, optional
         As for `simulate`.
     sensing : Sensing
         The errors and delays to simulate; by default those that the table was solved for.
@@ -254,7 +250,7 @@ def monte_carlo(
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
-        return (starts, *rollouts(controller, starts, play, rng, walls=walls, steps=length, sensing=sensing))
+        return (starts, *rollouts(controller, starts, play, rng, steps=length, sensing=sensing))
 
     workers = 1 if callable(adversary) or callable(controller.rule) else threads()
     with announced(progress), bar, ThreadPoolExecutor(workers) as pool:

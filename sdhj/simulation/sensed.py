@@ -101,11 +101,10 @@ class _Runs:
         rng: np.random.Generator,
         sensing: Sensing,
         watch: Watch | None,
-        walls: bool,
         ever: bool,
     ) -> None:
         self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
-        self.watch, self.walls = watch, walls
+        self.watch = watch
         name = next((name for name, other in ADVERSARIES.items() if other is play and name in MISLEAD), "worst")
         self.mislead = getattr(play, "mislead", MISLEAD[name])
         self.shift = getattr(play, "shift", SHIFTING[name])
@@ -191,13 +190,12 @@ class _Runs:
             length = end - begin
             after = min(max(round(SUBSTEPS * delay / length), 1), SUBSTEPS - 1) if delay and length else 0
             begun = replace(begun, remaining=length, duration=(length - delay) / (SUBSTEPS - after))
-        played = self.play, self.watch, self.walls
-        states, ended, v = play_interval(begun, *played, range(SUBSTEPS - after))
+        states, ended, v = play_interval(begun, self.play, self.watch, range(SUBSTEPS - after))
         seen = states
         if after:
             rest: dict[str, Any] = {"time": end - delay, "remaining": delay, "duration": delay / after}
             later = replace(begun, states=states, previous=v, **rest)
-            states, then, _ = play_interval(later, *played, range(SUBSTEPS - after, SUBSTEPS))
+            states, then, _ = play_interval(later, self.play, self.watch, range(SUBSTEPS - after, SUBSTEPS))
             ended = np.where(ended == UNDECIDED, then, ended)
         self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
         self.taken[rows] += 1
@@ -213,7 +211,6 @@ def rollouts(
     rng: np.random.Generator,
     watch: Watch | None = None,
     *,
-    walls: bool = True,
     steps: int | None = None,
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
@@ -222,7 +219,7 @@ def rollouts(
     `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
-    runs = _Runs(controller, starts, play, rng, sensing, watch, walls, ever=steps is not None)
+    runs = _Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)
     for offset in np.unique(runs.offsets):
         some = np.flatnonzero(runs.offsets == offset)
         runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0]] = COLLIDED
