@@ -117,11 +117,8 @@ def _refused(what: str, instead: str) -> Any:
 class Traced(NDArrayOperatorsMixin):
     """An array of nodes that behaves as NumPy's array of the values would, or refuses.
 
-    Parameters
-    ----------
-    entries : object array of Node
-        Read-only where NumPy has an argument, or a number that is no array.
-    dtype : what NumPy's array has, one of float64, int64 and bool
+    Its `entries` are an object array of Node, read-only where NumPy has an argument, or a number that is no array; its
+    `dtype` is what NumPy's array has, one of float64, int64 and bool.
     """
 
     __array_priority__ = 2000

@@ -39,16 +39,9 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
 def draw_workspace(
     ax: Axes, scene: ArmScene, *, state: State | None = None, time: float = 0.0, trail: FloatArray | None = None
 ) -> None:
-    """Draw obstacles (red, hatched), target (blue), arm and agent at one time (Fig. 9a).
+    """Draw obstacles (red, hatched) and target (blue) at a time, s, and arm and agent in a state (4,) (Fig. 9a).
 
-    Parameters
-    ----------
-    state : (4,) array, optional
-        Joint angles and the agent's centre; arm and agent are left out without it.
-    time : float
-        The time at which obstacles and target are drawn, s.
-    trail : (K,) array, optional
-        Further times at which the moving disks are outlined faintly, s.
+    Without a state arm and agent are left out. At the times of the `trail` (K,), s, moving disks are outlined faintly.
     """
     disks = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
     if scene.target is not None:

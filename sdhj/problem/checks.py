@@ -143,12 +143,8 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     """Which of `KNOWN[name]` a function takes, in the order of its parameters.
 
     The first parameter is the state, called points here, unless it is called u, v or t; the others are known by their
-    names. Parameters with defaults and other names are left alone.
-
-    Raises
-    ------
-    ValueError
-        If it takes something else, or is not a function.
+    names. Parameters with defaults and other names are left alone. ValueError if it takes something else, or is not a
+    function.
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"

@@ -51,6 +51,9 @@ def map_level_set(
 ) -> MapLevelSet:
     """The level-set function of all that a map does not show as free.
 
+    ValueError if a file cannot be read or is invalid, with its name, and if no pixel is free; ImportError if a package
+    of the extra `maps` is not installed.
+
     Parameters
     ----------
     source : path of a map server's YAML file, or bool array (rows, columns)
@@ -64,13 +67,6 @@ def map_level_set(
         Radius of a disk-shaped robot with centre (x, y), by which everything unsafe is enlarged, m.
     name : str
         Name of an array in error messages.
-
-    Raises
-    ------
-    ValueError
-        If a file cannot be read or is invalid, with its name; if no pixel is free.
-    ImportError
-        If a package that is needed, of the extra `maps`, is not installed.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -186,12 +182,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
 def polygon_level_set(vertices: FloatArray, *, radius: float = 0.0) -> MapLevelSet:
     """The signed distance to a simple polygon with vertices (K, 2), m, less a robot's radius.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than three vertices, or if edges cross.
-    ImportError
-        If Shapely is not installed.
+    ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
     """
     try:
         import shapely

@@ -30,10 +30,7 @@ def table_level_set(table: Any, within: int | None = None) -> Callable[[FloatArr
     cover it. Rounding at the handover may move a state out of them by what it may in three steps
     (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
 
-    Raises
-    ------
-    ValueError
-        If `table` is not a table, or does not have `within` steps.
+    ValueError if `table` is not a table, or does not have `within` steps.
     """
     if not hasattr(table, "values_at"):
         raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")

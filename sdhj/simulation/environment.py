@@ -79,10 +79,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Simulate one interval with the input of index `action` against the adversary.
 
-        Raises
-        ------
-        ValueError
-            If `action` is not an index into problem.inputs, or the run is over.
+        ValueError if `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")
