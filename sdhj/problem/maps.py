@@ -27,6 +27,7 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,32 +43,9 @@ MISSING = "install it with pip install 'sdhj[maps]'"
 
 
 def map_level_set(
-    source: str | os.PathLike[str] | FloatArray,
-    *,
-    resolution: float | None = None,
-    origin: Sequence[float] = (0.0, 0.0, 0.0),
-    radius: float = 0.0,
-    name: str = "map",
+    source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
 ) -> MapLevelSet:
-    """The level-set function of all that a map does not show as free.
-
-    ValueError if a file cannot be read or is invalid, with its name, and if no pixel is free; ImportError if a package
-    of the extra `maps` is not installed.
-
-    Parameters
-    ----------
-    source : path of a map server's YAML file, or bool array (rows, columns)
-        An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
-    resolution : float
-        Side of a pixel, m. Required for an array; a file contains it.
-    origin : (x, y) or (x, y, yaw)
-        Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad. For an
-        array only; a file contains it.
-    radius : float
-        Radius of a disk-shaped robot with centre (x, y), by which everything unsafe is enlarged, m.
-    name : str
-        Name of an array in error messages.
-    """
+    """The level-set function of all that a map does not show as free: see `UnsafeSet.from_map`."""
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
             raise ValueError("resolution and origin are read from the map's file; give them with an array only")
@@ -179,11 +157,8 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255.0
 
 
-def polygon_level_set(vertices: FloatArray, *, radius: float = 0.0) -> MapLevelSet:
-    """The signed distance to a simple polygon with vertices (K, 2), m, less a robot's radius.
-
-    ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
-    """
+def polygon_level_set(vertices: FloatArray, radius: float) -> MapLevelSet:
+    """The signed distance to a polygon, less a robot's radius: see `UnsafeSet.polygon`."""
     try:
         import shapely
     except ImportError as error:

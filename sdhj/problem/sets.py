@@ -99,18 +99,38 @@ class UnsafeSet:
     ) -> "UnsafeSet":
         """Everything that a map does not show as free, enlarged by the radius of a disk-shaped robot.
 
-        `source` is the YAML file of a map server or an array; the parameters are those of
-        `sdhj.problem.maps.map_level_set`. `axes` are the grid's axes for the map's x and y, m.
+        Parameters
+        ----------
+        source : path of a map server's YAML file, or bool array (rows, columns)
+            An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
+        axes : (int, int)
+            The grid's axes for the map's x and y, m.
+        resolution : float
+            Side of a pixel, m. Required for an array; a file contains it.
+        origin : (x, y) or (x, y, yaw)
+            Position of the lower left corner of the lower left pixel, m, and the rotation of the map about it, rad. For
+            an array only; a file contains it.
+        radius : float
+            Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
+
+        Raises
+        ------
+        ValueError
+            If a file cannot be read or is invalid, with its name; if no pixel is free.
+        ImportError
+            If a package that is needed, of the extra `maps`, is not installed.
         """
-        level_set = map_level_set(source, resolution=resolution, origin=origin, radius=radius, name=name)
-        return cls(_plane(axes, name), level_set, name=name)
+        return cls(_plane(axes, name), map_level_set(source, resolution, origin, radius, name), name=name)
 
     @classmethod
     def polygon(
         cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), *, radius: float = 0.0, name: str = "polygon"
     ) -> "UnsafeSet":
-        """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m."""
-        return cls(_plane(axes, name), polygon_level_set(vertices, radius=radius), name=name)
+        """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m.
+
+        ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
+        """
+        return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
 
     @property
     def moving(self) -> bool:
@@ -164,7 +184,23 @@ class TargetSet:
 
     @classmethod
     def from_table(cls, table: Any, within: int | None = None) -> "TargetSet":
-        """The states from which another table reaches its target, to chain two problems: see `table_level_set`."""
+        """The tube of another table, as the target of a second problem that leads into it.
+
+        Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
+        delta, within all steps that are left or `within` of them: the states from which the table reaches its target
+        or, without one, stays safe. It is empty after the table's last step and at times other than its sampling times;
+        if nothing depends on time in the table's problem, step 0 is used at every time.
+
+        The tube of a grid table is interpolated between its nodes, which formulas know (`sdhj.gridded`). That its
+        states reach the first table's target is not proved.
+
+        For a certified table the target is exactly its certified cells, a black box with an enclosure, and a certified
+        table of the second problem proves the whole way: a cell is in its target if certified cells of the first table
+        cover it. Rounding at the handover may move a state out of them by what it may in three steps
+        (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
+
+        ValueError if `table` is not a table, or does not have `within` steps.
+        """
         level_set = table_level_set(table, within)
         return cls(tuple(range(table.grid.ndim)), level_set, f"the tube of {table.problem.name}")
 

@@ -14,24 +14,8 @@ from sdhj.problem.checks import whole
 ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time by
 
 
-def table_level_set(table: Any, within: int | None = None) -> Callable[[FloatArray, float], FloatArray]:
-    """Level-set function of the tube of a table, as the target of a second problem that leads into it.
-
-    Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
-    delta, within all steps that are left or `within` of them: the states from which the table reaches its target or,
-    without one, stays safe. It is empty after the table's last step and at times other than its sampling times; if
-    nothing depends on time in the table's problem, step 0 is used at every time.
-
-    The tube of a grid table is interpolated between its nodes, which formulas know (`sdhj.gridded`). That its states
-    reach the first table's target is not proved.
-
-    For a certified table the target is exactly its certified cells, a black box with an enclosure, and a certified
-    table of the second problem proves the whole way: a cell is in its target if certified cells of the first table
-    cover it. Rounding at the handover may move a state out of them by what it may in three steps
-    (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
-
-    ValueError if `table` is not a table, or does not have `within` steps.
-    """
+def table_level_set(table: Any, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
+    """Level-set function of the tube of a table: see `TargetSet.from_table`."""
     if not hasattr(table, "values_at"):
         raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
     most = table.steps if within is None else whole("within", within, least=0, most=table.steps)
