@@ -21,7 +21,30 @@ SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of eac
 
 @dataclass(frozen=True)
 class Moment:
-    """What an adversary sees of M simultaneous runs at the start of a substep."""
+    """What an adversary sees of M simultaneous runs at the start of a substep.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    states : (M, ndim) array
+        The current state of each run.
+    inputs : (M,) int array
+        The index in problem.inputs of the input that each robot holds over the interval.
+    steps_to_go : (M,) int array
+        The steps to go at the start of the interval.
+    step, substep : int
+        The step k of the interval, and the substep that begins; substep 0 begins at the start of the interval.
+    time, remaining, duration : float
+        The current time, the time left until the interval's end, and the length of the substep, s.
+    previous : (M, D) array
+        The disturbance in the previous substep; zeros at the start of an interval.
+    runs : (M,) int array
+        The number of the run that each row belongs to; runs that have ended have no row.
+    tube : callable (points (M, V, ndim)) -> (M, V)
+        Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
+    rng : numpy.random.Generator
+        The only source of random numbers, so that runs with the same seed are identical.
+    """
 
     problem: ReachAvoidProblem
     states: FloatArray  # (M, ndim), the current state of each run

@@ -111,8 +111,13 @@ class Table:
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
         """Simulate runs from the whole tube, to see how many of the table's promises are broken.
 
-        The arguments are those of `sdhj.monte_carlo`. `print` of the answer, a `sdhj.simulation.played.Played`, shows
-        how many runs were lost, in which way, and what would help: more nodes on a certain axis, for example.
+        `runs`, `adversary`, `seed` and `steps` are those of `sdhj.monte_carlo`.
+
+        Returns
+        -------
+        sdhj.simulation.played.Played
+            `print` shows how many runs were lost, in which way, and what would help: more nodes on a certain axis, for
+            example.
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
@@ -246,11 +251,20 @@ class Table:
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Which inputs stay clear of the unsafe sets in the interval from a step, 0 to N - 1: level-set values (M, L).
+        """Which inputs stay clear of the unsafe sets over the interval from a step, as level-set values.
 
-        For each of the states (M, ndim) and each input j it is the value of its avoid tube: <= 0 if u_j stays clear
-        whatever the adversary does, -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall
-        uses the value at the wall; a certified table gives <= 0 only with proof.
+        Parameters
+        ----------
+        states : (M, ndim) array
+        step : int
+            k, from 0 to N - 1.
+
+        Returns
+        -------
+        (M, L) array
+            For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
+            -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall uses the value at the
+            wall; a certified table gives <= 0 only with proof.
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)

@@ -41,7 +41,22 @@ class NotAdmissible(ValueError):
 
 @dataclass(frozen=True)
 class Candidates:
-    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state."""
+    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    step : int
+        The step k at which the inputs start.
+    rows, inputs : (P,) int array
+        Index of the state in the batch, and of the input in problem.inputs.
+    states : (P, ndim) array
+    steps_to_go : (P,) int array
+    margins : (P,) array
+        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
+    successors : (P, ndim) array
+        Where the input leads in one interval without a disturbance.
+    """
 
     problem: ReachAvoidProblem
     batch: Batch
@@ -213,7 +228,22 @@ class Controller:
     def steps_to_go(self, q: FloatArray, step: int | None = None) -> int | None:
         """Fewest steps in which the target can be reached safely from a state, or None if no tube contains it.
 
-        0 means that q is in the target. Without a target it is the number of steps that are left.
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        int, or None
+            0 means that q is in the target. Without a target: the number of steps that are left.
+
+        Raises
+        ------
+        ValueError
+            If q or step does not fit.
         """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
@@ -221,17 +251,34 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
-        They are indices (K,) into problem.inputs. Each input leads into the tube of one step less, or from the target
-        back into it. There is none at the last step, and sometimes just inside the boundary of a tube, where the grid
-        promises too much. NotAdmissible if no tube of this step contains q.
+        Each leads into the tube of one step less, or from the target back into it. `q` and `step` are those of
+        `steps_to_go`.
+
+        Returns
+        -------
+        (K,) int
+            Indices into problem.inputs. Empty at the last step, and sometimes just inside the boundary of a tube, where
+            the grid promises too much.
+
+        Raises
+        ------
+        NotAdmissible
+            If no tube of this step contains q.
+        ValueError
+            If q or step does not fit.
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
     def select(self, q: FloatArray, step: int | None = None) -> int:
-        """The input to apply until the next measurement, an index: of the safe ones, that of least score by the rule.
+        """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells.
+        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`.
+
+        Returns
+        -------
+        int
+            Index into problem.inputs.
 
         Raises
         ------
@@ -239,8 +286,8 @@ class Controller:
             If no tube of this step contains q; see `fallback`. For a certified table also in the target, where no input
             is proved to lead back into it.
         ValueError
-            Also at the last step N, after which nothing is left to do, and if a rule of your own does not return a
-            number for each safe input.
+            If q or step does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
+            does not return a number for each safe input.
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
@@ -307,14 +354,31 @@ class Controller:
     # ---- in a control loop: predictions from measurements, and an answer at every sampling time, late ones included
 
     def predict(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> FloatArray:
-        """Where states measured at step k, (ndim,) or (M, ndim), will be when the input of step k takes effect.
+        """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j. `previous` is j, one
-        index or one for each measurement; by default `Sensing.rest`, which acts before the first.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j.
 
-        The true state will be within `problem.half_widths[0]` of the prediction on each axis. A measurement that is off
-        the grid by more than its error is returned as it is, and no tube contains it.
+        Parameters
+        ----------
+        measurement : (ndim,) or (M, ndim) array
+            One measured state, or many.
+        previous : int or (M,) int, optional
+            Index into problem.inputs of the input that acts until then; by default `Sensing.rest`, which acts before
+            the first.
+        step : int, optional
+            k; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        array of the shape of `measurement`
+            The true state will be within `problem.half_widths[0]` of it on each axis. A measurement that is off the
+            grid by more than its error is returned as it is, and no tube contains it.
+
+        Raises
+        ------
+        ValueError
+            If an argument does not fit.
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
         given = plain_array("previous", self.problem.sensing.rest if previous is None else previous)
@@ -332,8 +396,13 @@ class Controller:
         remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
         stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
         For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
-        NotAdmissible is raised. ValueError if measurement or time are invalid, if time does not increase from call to
-        call, and after the last step.
+        NotAdmissible is raised.
+
+        Raises
+        ------
+        NotAdmissible
+        ValueError
+            If measurement or time are invalid, if time does not increase from call to call, and after the last step.
         """
         problem, steps = self.problem, self.table.steps
         most = np.inf if problem.timeless else (steps + 0.5) * problem.delta
@@ -364,23 +433,50 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """`steps_to_go` and `safe_inputs` of many states (M, ndim) at one step, on all cores, to `choose` from."""
+        """`steps_to_go` and `safe_inputs` of many states at once, on all cores.
+
+        Parameters
+        ----------
+        states : (M, ndim) array
+        step : int, optional
+            The one step k at which they all are; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        sdhj.table.batches.Batch
+            With `choose`, the inputs to apply.
+
+        Raises
+        ------
+        ValueError
+            If a state has a NaN or an infinity, or if shape or step do not fit.
+        """
         return self.table.batch(states, self._at(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest.
-        ValueError also at the last step.
 
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
             One state, or many.
         step : int, optional
+            As for `steps_to_go`.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
+
+        Returns
+        -------
+        Filtered
+            What to apply, whether that differs, and whether it is promised.
+
+        Raises
+        ------
+        ValueError
+            At the last step, or if an argument does not fit.
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
         q, wanted = real_array("states", q), plain_array("wanted", wanted)

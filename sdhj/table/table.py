@@ -215,10 +215,15 @@ class LookupTable(Table):
     # ---- at the nodes
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """The level-set function of a tube at the nodes, <= 0 inside, to draw or to measure it: grid.shape, read-only.
+        """The level-set function of a tube at the nodes of the grid, to draw or to measure it.
 
-        These are the computed values, which are interpolated between the nodes; `contains` and `batch` also check the
-        true sets. With `Sensing`, the states are predictions.
+        `start` and `within` select the tube, as in `contains`.
+
+        Returns
+        -------
+        array of shape grid.shape
+            <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
+            `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
         """
         return sealed(self.value_array(start, within))
 
