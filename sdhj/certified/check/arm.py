@@ -7,7 +7,6 @@ and inputs.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -23,11 +22,6 @@ from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
-PATHS = {  # of a disk: its kind, what the head says of it, and by how many numbers
-    "still": {"centre": 2},
-    "line": {"start": 2, "velocity": 2},
-    "circle": {"centre": 2, "radius": 1, "rate": 1, "phase": 1},
-}
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
 KNOWN_TURN = Fraction(1, 10**13)  # up to so much: half of it and what rounds an angle are below 2e-13 (`separation`)
 LONGEST_LENGTH = 10.0  # also of moves and places: the bound on rounding rests on it
@@ -39,32 +33,25 @@ ROWS_AT_ONCE = 256  # between two signs of life
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
     """A disk of a recipe as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
-    expect(path["kind"] in PATHS, f"the path of {name} must be one of {', '.join(PATHS)}", path["kind"])
-    parts: dict[str, list[float]] = {"velocity": [0.0, 0.0]}
-    for part, count in PATHS[path["kind"]].items():
-        values = path[part] if count > 1 else [path[part]]
-        parts[part] = reals(f"{part} of {name}", values, count, **({"least": 0.0} if part == "radius" else {}))
-    place = parts["start" if "start" in parts else "centre"]
-    circle = (parts.get(part, [0.0])[0] for part in ("radius", "rate", "phase"))
-    return np.array([*place, *parts["velocity"], *circle, radius + width])
+    kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
+    expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)
+    if kind == "line":
+        begin, velocity = "start", reals(f"velocity of {name}", path["velocity"], 2)
+    elif kind == "circle":
+        circle = [real(f"{part} of {name}", path[part]) for part in ("radius", "rate", "phase")]
+        expect(circle[0] >= 0.0, f"radius of the path of {name} must be at least 0", circle[0])
+    return np.array([*reals(f"{begin} of {name}", path[begin], 2), *velocity, *circle, radius + width])
 
 
-@dataclass(frozen=True)
 class Scene:
-    """Numbers of a case study, from its recipe."""
+    """Numbers of a case study, from its recipe, and how the robot senses.
 
-    given: Mapping[str, Any]
-    agent: str  # "pursuer" or "evader"
-    sensing: Sensing
-    disks: Array  # (D, 8) obstacles, for `separation`
-    goal: Array  # (8,) target likewise; it moves with the agent where that is an evader
+    agent : "pursuer" or "evader". disks (D, 8) : the obstacles, for `separation`. goal (8,) : the target likewise; it
+    moves with the agent where that is an evader. ValueError, KeyError or TypeError where something is missing or makes
+    no sense.
+    """
 
-    @classmethod
-    def of(cls, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> "Scene":
-        """The scene of a recipe, and how the robot senses.
-
-        ValueError, KeyError or TypeError where something is missing or makes no sense.
-        """
+    def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -79,11 +66,11 @@ class Scene:
         expect(isinstance(given["obstacles"], list), "obstacles must be a list", given["obstacles"])
         disks = [disk(f"obstacle {k}", one, given["half_width"]) for k, one in enumerate(given["obstacles"])]
         chased = agent == "pursuer"
-        goal = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
-        sensed = Sensing.of(sensing, 4, given["delta"])
+        self.given, self.agent, self.disks = given, agent, np.array(disks).reshape(-1, 8)
+        self.goal = disk("the target", given["target"]) if chased else np.array([0.0] * 7 + [given["evader_radius"]])
+        self.sensing = Sensing(sensing, 4, given["delta"])
         still = not chased or given["target"]["path"]["kind"] == "still"
-        expect(sensed.jitter == 0 or still, "jitter must fit a target at rest", sensed.jitter)
-        return cls(given, agent, sensed, np.array(disks).reshape(-1, 8), goal)
+        expect(self.sensing.jitter == 0 or still, "jitter must fit a target at rest", self.sensing.jitter)
 
     @property
     def box(self) -> Fraction:
@@ -120,10 +107,9 @@ class Scene:
         parts = np.clip(travel / (edges[2][1] - edges[2][0]), 1, MOST_PARTS).astype(np.int64)
         angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
         compass = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        q1, q2, x, y = edges
         off, chased = np.array([float(self.off(axis)) for axis in range(4)]), self.agent == "pursuer"
-        times = held, self.sensing.jitter, self.sensing.delay
         known = arm, inputs, push, chased, agent, delta, self.disks, self.goal
+        times, (q1, q2, x, y) = (held, self.sensing.jitter, self.sensing.delay), edges
         world = World(*known, q1, q2, x, y, compass, parts, off, *times)
         refuse_large(world, given["steps"])
         return world
@@ -151,7 +137,7 @@ class Arm(Sets):
     """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
-        self.scene = Scene.of(head["recipe"], head.get("sensing", {}))
+        self.scene = Scene(head["recipe"], head.get("sensing", {}))
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
@@ -163,13 +149,12 @@ class Arm(Sets):
     def cover(self) -> list[str]:
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""
         box = self.scene.box
-        return self.uncovered(
-            [(None, 2 * PI[0], 2 * PI[1], KNOWN_TURN)] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2
-        )
+        turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
+        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """All claims; those of single cells in some rows only."""
-        yield Claim.of(COVER, 4, 4, wrong := self.cover())
+        yield Claim(COVER, 4, 4, wrong := self.cover())
         if wrong:  # nothing else in the file means what it says
             return
         world, (counts, grow) = self.scene.world(self.edges), counted(self)
@@ -189,11 +174,10 @@ class Arm(Sets):
                 made, seen, name, edge = int(flags.sum()), int(flags[:, rows].sum()), "clear of the obstacles", None
             else:
                 wrong = [f"start {k}, within {kind - 1}, cell {i1, i2, *divmod(xy, ny)}" for i1, i2, k, xy in at]
-                (made, outer), (seen, seen_outer) = (
-                    some[:, kind - 1].sum(axis=0).tolist() for some in (counts, counts[rows])
-                )
-                name, edge = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, (outer, seen_outer)
-            yield Claim.of(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
+                added = counts[:, kind - 1]
+                (made, *outer), (seen, *seen_outer) = added.sum(axis=0).tolist(), added[rows].sum(axis=0).tolist()
+                name, edge = f"{NEARER}, within {kind - 1}" if kind > 1 else GOALS, (*outer, *seen_outer)
+            yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
         """What `check_rows` says of some rows, by threads."""
@@ -273,4 +257,4 @@ def counted(arm: Any) -> tuple[Array, Claim]:
         for kind, bits in enumerate((new, new & ~deep)):
             counts[rows, within, kind] += np.bitwise_count(bits).sum(axis=1, dtype=np.int64)
     made = int((arm.pairs[:, 1] > 0).sum())
-    return counts, Claim.of(GROW, made, made, wrong)
+    return counts, Claim(GROW, made, made, wrong)

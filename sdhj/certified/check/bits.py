@@ -7,9 +7,8 @@ x * ny + y, bit b is bit b % 64 of word b // 64.
 import os
 import pickle
 import uuid
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable
+from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,7 @@ Array = NDArray[Any]
 
 ONE = np.uint64(1)
 NONE = np.uint64(0)
-
-
-@cache
-def sources() -> str:
-    """A digest of the files of this folder."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    return blake2b(b"".join(file.read_bytes() for file in files)).hexdigest()
+SOURCES = blake2b(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
@@ -46,7 +39,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
         kept: Any = getattr(dispatcher, "_cache", None)
         if hasattr(kept, "_guard_against_spurious_io_errors") and hasattr(kept._cache_file, "_source_stamp"):
             kept._cache_file = Kept(kept._cache_file)
-            kept._guard_against_spurious_io_errors = forgiving
+            kept._guard_against_spurious_io_errors = lambda: suppress(Exception)  # code is not kept or not found
         return dispatcher
 
     return compile_it
@@ -56,14 +49,14 @@ class Kept:
     """Machine code in files that begin with a digest, of it and of the sources."""
 
     def __init__(self, files: Any) -> None:
-        self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {sources()}".encode()
+        self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
         name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        whole = self.place(key).read_bytes() if self.place(key).exists() else b""
+        whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
         known, code = pickle.loads(whole[64:])
@@ -76,15 +69,6 @@ class Kept:
             os.replace(beside, self.place(key))
         finally:
             beside.unlink(missing_ok=True)
-
-
-@contextmanager
-def forgiving() -> Iterator[None]:
-    """Within it what fails is only that code is not kept or not found."""
-    try:
-        yield
-    except Exception:
-        return
 
 
 @compiled()

@@ -16,6 +16,7 @@ COVER, GROW, GOALS, NEARER = (
 class Claim:
     """One kind of claim: how many were made, how many checked, and what was not proved.
 
+    failures : what was not proved, or the first of it where `number` says how much there is.
     boundary : of the cells that were made and checked, those with a neighbour outside their set; None where it means
     nothing.
     """
@@ -23,28 +24,19 @@ class Claim:
     name: str
     made: int
     checked: int
-    failures: tuple[str, ...]
-    failed: int
+    failures: Sequence[str]
+    number: int | None = None
     boundary: tuple[int, int] | None = None
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        made: int,
-        checked: int,
-        wrong: Sequence[str],
-        failed: int | None = None,
-        boundary: tuple[int, int] | None = None,
-    ) -> "Claim":
-        """The first failures of all, `wrong`, or of as many as are said to be."""
-        return cls(name, made, checked, tuple(wrong[:SHOWN]), len(wrong) if failed is None else failed, boundary)
+    @property
+    def failed(self) -> int:
+        return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:
         verdict = "proved" if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
         line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
-        return "\n".join([line, *(f"    {failure}" for failure in self.failures)])
+        return "\n".join([line, *(f"    {failure}" for failure in self.failures[:SHOWN])])
 
 
 @dataclass(frozen=True)

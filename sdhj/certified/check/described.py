@@ -23,18 +23,10 @@ ENDS = {"unsafe", "wall", "safe"}
 Times = tuple[float, float]
 
 
-@dataclass(frozen=True)
 class Grid:
     """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe", `spacing` is that of the nodes."""
 
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    spacing: tuple[float, ...]
-    periodic: tuple[bool, ...]
-    ends: tuple[tuple[str, str], ...]
-
-    @classmethod
-    def of(cls, head: Mapping[str, Any]) -> "Grid":
+    def __init__(self, head: Mapping[str, Any]) -> None:
         lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in head["ends"])
         fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, shape, ends)}) == 1
@@ -44,12 +36,9 @@ class Grid:
         expect(all(flag in (True, False) for flag in periodic), "periodic must be true or false", periodic)
         expect(all({*pair} <= ENDS for pair in ends), f"ends must be of {', '.join(sorted(ENDS))}", ends)
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of nodes", shape)
-        spacing = tuple((b - a) / (n - 1) for (a, b), n in zip(bounds, shape, strict=True))
-        return cls(tuple(a for a, _ in bounds), tuple(b for _, b in bounds), spacing, tuple(map(bool, periodic)), ends)
-
-    @property
-    def ndim(self) -> int:
-        return len(self.lower)
+        self.lower, self.upper = np.array(bounds).T.tolist()
+        self.spacing = [(b - a) / (n - 1) for (a, b), n in zip(bounds, shape, strict=True)]
+        self.periodic, self.ends, self.ndim = np.array(periodic, np.bool_), ends, len(lower)
 
 
 class BlackBox:

@@ -13,7 +13,6 @@ import re
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -89,12 +88,10 @@ def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int 
     expect(isinstance(data, h5py.Dataset) and data.dtype == kind, f"{name} must be an array of {np.dtype(kind)}", data)
     plan = data.id.get_create_plist()
     packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
-    own = data.external is None and not data.is_virtual and packed <= PLAIN
-    own = own and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
-    fits = len(data.shape) == len(shape) and all(
-        one in (None, other) for one, other in zip(shape, data.shape, strict=True)
-    )
-    expect(own and fits, f"{name} must be kept in the file, of shape {shape}", data.shape)
+    fits = data.external is None and not data.is_virtual and packed <= PLAIN
+    fits = fits and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
+    fits = fits and len(data.shape) == len(shape) and all(map(lambda n, m: n in (None, m), shape, data.shape))
+    expect(fits, f"{name} must be kept in the file, of shape {shape}", data.shape)
     return data[()]
 
 
@@ -105,20 +102,14 @@ def fraction(text: Any) -> Fraction:
     return Fraction(text)
 
 
-@dataclass(frozen=True)
 class Sensing:
     """How the robot senses; `error` for each axis."""
 
-    error: Array
-    delay: float
-    jitter: float
-
-    @classmethod
-    def of(cls, head: Mapping[str, Any], ndim: int, delta: float) -> "Sensing":
+    def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
         error = head.get("error", 0.0)
-        errors = reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0)
-        delay = real("delay", head.get("delay", 0.0), 0.0, delta)
-        return cls(np.array(errors), delay, real("jitter", head.get("jitter", 0.0), 0.0, delta / 2))
+        self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
+        self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
+        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)
 
     def __bool__(self) -> bool:
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0

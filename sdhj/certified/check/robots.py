@@ -61,11 +61,11 @@ class Robot(Sets):
     """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        self.grid, self.steps, self.count = Grid.of(head["grid"]), head["steps"], len(head["inputs"])
+        self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
         expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
         self.delta = real("delta", head["delta"], 1e-9)
-        self.sensing = Sensing.of(head.get("sensing", {}), self.grid.ndim, self.delta)
+        self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
         self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim)
@@ -74,8 +74,8 @@ class Robot(Sets):
         expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
         self.length = self.delta + 2 * self.jitter  # of an interval, at most
         self.always = 0.0, self.time(self.steps) + self.jitter
-        self.stays, self.periodic = self.target is None, np.array(self.grid.periodic)
-        self.safe = [("safe" in ends) for ends in self.grid.ends]
+        self.stays, self.periodic = self.target is None, self.grid.periodic
+        self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays)
 
@@ -128,15 +128,10 @@ class Robot(Sets):
 
     def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
         """Bounds of a level set, both (M,)."""
-
         if isinstance(part.function, BlackBox):
             self.trusted.add(part.name)
-
-        def bounds(low: Array, high: Array) -> tuple[Array, Array]:
-            least, most = part.function.bounds(low, high, times)
-            return least[:, 0], most[:, 0]
-
-        return self.cut(part.axes, box, bounds)
+        least, most = self.cut(part.axes, box, lambda low, high: part.function.bounds(low, high, times))
+        return least[:, 0], most[:, 0]
 
     def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
         """Bounds of the velocity under u_j and any adversary, or none, both (M, ndim)."""
@@ -306,10 +301,10 @@ class Robot(Sets):
     def inside(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
-        for axis in np.flatnonzero(self.safe):
+        for axis in np.flatnonzero(self.safe.any(axis=1)):
             a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
-            left |= (b < grid.lower[axis] - NEAR) & (grid.ends[axis][0] == "safe")
-            left |= (a > grid.upper[axis] + NEAR) & (grid.ends[axis][1] == "safe")
+            left |= (b < grid.lower[axis] - NEAR) & self.safe[axis, 0]
+            left |= (a > grid.upper[axis] + NEAR) & self.safe[axis, 1]
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
@@ -343,8 +338,7 @@ class Robot(Sets):
             left = np.flatnonzero(~out)
             left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
             first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
-            safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
-            gone = (((last < -1) & safe[:, 0]) | ((first > most + 1) & safe[:, 1])).any(axis=1)  # by a cell or more
+            gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
             turns, whole = first // self.counts * self.counts, last - first > most
             first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
             last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
@@ -360,18 +354,18 @@ class Robot(Sets):
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """All claims; those of single cells of some cells only."""
         ndim, wrong = self.grid.ndim, self.cover()
-        yield Claim.of(COVER, ndim, ndim, wrong)
+        yield Claim(COVER, ndim, ndim, wrong)
         if wrong:
             return
         if self.sensing:
-            yield Claim.of("predictions are as near as stated", self.count, self.count, self.known_within())
+            yield Claim("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
         chosen = np.zeros(size, np.bool_)
         chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
         if self.trusted:
-            yield Claim.of(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
+            yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
@@ -399,16 +393,15 @@ class Robot(Sets):
                     open_[step] = some[~np.concatenate(good)] if good else some
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
             wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])
-        yield Claim.of("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
-        yield Claim.of("clear of the unsafe sets", made, checked, wrong[1])
+        yield Claim("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
+        yield Claim("clear of the unsafe sets", made, checked, wrong[1])
 
     def claims_of_sets(self, chosen: Array, silent: bool) -> Iterator[Claim]:
         """Goals, whether sets grow (without a target: shrink), and every step."""
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
-        rows = [(0, n) for n in range(self.steps + 1)]
-        if not self.timeless:
-            rows = [(k, n) for k in range(self.steps + 1) for n in range(self.steps - k + 1)]
+        starts = range(1 if self.timeless else self.steps + 1)
+        rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         if len(self.index) == 1:  # what is safe for ever: it leads into itself
             rows = [(0, 0), (0, 1)]
         for step, within in tqdm(rows, desc="sets", disable=silent):
@@ -427,6 +420,6 @@ class Robot(Sets):
             else:
                 good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
-        yield Claim.of(GROW, len(rows), len(rows), failed[GROW])
+        yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():
-            yield Claim.of(name, made, checked, failed[name])
+            yield Claim(name, made, checked, failed[name])

@@ -25,7 +25,7 @@ def arm_world() -> Callable[..., World]:
 
     def world(edges: Any = None, **changes: Any) -> World:
         recipe = sdhj.arm_case_study(**(SMALL | {"obstacles": [STILL, LINE, CIRCLE]} | changes)).recipe
-        return Scene.of(recipe, {}).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
+        return Scene(recipe, {}).world((np.linspace(-1, 1, 9),) * 4 if edges is None else tuple(edges))
 
     return world
 

@@ -141,7 +141,7 @@ def test_an_input_bit_too_many_is_found(saved, tmp_path, rng):
         report = planted(saved, tmp_path, lambda told, group, b=bits: rewrite(group, "allowed", b))
         wrong = claims_of(report)["clear of the obstacles"]
         assert wrong.failed == 1
-        assert wrong.failures == ("start {}, input {}, joints {}, {}".format(*place.tolist()),)
+        assert wrong.failures == ["start {}, input {}, joints {}, {}".format(*place.tolist())]
 
 
 def test_wrong_cells_end_the_check(saved, tmp_path):
@@ -251,7 +251,7 @@ def test_samples_and_seed_that_make_no_sense_are_refused(saved):
 
 def test_cells_that_do_not_cover_are_found(recipe):
     arm = object.__new__(Arm)
-    arm.scene, arm.counts = Scene.of(recipe, {}), np.array([32, 32, 8, 8])
+    arm.scene, arm.counts = Scene(recipe, {}), np.array([32, 32, 8, 8])
     box = arm.scene.box
     fine = [(Fraction(0), PI[1] / 16, 2 * PI[0], 2 * PI[1])] * 2 + [(-box, box / 4, 2 * box, 2 * box)] * 2
     arm.axes = fine

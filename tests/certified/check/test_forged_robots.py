@@ -427,7 +427,7 @@ MUTATIONS = {
         "(first > most)",
         "past the upper end by less than a cell",
     ),
-    "only safe ends": (ROBOTS_PY, "(last < -1) & safe[:, 0]", "(last < -1)", "past a wall"),
+    "only safe ends": (ROBOTS_PY, "(last < -1) & self.safe[:, 0]", "(last < -1)", "past a wall"),
     # black boxes, arrays
     "black boxes are tried": (DESCRIBED, "expect(not wrong.size, what,", "expect(True, what,", "a slope of 0"),
     "values above what is stated": (DESCRIBED, " | (value > most + near)", "", "an enclosure that ends below"),

@@ -22,7 +22,7 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
         {"lengths": [11.0, 1.0]},
         {"lengths": [0.15, 0.0]},
     ):
-        scene = Scene.of(recipe | {"arguments": recipe["arguments"] | changes}, {})
+        scene = Scene(recipe | {"arguments": recipe["arguments"] | changes}, {})
         with pytest.raises(ValueError, match="bound on rounding"):
             scene.world((np.linspace(-1, 1, 9),) * 4)
 
@@ -32,7 +32,7 @@ def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):
 def test_image_lists_hold_every_end(axis, sensing, recipe, rng):
     """Exact end states of random starts, and of the cells' ends, lie in the listed cells; and no list is idly long."""
     recipe["arguments"]["target"] = STILL  # as jitter needs
-    scene = Scene.of(recipe, sensing)
+    scene = Scene(recipe, sensing)
     push = Fraction(str(recipe["arguments"]["v_d_max" if axis == 0 else "v_p_max"]))
     off, late = Fraction(0), Fraction(0)
     if sensing:
