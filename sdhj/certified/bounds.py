@@ -20,6 +20,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 BOXES = 1 << 16  # that a function is bounded over at a time
+Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), to bounds of a function there
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
@@ -31,23 +32,29 @@ def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
 class Bounds:
     """Bounds on the velocity and the level sets of a problem.
 
-    signs (D,) : the one vertex of its box that the adversary keeps to; None: any adversary.
+    vertices (V, D) : of its box, to which the adversary keeps; u_j under vertex v is the input j * V + v. None: any.
     """
 
     problem: ReachAvoidProblem
-    signs: FloatArray | None = None
+    vertices: FloatArray | None = None
+
+    def input(self, j: int) -> int:
+        """Which of the problem's inputs it is."""
+        return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest velocity under u_j, any adversary, in boxes (M, ndim) and [t0, t1]: (2, M, ndim)."""
+        """Least and greatest velocity under u_j in boxes (M, ndim) and [t0, t1]: (2, M, ndim)."""
         dynamics, grid = self.problem.dynamics, self.problem.grid
-        return _within(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), self.signs))
+        signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
+        j = self.input(j)
+        return _within(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
         """The least (side 0) or the greatest (1) of `velocity` along one axis: (M,)."""
         dynamics, grid = self.problem.dynamics, self.problem.grid
-        if not dynamics.formulas or dynamics.gain is None or self.signs is not None:
+        if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return _within(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
@@ -67,24 +74,13 @@ class Bounds:
             out[:, begin : begin + BOXES] = self.level(part, picked(low, at), picked(high, at), t0, t1)
         return out
 
-    @property
-    def reads(self) -> FloatArray:
-        """Whether the velocity along axis i depends on coordinate k: (ndim, ndim) bool."""
-        return self.problem.dynamics.reads
-
 
 def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
     """Of each axis some of its numbers: (M, axes)."""
     return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
 
 
-def _within(
-    grid: Grid,
-    axes: Sequence[int],
-    low: FloatArray,
-    high: FloatArray,
-    bounded: Callable[[FloatArray, FloatArray], Ends],
-) -> FloatArray:
+def _within(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
     """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]

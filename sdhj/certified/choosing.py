@@ -179,7 +179,7 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     wider, ends = np.zeros((grid.ndim, grid.ndim)), np.empty((2, count, SPEED_STATES, grid.ndim))
     for j in range(count):
         ends[:, j] = least, most = bounds.velocity(j, states, states, t, t)
-        for k in np.flatnonzero(bounds.reads.any(axis=0)):
+        for k in np.flatnonzero(problem.dynamics.reads.any(axis=0)):
             low, high = bounds.velocity(j, states, states + size * (np.arange(grid.ndim) == k), t, t)
             wider[:, k] += np.mean((high - low) - (most - least), axis=0) / size[k] / count
     extremes = np.stack([ends[0].min(axis=(0, 1)), ends[1].max(axis=(0, 1))])

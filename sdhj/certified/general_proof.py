@@ -7,9 +7,8 @@ is clear of the set where it overlaps none of them.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import h5py
@@ -18,8 +17,7 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, Changes, Images, moves_of, place_axes
-from sdhj.formulas.formula import Ends
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, Changes, Images, moves_of, place_axes
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -29,7 +27,6 @@ from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.table.batches import threads
 from sdhj.table.files import stored
 
 NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
@@ -73,7 +70,6 @@ def lattice_of(
 
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
-PLACES = 1 << 13  # whose tubes are in memory at once, and what is computed of them in the caches
 FINEST = 8  # pieces of a part
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
@@ -183,33 +179,15 @@ class GeneralProof(Images):
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
-        starts, count, size, _ = self.low.shape
-        n, finest = threads(), EVALUATED // (size * count * self.parts * len(self.low) * 2)
-        lattices, work = self._lattices(progress), list(np.ndindex(starts, count, -(-size // PLACES)))
+        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
+        self.fill(min(max(finest, 1), FINEST), progress, partial(self._strike, self._lattices(progress)))
 
-        def moved(start: int, j: int, slab: int) -> Ends:
-            places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
-            return self.reached(places, j, self.problem.time(start), min(max(finest, 1), FINEST))
-
-        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
-            for some in (work[at : at + n] for at in range(0, len(work), n)):
-                found = pool.map(moved, *zip(*some, strict=True))
-                for (start, j, slab), (tubes, last) in zip(some, found, strict=True):
-                    places = slab * PLACES, min((slab + 1) * PLACES, size)
-                    at = start, j, slice(*places)
-                    self.low[at], self.high[at] = self.in_cells(np.arange(*places), last)
-                    steps = range(len(self.clear)) if len(self.low) == 1 else range(start, start + 1)
-                    self._strike(steps, j, places, tubes, lattices)
-                    bar.update()
-
-    def _strike(
-        self, steps: range, j: int, places: tuple[int, int], tubes: FloatArray, lattices: list[list[Boxes]]
-    ) -> None:
+    def _strike(self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
         """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
 
         What stands still is met in all of them alike.
         """
-        grid, bit = self.problem.grid, np.uint8(1 << j % 8)
+        grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
         room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
         faces = np.stack(grid.faces("unsafe"))
@@ -219,7 +197,7 @@ class GeneralProof(Images):
             self._once(still, ends, lambda bits, some: strike_ends(bits, tubes, places, faces, bit, some))
         for known in (one for one in lattices if len(one) == 1):
             self._met(still, tubes, places, known[0], bit)
-        for step in steps:
+        for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
             for known in (one for one in lattices if len(one) > 1):
                 self._met(clear, tubes, places, known[step], bit)

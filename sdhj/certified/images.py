@@ -17,21 +17,26 @@ image; and an image may stick out of the cells that it is said to lie in by `DRI
 
 import itertools
 import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, picked
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
 from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
+from sdhj.table.batches import threads
 from sdhj.table.controller import STRIDES
 
 PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
@@ -41,7 +46,7 @@ ROUNDED = 1 + 1e-12
 
 
 def unsure(problem: ReachAvoidProblem) -> FloatArray:
-    """E (ndim,); ValueError where no bound is found."""
+    """E (ndim,), by how much a prediction may be off; ValueError where no bound is found."""
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
         return np.zeros(ndim)
@@ -50,7 +55,7 @@ def unsure(problem: ReachAvoidProblem) -> FloatArray:
     error = np.broadcast_to(np.array(sensing.error), (ndim,)).copy()
     if not sensing.delay:
         return error
-    spread, box = _Spread(problem), error
+    spread, box = _spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
         if (wider <= box).all():
@@ -61,43 +66,35 @@ def unsure(problem: ReachAvoidProblem) -> FloatArray:
     raise ValueError(f"after a delay of {sensing.delay:g} s nothing is known of the state: the dynamics are too fast")
 
 
-class _Spread:
-    """D: how far velocities may be from those without an adversary, within a box."""
+def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
+    """D: how far velocities may be from those without an adversary, within a box around a prediction (ndim,)."""
+    calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
+    grid, timed, delay, disturbed = problem.grid, problem.dynamics.timed, problem.sensing.delay, Bounds(problem)
+    known = problem.dynamics.reads.any(axis=0)
+    pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
+    corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
+    size = np.subtract(grid.upper, grid.lower) / pieces
+    low, high = grid.lower + corners * size, grid.lower + (corners + 1) * size
+    strides: list[tuple[float, float]] = []
+    for step in range(problem.steps if timed else 1):
+        strides += itertools.pairwise((problem.time(step) - delay * np.arange(STRIDES, -1, -1) / STRIDES).tolist())
+    tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))
+    fastest, stride = (disturbed.velocity(j, low, high, *times) for j, times in tasks), delay / STRIDES * ROUNDED
+    travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
-    def __init__(self, problem: ReachAvoidProblem) -> None:
-        calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
-        self.problem, self.any, self.calm = problem, Bounds(problem), Bounds(calm)
-        grid, known = problem.grid, self.any.reads.any(axis=0)
-        pieces = np.where(known, min(int(PIECES ** (1 / max(known.sum(), 1))), PIECES_OF_AN_AXIS), 1)
-        corners = np.stack([index.ravel() for index in np.indices(pieces.tolist())], axis=1)
-        size = np.subtract(grid.upper, grid.lower) / pieces
-        self.low, self.high = grid.lower + corners * size, grid.lower + (corners + 1) * size
-        self.strides = []
-        for step in range(problem.steps if problem.dynamics.timed else 1):
-            cuts = problem.time(step) - problem.sensing.delay * np.arange(STRIDES, -1, -1) / STRIDES
-            self.strides += list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
-        self.strides = self.strides if problem.dynamics.timed else self.strides[:1]
-        nowhere = np.zeros(self.low[:1].shape)
-        self.travel = [(nowhere, nowhere)] * (len(self.strides) * len(problem.inputs))
-        fastest = zip(*self._ends(self.any, 0.0), strict=True)
-        stride = problem.sensing.delay / STRIDES * ROUNDED
-        self.travel = [
-            (np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest
-        ]
-
-    def _ends(self, bounds: Bounds, more: FloatArray | float) -> FloatArray:
+    def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
         """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
-        tasks = zip(itertools.product(range(len(self.problem.inputs)), self.strides), self.travel, strict=True)
-        found = [
-            bounds.velocity(j, self.low + back - more, self.high + ahead + more, *times)
-            for (j, times), (back, ahead) in tasks
-        ]
+        each = zip(tasks, travel, strict=True)
+        found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
 
-    def __call__(self, box: FloatArray) -> FloatArray:
-        least, most = self._ends(self.any, box)
-        slow, fast = self._ends(self.calm, 0.0)
+    slow, fast = near(Bounds(calm), 0.0)
+
+    def spread(box: FloatArray) -> FloatArray:
+        least, most = near(disturbed, box)
         return np.maximum(most - slow, fast - least).max(axis=(0, 1))
+
+    return spread
 
 
 @dataclass(frozen=True)
@@ -167,6 +164,7 @@ def moves_of(
 
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
+PLACES = 1 << 13  # whose tubes are in memory at once, and what is computed of them in the caches
 BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
 PIECES_OF_A_CELL = 16  # on each axis, at most
 TRIES = 12  # to find a box that the state stays in
@@ -227,8 +225,26 @@ class Images(Proof):
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
         near = np.full(cells.shape, changed is None)
         if changed is not None:
-            reached_words(*changed, self.reach[min(step, len(self.reach) - 1)], self.cells, near)
+            scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
+            reached_words(*changed, self.reach[min(step, len(self.reach) - 1)], self.cells, near, *scratch)
         grow(near, cells, following, clear, self.moves(step), groups, self.cells, self.shrinks)
+
+    def fill(self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray], None]) -> None:
+        """Fill the moves, and give `use` the start, the input, places and their tubes; so many pieces a part."""
+        starts, count, size, _ = self.low.shape
+        n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
+
+        def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
+            places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
+            return places, self.reached(places, j, self.problem.time(start), pieces)
+
+        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+            for some in (work[at : at + n] for at in range(0, len(work), n)):
+                found = pool.map(moved, *zip(*some, strict=True))
+                for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
+                    self.low[start, j, places], self.high[start, j, places] = self.in_cells(places, last)
+                    use(start, j, places, tubes)
+                    bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
         """A cell (M, ndim) at each place (M,), the first on the other axes."""
@@ -278,7 +294,7 @@ class Images(Proof):
         ends, room = self._room(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, room[0], room[1], *times)
         fastest = velocity.copy()
-        for axis in np.flatnonzero(np.diag(self.bounds.reads) & (self.strides > 0)).tolist():
+        for axis in np.flatnonzero(np.diag(self.problem.dynamics.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
                 face = room.copy()
                 narrow_to_face(ends, velocity, h, side, axis, face)
@@ -309,7 +325,7 @@ class Images(Proof):
         if unknown.any():
             first, last = (np.array2string(end[unknown][0], precision=4, separator=", ") for end in ends)
             raise ValueError(
-                f"the velocity under input {j} may be undefined or unbounded between {first} and {last}, and then "
+                f"the velocity under input {self.bounds.input(j)} may be undefined or unbounded between {first} and {last}, and then "
                 "nothing can be proved; bound what it is divided by, for example np.maximum(distance, 0.01)"
             )
         raise ValueError("the dynamics change too fast for this interval: use more parts")

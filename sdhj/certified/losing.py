@@ -19,20 +19,17 @@ led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
-from sdhj.certified.general_proof import PLACES
 from sdhj.certified.images import Changes, Images, moves_of, place_axes
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray
-from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import to_words
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -47,7 +44,7 @@ class LosingProof(Images):
     Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v.
     """
 
-    vertices: FloatArray  # (V, D), the signs of the adversary's components; one row for an image
+    vertices: FloatArray  # (V, D), the signs of the adversary's components
     kind = "losing"
 
     @property
@@ -73,7 +70,7 @@ class LosingProof(Images):
 
     @cached_property
     def bounds(self) -> Bounds:
-        return Bounds(self.problem, self.vertices[0] if len(self.vertices) == 1 else None)
+        return Bounds(self.problem, self.vertices)
 
     @cached_property
     def past(self) -> FloatArray:
@@ -82,16 +79,7 @@ class LosingProof(Images):
 
     def prepare(self, progress: bool | None) -> None:
         """Fill the moves."""
-        starts, many, size, _ = self.low.shape
-        for v in tqdm(range(len(self.vertices)), desc="answers", disable=hidden(progress)):
-            alone = replace(self, vertices=self.vertices[v : v + 1])
-            for start, j, begin in itertools.product(
-                range(starts), range(many // len(self.vertices)), range(0, size, PLACES)
-            ):
-                places = np.arange(begin, min(begin + PLACES, size))
-                _, last = alone.reached(places, j, self.problem.time(start), 1)
-                at = start, j * len(self.vertices) + v, places
-                self.low[at], self.high[at] = self.in_cells(places, last)
+        self.fill(1, progress, lambda *_: None)
 
     @cached_property
     def inside(self) -> list[FloatArray]:

@@ -182,16 +182,13 @@ class CertifiedTable(Table):
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
-    def batch(self, states: FloatArray, step: int, within: int = 1) -> Batch:
-        """As `Table.batch`; only certified inputs are safe.
+    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+        """Only certified inputs are safe.
 
         The margin of a certified input is the steps to go of the undisturbed successor minus those that are allowed, at
         most 0; lower margins reach the target sooner. It is +inf for other inputs. In the target there may be no input
         that is proved to bring the state back into it one step later.
         """
-        return super().batch(states, step, within)
-
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         states, step = batch.states[rows], batch.step
         to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
         to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
@@ -239,7 +236,7 @@ class CertifiedTable(Table):
         It is computed at the first access, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
         evaluate a function of the problem, as for the arm's case study.
         """
-        return lost_cells(self.problem, self.axes, self.proof.parts, False)
+        return lost_cells(self.problem, self.axes, self.proof.parts)
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
@@ -384,13 +381,8 @@ class CellSets:
         return CertifiedTable(proof, index, np.concatenate(pool), facts)
 
 
-def lost_cells(
-    problem: ReachAvoidProblem,
-    axes: Sequence[CellAxis],
-    parts: int = 10,
-    progress: bool | None = None,
-) -> Any:
+def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
     """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
-    sets = CellSets(LosingProof.against(problem, tuple(axes), parts), progress)
+    sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})

@@ -145,20 +145,14 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
             inside[bit >> 6] ^= BIT << np.uint64(bit & 63)
 
 
-@kernel()
-def reached_words(rows, changed, reach, cells, out):
+@kernel(**UNCOUNTED)
+def reached_words(rows, changed, reach, cells, out, room, hit):
     """Mark the words with cells whose images under some input may hold cells that changed.
 
     changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
-    input leads from any place, first and last. out (R, W) bool: words are set to True.
+    input leads from any place, first and last. out (R, W) bool: words are set to True. room (4, ndim - 1) int64 and hit
+    (W,) bool: scratch.
     """
-    room, hit = np.empty((4, cells.counts.size - 1), np.int64), np.empty(out.shape[1], np.bool_)
-    mark_reached(rows, changed, reach, cells, out, room, hit)
-
-
-@kernel(**UNCOUNTED)
-def mark_reached(rows, changed, reach, cells, out, room, hit):
-    """As `reached_words`, in some room: (4, ndim - 1), and (W,) bool."""
     (cell, begin, number, at), last, words = (room[0], room[1], room[2], room[3]), cells.counts.size - 1, out.shape[1]
     for i in range(rows.size):
         cell_of(rows[i], cells.counts[:last], cell)

@@ -144,7 +144,7 @@ def test_bounds_that_change_hold_the_adversary_to_what_it_may(rng):
     other = {"velocity": lambda q, u, v: 0.0 * q + np.stack([v[0] + v[0] ** 3, v[1]])}
     for given, most in ((linear, 0.4), (boxed, 0.4), (other, 0.464)):
         dynamics = sdhj.Dynamics([[0.0]], **given, bounds=lambda t: np.stack([0.1 + t, 0.2 + t]))
-        vertex = Bounds(dataclasses.replace(problem, dynamics=dynamics), np.array([1.0, -1.0]))
+        vertex = Bounds(dataclasses.replace(problem, dynamics=dynamics), np.array([[1.0, -1.0]]))
         least, greatest = vertex.velocity(0, low, low + 0.1, 0.0, 0.3)
         slow = 0.1 if most == 0.4 else 0.101
         np.testing.assert_allclose(greatest, [[most, -0.2]] * 50, atol=1e-8)

@@ -121,7 +121,7 @@ def test_one_vertex_is_bounded_by_what_is_declared_too(rng):
     low = rng.uniform(-3.9, 3.5, (200, 1))
     widths, exact = [], np.interp(low + 0.15, [-4, 0, 4], [-1, 1, 0])
     for sign in (-1.0, 1.0, None):
-        bounds = Bounds(problem, None if sign is None else np.array([sign]))
+        bounds = Bounds(problem, None if sign is None else np.array([[sign]]))
         least, most = bounds.velocity(0, low, low + 0.3, 0.0, 0.0)
         assert all(
             ((least <= exact + s * 0.2) & (exact + s * 0.2 <= most)).all() for s in ((sign,) if sign else (-1, 1))

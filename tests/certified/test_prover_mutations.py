@@ -33,7 +33,7 @@ FALSE = {
     ),
     "delay of a measurement": (CELLS, "* (fast - slow) / 2", "* 0", "held", NEAR),
     "what is unsure grows": (IMAGES, "if (wider <= box).all():", "if True:", "spread", NEAR),
-    "velocities near a prediction": (IMAGES, "self._ends(self.any, box)", "self._ends(self.any, 0.0)", "spread", NEAR),
+    "velocities near a prediction": (IMAGES, "near(disturbed, box)", "near(disturbed, 0.0)", "spread", NEAR),
     "what a prediction moves by": (
         IMAGES,
         "(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest",
@@ -50,15 +50,15 @@ FALSE = {
     ),
     "predictions at every time": (
         IMAGES,
-        "range(problem.steps if problem.dynamics.timed else 1)",
+        "range(problem.steps if timed else 1)",
         "range(1)",
         "gusty",
         NEAR,
     ),
     "predictions under every input": (
         IMAGES,
-        "product(range(len(self.problem.inputs)), self.strides)",
-        "product([0] * len(self.problem.inputs), self.strides)",
+        "product(range(len(problem.inputs)), strides",
+        "product([0] * len(problem.inputs), strides",
         "gusty",
         NEAR,
     ),
@@ -89,7 +89,7 @@ FALSE = {
     ),
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", "sensed", MOVES),
     "the time of a piece": (IMAGES, "(time + begin, time + end)", "(begin, end)", "tide", MOVES),
-    "the time of a step": (GENERAL, "self.problem.time(start), min", "self.problem.time(0), min", "tide", MOVES),
+    "the time of a step": (IMAGES, "self.problem.time(start), pieces", "self.problem.time(0), pieces", "tide", MOVES),
     "room that holds": (
         PIECES,
         "inside &= way * end < way * room[side, m, k]",
@@ -141,7 +141,7 @@ FALSE = {
     ),
     "a narrower cell": (CELLS, "if not known or not self.periodic:", "if True:", "ring", MOVES),
     "states near a cell": (IMAGES, "axis.edges()[own + 1] + STATE_SLACK", "axis.edges()[own + 1]", "sliding", MOVES),
-    "the adversary": ("certified/bounds.py", "(t0, t1), self.signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
+    "the adversary": ("certified/bounds.py", "(t0, t1), signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
         GENERAL,

@@ -24,7 +24,8 @@ def test_every_cell_whose_image_a_change_is_in_is_asked_again(seed):
     changed = np.zeros((2, counts[2]), np.bool_)
     changed[[0, 1], rng.integers(counts[2], size=2)] = True
     near = np.zeros((counts[0] * counts[1], -(-counts[2] // 64)), np.bool_)
-    reached_words(rows, to_words(changed), reach, cells, near)
+    scratch = np.empty((4, 2), np.int64), np.empty(near.shape[1], np.bool_)
+    reached_words(rows, to_words(changed), reach, cells, near, *scratch)
     places = [(divmod(int(row), int(counts[1])), bits) for row, bits in zip(rows, changed, strict=True)]
     at = {(*place, int(bit)) for place, bits in places for bit in np.flatnonzero(bits)}
     for cell in itertools.product(*map(range, counts)):
