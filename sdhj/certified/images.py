@@ -325,8 +325,9 @@ class Images(Proof):
         if unknown.any():
             first, last = (np.array2string(end[unknown][0], precision=4, separator=", ") for end in ends)
             raise ValueError(
-                f"the velocity under input {self.bounds.input(j)} may be undefined or unbounded between {first} and {last}, and then "
-                "nothing can be proved; bound what it is divided by, for example np.maximum(distance, 0.01)"
+                f"the velocity under input {self.bounds.input(j)} may be undefined or unbounded between {first} and "
+                f"{last}, and then nothing can be proved; bound what it is divided by, for example "
+                "np.maximum(distance, 0.01)"
             )
         raise ValueError("the dynamics change too fast for this interval: use more parts")
 

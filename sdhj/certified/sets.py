@@ -192,10 +192,9 @@ class Certified:
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared."""
-        axes = self.axes(problem)
-        if as_built(problem):  # the arm with another set is a robot like any other
-            return ArmProof.of(problem, axes, self.parts)
-        return GeneralProof.of(problem, axes, self.parts)
+        kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
+        kind = ArmProof if as_built(problem) else GeneralProof
+        return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
         """The cells of each axis: about `cells`, or as many as are chosen."""

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
@@ -222,12 +222,11 @@ class CertifiedTable(Table):
     @cached_property
     def _measures(self) -> FloatArray:
         """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
-        axes = self.axes[self.proof.rows :]
-        if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
-            counted = [np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in _slabs(self.pool)]
-            return np.concatenate(counted) / float(np.prod([axis.count for axis in axes], dtype=np.int64))
+        axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
-        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in _slabs(self.pool)])
+        if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
+            return np.concatenate([np.bitwise_count(slab).sum(axis=1, dtype=np.int64) for slab in slabs]) / shares.size
+        return np.concatenate([to_bits(slab, shares.size) @ shares for slab in slabs])
 
     @cached_property
     def losing(self) -> "CertifiedTable":
@@ -300,10 +299,6 @@ class CertifiedTable(Table):
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, head["details"])
-
-
-def _slabs(array: FloatArray) -> Iterator[FloatArray]:
-    return (array[begin : begin + SLAB] for begin in range(0, len(array), SLAB))
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:

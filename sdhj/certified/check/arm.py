@@ -5,7 +5,7 @@ and inputs.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from typing import Any
@@ -186,15 +186,8 @@ class Arm(Sets):
         ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
         stored = Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
         failed, example = np.zeros((2, len(rows), self.steps + 2), np.int64)
-
-        def check_part(begin: int) -> int:
-            at = slice(begin, begin + ROWS_AT_ONCE)
-            check_rows(rows[at], world, stored, failed[at], example[at])
-            return len(rows[at])
-
-        shown = tqdm(total=len(rows), desc="verify", unit="row", disable=silent)
-        with shown as bar, ThreadPoolExecutor(numba.get_num_threads()) as threads:
-            for done in threads.map(check_part, range(0, len(rows), ROWS_AT_ONCE)):
+        with tqdm(total=len(rows), desc="verify", unit="row", disable=silent) as bar:
+            for done in shared(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
                 bar.update(done)
         return failed, example
 
@@ -228,11 +221,17 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     return out
 
 
+def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
+    """Have work done on so many rows, some at a time, by threads; yields how many are done."""
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        parts = [slice(begin, min(begin + ROWS_AT_ONCE, count)) for begin in range(0, count, ROWS_AT_ONCE)]
+        for part, _ in zip(parts, threads.map(work, parts), strict=True):
+            yield part.stop - part.start
+
+
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """`erode`, by threads."""
-    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-        parts = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, len(pool), ROWS_AT_ONCE)]
-        list(threads.map(lambda part: erode(pool[part], along_x, along_y, out[part]), parts))
+    sum(shared(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 
 def counted(arm: Any) -> tuple[Array, Claim]:
