@@ -1,4 +1,4 @@
-"""Compiled operations on the packed sets of a file.
+"""Operations on the packed sets of a file, and how they are compiled.
 
 A *block* holds the bits of the agent's cells for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit
 x * ny + y, bit b is bit b % 64 of word b // 64.
@@ -96,25 +96,19 @@ def any_bit(block):
     return False
 
 
-@compiled(nogil=True)
-def erode(pool, along_x, along_y, out):
+def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """For every block the cells (x, y) for which it holds all of along_x[x] times along_y[y]; written to `out`.
 
     Threads may share the blocks out. along_x (nx, most), along_y (ny, most) : cells, the last one repeated
     """
-    nx, ny = along_x.shape[0], along_y.shape[0]
-    for number in range(pool.shape[0]):
-        block, cells, column = pool[number], np.empty(64 * pool.shape[1], np.bool_), np.empty(ny, np.bool_)
-        for word in range(block.size):
-            for bit in range(64):
-                cells[64 * word + bit] = (block[word] >> np.uint64(bit)) & ONE
-        out[number] = NONE
-        for x in range(nx):
-            column[:] = True
-            for other in along_x[x]:
-                column &= cells[other * ny : other * ny + ny]
-            for y in range(ny):
-                inside = True
-                for other in along_y[y]:
-                    inside &= column[other]
-                out[number, (x * ny + y) >> 6] |= np.uint64(inside) << np.uint64((x * ny + y) & 63)
+    size = len(along_x) * len(along_y)
+    cells = np.unpackbits(pool.view(np.uint8), axis=1, count=size, bitorder="little")
+    cells = cells.reshape(-1, len(along_x), len(along_y))
+    for axis, along in ((1, along_x), (2, along_y)):
+        every = cells.take(along[:, 0], axis)
+        for others in along.T[1:]:
+            every &= cells.take(others, axis)
+        cells = every
+    bits = np.zeros((len(pool), 64 * pool.shape[1]), np.uint8)
+    bits[:, :size] = cells.reshape(-1, size)
+    out[:] = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)
