@@ -82,12 +82,7 @@ MUTATIONS = {
     "parts of a sweep": (SEPARATION, "for k in range(parts)", "for k in range(1)", HALF),
     "far edge of a column": (SEPARATION, "shift = 0 if nx > 0.0 else 1", "shift = 0", HALF),
     "width of a half plane": (SEPARATION, "(bound + abs(nx) * grow) / ny", "(bound - abs(nx) * grow) / ny", HALF),
-    "lower end of a column": (
-        SEPARATION,
-        "np.searchsorted(world.y[1:], low[x])",
-        "np.searchsorted(world.y[1:], low[x]) + 1",
-        HALF,
-    ),
+    "lower end of a column": (SEPARATION, "and y[first] >= low[x]", "and y[first] > y[-1]", HALF),
     "bend of the tip": (SEPARATION, "if furthest + rest + ROUNDING <=", "if furthest <=", TIPS),
     "turn of the tip": (SEPARATION, "for turned in (-d1, d1)", "for turned in (0.0, 0.0)", TIPS),
     "size of the evader": (SEPARATION, "math.hypot(abs(off_x) + hx, abs(off_y) + hy)", "math.hypot(off_x, off_y)", ROW),

@@ -16,6 +16,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba import njit
+from numba.core.options import DefaultOptions
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
@@ -23,6 +24,8 @@ Array = NDArray[Any]
 ONE = np.uint64(1)
 NONE = np.uint64(0)
 SOURCES = blake2b(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+# Numba would count the references to each array, which threads share; versions without the option do, and are slower.
+UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:

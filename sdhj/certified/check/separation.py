@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array, any_bit, compiled, drop
+from sdhj.certified.check.bits import UNCOUNTED, Array, any_bit, compiled, drop
 
 ROUNDING = 1e-11  # m: see above
 STATE_ERROR = 1e-10  # a state counts as in a cell up to this far from it on each axis
@@ -65,7 +65,7 @@ class World(NamedTuple):
 # its first ten entries bounds of where they are at those times.
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def moved(part, velocity, world, box):
     """The box of everything that can be reached from a part; the middle of one can be reached from the other's."""
     tau0, tau1 = part[8], part[9]
@@ -81,7 +81,7 @@ def moved(part, velocity, world, box):
     box[8], box[9] = tau0, tau1
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def pose_of(box, arm):
     """Elbow E, forearm F and half widths (d1, d2) of the joints of a box."""
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
@@ -90,7 +90,7 @@ def pose_of(box, arm):
     return e * math.cos(q1), e * math.sin(q1), f * math.cos(phi), f * math.sin(phi), widths[0], widths[1]
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def farthest(nx, ny, link, pose, turn):
     """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
     ex, ey, fx, fy, d1, d2 = pose
@@ -104,7 +104,7 @@ def farthest(nx, ny, link, pose, turn):
     return max(elbow, tip + bend + max(-b, 0.0) * (turn * d1 + d2) ** 2 / 2)
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def disk_at(disk, t):
     """Centre and velocity at time t of a disk whose centre is (x, y) + (vx, vy) t + radius (cos, sin)(rate t + phase).
 
@@ -114,7 +114,7 @@ def disk_at(disk, t):
     return disk[0] + disk[2] * t + c, disk[1] + disk[3] * t + s, disk[2] - disk[5] * s, disk[3] + disk[5] * c
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def body_of(box, body, start, world):
     """What a link must not meet: centre, half sizes of the box it is in, moves around it, and distance at contact.
 
@@ -133,7 +133,7 @@ def body_of(box, body, start, world):
 # ---- questions: does the arm stay clear of a body, is its tip inside the target?
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def ahead(nx, ny, link, pose, body, turn):
     """How far a body is at least ahead of a link along n, for everything in the box."""
     x, y, hx, hy, move_x, move_y, bend, _ = body
@@ -141,7 +141,7 @@ def ahead(nx, ny, link, pose, body, turn):
     return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def separated(link, pose, body, turn):
     """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box.
 
@@ -167,7 +167,13 @@ def separated(link, pose, body, turn):
     return best > body[7] + ROUNDING, gap
 
 
-@compiled()
+@compiled(**UNCOUNTED)
+def copy(source, target):
+    for k in range(source.size):
+        target[k] = source[k]
+
+
+@compiled(**UNCOUNTED)
 def halve(part, weights, first, second):
     """Cut a part where it is widest, all that it bounds taken by its weight."""
     axis, widest = 0, 0.0
@@ -175,11 +181,12 @@ def halve(part, weights, first, second):
         size = (part[2 * k + 1] - part[2 * k]) * weights[k]
         if size > widest:
             axis, widest = k, size
-    first[:], second[:] = part, part
+    for k in range(part.size):
+        first[k] = second[k] = part[k]
     first[2 * axis + 1] = second[2 * axis] = (part[2 * axis] + part[2 * axis + 1]) / 2
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def link_clear(link, body, part, velocity, start, world, stack):
     """Whether it is proved that a link stays clear of a body, from anywhere in a part, at all its times.
 
@@ -192,12 +199,12 @@ def link_clear(link, body, part, velocity, start, world, stack):
         fastest += abs(disk[2]) + abs(disk[3]) + abs(disk[4] * disk[5])
     tau, size, box, piece = part[9], 1, stack[STACK - 1], stack[STACK - 2]
     weights = l1, l2, agent, agent, fastest, l1 * tau, l2 * tau
-    stack[0] = part
+    copy(part, stack[0])
     for _ in range(GRANTED):
         if size == 0:
             return True
         size -= 1
-        piece[:] = stack[size]
+        copy(stack[size], piece)
         moved(piece, velocity, world, box)
         bounds = body_of(box, body, start, world)
         proved, gap = separated(link, pose_of(box, world.arm), bounds, world.arm[2])
@@ -210,7 +217,7 @@ def link_clear(link, body, part, velocity, start, world, stack):
     return False
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def clear(bodies, part, velocity, start, world, stack):
     """`link_clear` for both links and some bodies: the first of them, and the one after the last."""
     for body in range(bodies[0], bodies[1]):
@@ -220,7 +227,7 @@ def clear(bodies, part, velocity, start, world, stack):
     return True
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def tip_inside(part, t, world, stack):
     """Whether every tip of a part is inside the target at time t.
 
@@ -234,7 +241,7 @@ def tip_inside(part, t, world, stack):
         if size == 0:
             return True
         size -= 1
-        box[:] = stack[size]
+        copy(stack[size], box)
         ex, ey, fx, fy, d1, d2 = pose_of(box, world.arm)
         x, y, _, _ = disk_at(world.goal, t)
         hx, hy = 0.0, 0.0
@@ -269,7 +276,7 @@ class Bench(NamedTuple):
     stack: Array  # (STACK, BOUNDS)
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def beyond(nx, ny, bound, grow, edges_x, low, high):
     """Tighten low and high, so that a cell of column x above high[x] or below low[x] is beyond `bound` along n.
 
@@ -279,25 +286,28 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
     up = 1.0 if ny > 0.0 else -1.0
     base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny
     shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind
-    for x in range(low.size):
-        level = base - slope * edges_x[x + shift]
-        if up > 0.0:
-            high[x] = min(high[x], level)
-        else:
-            low[x] = max(low[x], level)
+    if up > 0.0:
+        for x in range(low.size):
+            level = base - slope * edges_x[x + shift]
+            high[x] = level if level < high[x] else high[x]
+    else:
+        for x in range(low.size):
+            level = base - slope * edges_x[x + shift]
+            low[x] = level if level > low[x] else low[x]
 
 
-@compiled()
+@compiled(**UNCOUNTED)
 def sweep(j, duration, world, bench, bits):
     """Keep of the bits only those of the agent's cells that a few directions prove clear for the whole interval."""
-    box, parts, part = np.empty(10), world.parts[j] if duration > 0.0 else 1, bench.part
-    low, high, cells = bench.low, bench.high, world.y.size - 1
+    box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
+    low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
     for k in range(parts):
         part[8], part[9] = duration * k / parts, duration * (k + 1) / parts
         moved(part, world.inputs[j], world, box)
         pose, grow = pose_of(box, world.arm), world.agent[0] * box[9] + max(world.off[2], world.off[3]) + STATE_ERROR
         for link in range(2):
-            low[:], high[:] = -np.inf, np.inf
+            for x in range(low.size):
+                low[x], high[x] = -np.inf, np.inf
             for n in range(world.compass.shape[0] + 2):
                 if n < world.compass.shape[0]:
                     nx, ny = world.compass[n, 0], world.compass[n, 1]
@@ -307,9 +317,16 @@ def sweep(j, duration, world, bench, bits):
                 if abs(ny) > 1e-6:
                     bound = farthest(nx, ny, link, pose, world.arm[2]) + world.agent[1] + ROUNDING
                     beyond(nx, ny, bound, grow, world.x, low, high)
+            first, stop = 0, 0
             for x in range(low.size):  # of this column the cells that are neither above high[x] nor below low[x]
-                first = np.searchsorted(world.y[1:], low[x])
-                stop = np.searchsorted(world.y[:-1], high[x], side="right")
+                while first < cells and y[first + 1] < low[x]:
+                    first += 1
+                while first > 0 and y[first] >= low[x]:
+                    first -= 1
+                while stop < cells and y[stop] <= high[x]:
+                    stop += 1
+                while stop > 0 and y[stop - 1] > high[x]:
+                    stop -= 1
                 if first < stop:
                     drop(bits, x * cells + first, x * cells + stop)
         if not any_bit(bits):
