@@ -33,6 +33,7 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
+SIDE = 8  # of a block of cells, on axes along which they move alike
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
@@ -273,9 +274,9 @@ class Robot(Sets):
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
-    def clear_holds(self, numbers: Array, step: int, swept: Array, at: Array) -> Array:
-        """Whether tubes from cells (M,), of those of places swept[at], are clear in the interval from a step: (M,)."""
-        grid, ends, out = self.grid, self.ends(self.cells(numbers)), np.ones(len(numbers), np.bool_)
+    def clear_holds(self, ends: Array, step: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
+        """Whether tubes swept[at] from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
+        grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.inside(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]
         if not there.all():
@@ -293,10 +294,27 @@ class Robot(Sets):
             for piece, times in enumerate(pairwise(cuts)):
                 box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR
                 when = times[0] - self.jitter, times[1] + self.jitter
-                good = self.outside(part, box[..., own], self.always if not part.moving else when)
+                good = self.outside(part, box[..., own], self.always if not part.moving else when, depth)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]
         return out
+
+    def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
+        """As `clear_holds` for all cells, of blocks of those that move alike together; where False it is open: (cells,)."""
+        counts, sides = self.counts, np.where(self.known, 1, SIDE)
+        shape = -(-counts // sides)
+        first = np.stack(np.unravel_index(np.arange(shape.prod()), shape), axis=1) * sides
+        at = np.searchsorted(places, first @ self.strides)
+        looked_at, out = np.isin(first @ self.strides, places), np.zeros(len(first), np.bool_)
+        for begin in range(0, len(first), BOXES_AT_ONCE):
+            some = begin + np.flatnonzero(looked_at[begin : begin + BOXES_AT_ONCE])
+            last = np.minimum(first[some] + sides, counts) - 1
+            ends = np.stack([self.ends(first[some])[0], self.ends(last)[1]])
+            out[some] = self.clear_holds(ends, step, swept, at[some], 0)
+        out = out.reshape(shape)
+        for axis in np.flatnonzero(~self.known):
+            out = out.repeat(SIDE, axis).take(np.arange(counts[axis]), axis)
+        return out.ravel()
 
     def inside(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
@@ -381,15 +399,23 @@ class Robot(Sets):
             checked += sum(some.size for some in open_.values())
             moving = places
             for finer in FINER:
-                looked_at = np.union1d(moving, np.concatenate([at[some] for some in open_.values()])).astype(np.int64)
+                needed = np.zeros(all_places, np.bool_)
+                for some in (moving, *(at[some] for some in open_.values())):
+                    needed[some] = True
+                looked_at = np.flatnonzero(needed)
                 if not looked_at.size:
                     break
                 swept, last = self.driven(looked_at, j, self.time(start), finer)
                 moving = np.intersect1d(moving, looked_at[~self.moves_hold(looked_at, start, j, last)])
                 for step, some in open_.items():
+                    if finer == FINER[0] and not self.known.all():
+                        some = some[~self.blocks_hold(step, looked_at, swept)[numbers[some]]]
                     rows = np.searchsorted(looked_at, at[some])
                     slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
-                    good = [self.clear_holds(numbers[some[own]], step, swept, rows[own]) for own in slabs]
+                    good = [
+                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, swept, rows[own])
+                        for own in slabs
+                    ]
                     open_[step] = some[~np.concatenate(good)] if good else some
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
             wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])

@@ -286,6 +286,12 @@ MUTATIONS = {
         "np.moveaxis(swept[at[left], piece], 1, 0)",
         "a moving set nearer than rounding",
     ),
+    "all cells of a block": (
+        ROBOTS_PY,
+        "np.minimum(first[some] + sides, counts) - 1",
+        "first[some]",
+        "the second post",
+    ),
     "the upper end": (ROBOTS_PY, "(whole[1, :, axis] <= grid.upper[axis] + room)", "True", "out by the upper end"),
     "the lower end": (ROBOTS_PY, "(whole[0, :, axis] >= grid.lower[axis] - room)", "True", "out by the lower end"),
     "how near past an end": (ROBOTS_PY, "ROOM = 1e-6", "ROOM = 10.0", "out by the lower end"),
@@ -340,8 +346,8 @@ MUTATIONS = {
     ),
     "all parts of a tube": (
         ROBOTS_PY,
-        "np.where(there[:, :, None, None], swept[at], swept[at, :1])",
-        "swept[at, :1]",
+        "if not there.all():\n            until = np.where(there[:, :, None, None], swept[at], swept[at, :1])",
+        "if True:\n            until = swept[at, :1]",
         "a rock at the end of the way",
     ),
     "wholly past a lower end": (

@@ -11,7 +11,7 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 import sdhj
 from sdhj.certified.check import rows
 from sdhj.certified.check.arm import Scene
-from sdhj.certified.check.bits import erode
+from sdhj.certified.check import bits
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
@@ -101,7 +101,7 @@ class Twin:
         self.ends = [np.sort(rng.integers(0, 3, (9, 3, 2)), axis=2) for _ in range(2)]
         self.allowed = rng.random((self.steps, 9, 3, 3)) < 0.2
         eroded = np.empty_like(pool)
-        erode(pool, *self.along, eroded)
+        bits.erode(pool, *self.along, eroded)
         self.stored = rows.Stored(naive.pairs(self.steps), index, pool, eroded, self.allowed, *self.ends)
 
     def bounds(self, cell):
