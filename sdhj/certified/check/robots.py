@@ -300,7 +300,7 @@ class Robot(Sets):
         return out
 
     def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
-        """As `clear_holds` for all cells, of blocks of those that move alike together; where False it is open: (cells,)."""
+        """As `clear_holds` of all cells, for blocks of those that move alike; False is open: (cells,) bool."""
         counts, sides = self.counts, np.where(self.known, 1, SIDE)
         shape = -(-counts // sides)
         first = np.stack(np.unravel_index(np.arange(shape.prod()), shape), axis=1) * sides

@@ -9,9 +9,8 @@ import pytest
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check import rows
+from sdhj.certified.check import bits, rows
 from sdhj.certified.check.arm import Scene
-from sdhj.certified.check import bits
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 
