@@ -31,7 +31,7 @@ from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, dec
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
-FINER = (8, 32, 128)  # pieces of a part, until what is said is proved
+FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
 SIDE = 8  # of a block of cells, on axes along which they move alike
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
