@@ -263,3 +263,21 @@ def test_of_a_formula_that_several_problems_share_each_has_its_samples_and_its_w
     thin = replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0)
     half[0] = 0.5
     assert (replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
+
+
+@pytest.mark.parametrize("low", [0.0, -np.pi])
+def test_a_set_that_ends_where_a_periodic_axis_begins_anew_is_told(low):
+    def ring(level_set, axes=(0, 1)):
+        grid = Grid([low, -1.0], [low + 2 * np.pi, 1.0], [60, 21], [True, False], names=["angle", "height"])
+        speeds = [[-1.0, 0.0], [1.0, 0.0]]
+        return ReachAvoidProblem(grid, Dynamics(speeds, speeds), None, [UnsafeSet(axes, level_set)], 0.1, 3)
+
+    at = low + 2 * np.pi - 0.1
+    with pytest.warns(ResolutionWarning, match=r"'unsafe' is cut off where the periodic axis angle ends"):
+        check_resolution(ring(lambda p, t: np.hypot(p[:, 0] - at, p[:, 1]) - 0.4))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_resolution(ring(lambda p, t: np.cos(0.4) - np.cos(p[:, 0] - at), axes=(0,)))
+        check_resolution(
+            ring(lambda p, t: np.maximum(-np.sin(p[:, 0] - low), np.abs(p[:, 1]) - 0.4))
+        )  # ends just there

@@ -59,7 +59,7 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     state = np.asarray(through, dtype=np.float64)
     if state.shape != (grid.ndim,):
         raise ValueError(f"through must be one state of {grid.ndim} numbers, got shape {state.shape}")
-    first, second = (whole("an axis of the slice", axis, least=0, most=grid.ndim - 1) for axis in axes)
+    first, second = (whole("each of the two axes of the slice", axis, least=0, most=grid.ndim - 1) for axis in axes)
     if first == second:
         raise ValueError(f"axes must be two different axes of the grid, got {tuple(axes)}")
     for axis in set(range(grid.ndim)) - {first, second}:

@@ -58,7 +58,7 @@ class UnsafeSet:
     Notes
     -----
     Functions are read once, as formulas (`sdhj.formulas`); one that cannot be is given as a `sdhj.BlackBox`.
-    Coordinates on periodic axes are wrapped into the grid before a function is evaluated.
+    Coordinates on periodic axes are wrapped into the grid before a function is evaluated, which has to be periodic.
 
     Examples
     --------

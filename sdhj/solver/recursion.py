@@ -183,11 +183,7 @@ class InputRows:
             found = (flat, *self._lines(tuple(reach.axes), reach.number))
         static, moving = self.static, self.tubes.moving[step]
         walls = Walls(
-            self.highest,
-            static,
-            self.static_at,
-            moving.reshape(len(moving), -1, self.wide[1]),
-            self.moving_at,
+            self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
         )
         add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start))
 

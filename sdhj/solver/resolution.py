@@ -38,8 +38,7 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
         if part.sampling == "cell":
             continue
         known = FOUND.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
-        often = TIMES if part.moving else 1
-        for t in np.linspace(0.0, problem.most_steps * problem.delta, often).tolist():
+        for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist():
             key = part.name, part.axes, part.sampling, problem.grid, t
             if key not in known:
                 known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t)
@@ -90,10 +89,19 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 
 
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a level-set function that jumps at the set's boundary; empty if it does not."""
-    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
-    off = []
-    for axis in range(grid.ndim):
+    """The warning for a level-set function that jumps at the set's boundary or ends with its period; else empty."""
+    grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
+    for axis, name in enumerate(problem.grid.names[axis] for axis in part.axes):
+        if grid.periodic[axis]:
+            side = grid.points().reshape(*grid.shape, grid.ndim).take(0, axis).reshape(-1, grid.ndim)
+            side[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis])
+            before, after = part.level_set(side, t), values.take(0, axis).ravel()
+            rounding = 1e-6 * np.abs(values).max()
+            if np.any(((before > 0) != (after > 0)) & (np.abs(before - after) > rounding)):
+                return (
+                    f"the unsafe set {part.name!r} is cut off where the periodic axis {name} ends and begins anew: its "
+                    f"level-set function has to be periodic, as np.cos(r) - np.cos({name} - c) is for |{name} - c| <= r"
+                )
         here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
         crossing = crossing[:: crossing.size // CROSSINGS + 1]
@@ -106,9 +114,8 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     if not off or np.median(np.concatenate(off)) < ABRUPT:
         return ""
     return (
-        f"the level-set function of {part.name!r} jumps at the set's boundary, like an indicator function, so the "
-        "boundary is located to half a cell at best; use a distance to the set (sdhj.UnsafeSet.from_map computes one "
-        "from a map)"
+        f"the level-set function of {part.name!r} jumps at the set's boundary, like an indicator function, so it is "
+        "located to half a cell at best; use a distance to the set (sdhj.UnsafeSet.from_map computes one from a map)"
     )
 
 
@@ -148,8 +155,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     steep = 'UnsafeSet(..., sampling="steep"), which prevents that and enlarges the set by less than a cell'
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
     nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
-    free = available()
-    fits = free is None or 8 * nodes * problem.most_steps < free[0]
+    fits = 8 * nodes * problem.most_steps < (available() or [np.inf])[0]
     return (
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
         "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "

@@ -60,7 +60,7 @@ def test_a_slice_along_other_axes(table):
     ("options", "said"),
     [
         ({"axes": (0, 0)}, r"two different axes of the grid, got \(0, 0\)"),
-        ({"axes": (0, 4)}, "an axis of the slice must be a whole number from 0 to 3, got 4"),
+        ({"axes": (0, 4)}, "each of the two axes of the slice must be a whole number from 0 to 3, got 4"),
         ({"start": 99}, "start must be a whole number from 0 to 3, got 99"),
     ],
 )
