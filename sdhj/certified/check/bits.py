@@ -104,14 +104,18 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
 
     Threads may share the blocks out. along_x (nx, most), along_y (ny, most) : cells, the last one repeated
     """
-    size = len(along_x) * len(along_y)
-    cells = np.unpackbits(pool.view(np.uint8), axis=1, count=size, bitorder="little")
-    cells = cells.reshape(-1, len(along_x), len(along_y))
-    for axis, along in ((1, along_x), (2, along_y)):
-        every = cells.take(along[:, 0], axis)
-        for others in along.T[1:]:
-            every &= cells.take(others, axis)
-        cells = every
-    bits = np.zeros((len(pool), 64 * pool.shape[1]), np.uint8)
-    bits[:, :size] = cells.reshape(-1, size)
-    out[:] = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)
+    words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
+
+    def packed(flags: Array) -> Array:
+        return np.packbits(np.pad(flags, (0, 64 * words - flags.size)), bitorder="little").view(np.uint64)
+
+    for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):
+        known, every = np.pad(pool, ((0, 0), (words, words + 1))), np.tile(packed(cells[0] >= 0), (len(pool), 1))
+        offsets = along - np.arange(len(along))[:, None]
+        for offset in np.unique(offsets):  # of all blocks the bits that are so far from others, word by word
+            needs = packed((offsets == offset).any(axis=1)[cells[axis]])
+            word, bit = divmod(int(offset) * stride, 64)
+            near, following = (known[:, words + at : 2 * words + at] for at in (word, word + 1))
+            every &= (near >> bit) | (following << 1 << (63 - bit)) | ~needs
+        pool = every
+    out[:] = pool
