@@ -262,6 +262,10 @@ class ReachAvoidProblem:
         """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
         return map(self.on, self.grid.pieces())
 
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
+        return _sampled_on(self.grid.subgrid(axes), function, name)
+
     def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
         key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
@@ -318,7 +322,7 @@ class ReachAvoidProblem:
         grid, target = self.grid, self.target
         if self.stays:
             return np.full((1,) * grid.ndim, -np.inf)
-        found = _sampled_on(grid.subgrid(target.axes), lambda points: target.level_set(points, t), target.name)
+        found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
         return grid.lift(found, target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
