@@ -175,7 +175,7 @@ def _hazard(shelf, step, j, room, still, moving):
 
 @kernel(**UNCOUNTED)
 def _of_tubes(shelf, step, state, lattice, room, margin, safe):
-    """safe[j] from marks and margins, and the best input; see the docstring of `sdhj.table.table`."""
+    """safe[j] from marks and margins, and the best input; see `notebooks/site/queries.md`."""
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = room.marks[j] and margin[j] <= 0.0

@@ -303,7 +303,9 @@ class Controller:
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
 
-        For states that no tube contains, on the grid or off it. ValueError also at the last step.
+        For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
+        the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
+        ValueError also at the last step.
         """
         state = finite_array("a state", q, (self.problem.grid.ndim,))
         chosen, promised, hazards = fallbacks(self.table, state[None], self._at(step))

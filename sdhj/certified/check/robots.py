@@ -3,7 +3,8 @@
 1.  *Moves.* From anywhere in the cells at a place each input leads into the cells that the file says: `driven` follows
     the ends of the box in ever shorter pieces until what they reach lies inside.
 2.  *Clear.* Where the file says that an input is clear from a cell, every unsafe set's function is above zero in boxes
-    that the cell sweeps; boxes for which this is open are halved along each axis, `DEEPEST` times.
+    that the cell sweeps; boxes for which this is open are halved along each axis, `DEEPEST` times. Blocks of cells that
+    move alike are looked at first, and cells one by one where that leaves it open.
 3.  *Goals* are inside the target and outside the unsafe sets at t_k, halved as there.
 4.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}.
 
