@@ -66,6 +66,13 @@ def ring(*, low=-3.0, high=3.0, push=0.2):
     )
 
 
+def circle():
+    """On a circle of a whole number of cells, of which the first is all that lies in the target, across the seam."""
+    target = sdhj.TargetSet((0,), lambda p, t: np.minimum(np.abs(p[:, 0] - 0.02), np.abs(p[:, 0] - 6.02)) - 0.04)
+    post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0) - 0.1, name="post")
+    return replace(ring(), grid=sdhj.Grid([0.0], [6.0], [60], [True]), target=target, unsafe=[post])
+
+
 def past_the_seam():
     """The same, and a little behind the seam a post."""
     post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] + 3.05) - 0.03, name="post")
@@ -260,6 +267,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
+    "circle": (circle, (120,), 1),
     "cart": (cart, (20, 20), 1),
     "rail": (rail, (80, 80), 10),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
@@ -288,6 +296,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "past the seam": (past_the_seam, (125,), 2),
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),
     "cornered": (cornered, (30, 30), 3),
+    "plane": (plane, (30, 30), 3),
     "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
     "hidden": (hidden, (80,), 1),

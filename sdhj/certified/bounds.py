@@ -5,8 +5,7 @@ where an axis ends and where a periodic one closes, so that functions are bounde
 jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +19,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 BOXES = 1 << 16  # that a function is bounded over at a time
+TILE = 64  # boxes that are bounded together first
+MOST_HALVES = 1 << 20  # that boxes are cut into, of BOXES
 Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), to bounds of a function there
 
 
@@ -63,16 +64,70 @@ class Bounds:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
         return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.apart(a, b, (t0, t1)))
 
-    def levels(
-        self, part: TargetSet | UnsafeSet, low: Sequence[FloatArray], high: Sequence[FloatArray], t0: float, t1: float
+    def signs(
+        self,
+        part: TargetSet | UnsafeSet,
+        low: Sequence[FloatArray],
+        high: Sequence[FloatArray],
+        times: tuple[float, float],
+        halvings: int = 0,
     ) -> FloatArray:
-        """`level` in all products of intervals [low[k], high[k]], some of each axis, those of the last fastest."""
-        sizes = [ends.size for ends in low]
-        out = np.empty((2, math.prod(sizes)))
-        for begin in range(0, out.shape[1], BOXES):
-            at = np.unravel_index(np.arange(begin, min(begin + BOXES, out.shape[1])), sizes)
-            out[:, begin : begin + BOXES] = self.level(part, picked(low, at), picked(high, at), t0, t1)
+        """1 where a level set is > 0 in all of a box and at all times, -1 where it is <= 0, and 0 elsewhere: int8.
+
+        low, high : some intervals of each axis, in ascending order; all their products are boxes, and the shape is that
+            of their numbers. Tiles of many boxes are bounded first, and of those only that are open each box is.
+        halvings : how often a box is cut in two along each axis while that may tell more.
+        """
+        sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
+        first = [ends[::side] for ends in low]
+        last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
+        out = np.empty([ends.size for ends in first], np.int8)
+        for at in _some(np.arange(out.size)):
+            there = np.unravel_index(at, out.shape)
+            out.ravel()[at] = _sign(self.level(part, picked(first, there), picked(last, there), *times))
+        out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
+        left = np.flatnonzero(out == 0)
+        for at in _some(left):
+            there = np.unravel_index(at, sizes)
+            most = MOST_HALVES * at.size // left.size
+            out.ravel()[at] = self._halved(part, picked(low, there), picked(high, there), times, halvings, most)
         return out
+
+    def _halved(
+        self,
+        part: TargetSet | UnsafeSet,
+        low: FloatArray,
+        high: FloatArray,
+        times: tuple[float, float],
+        halvings: int,
+        most: int,
+    ) -> FloatArray:
+        """`signs` of boxes (M, axes), cut into so many pieces at most."""
+        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # whether a piece is
+        for turn in range(halvings + 1):
+            sign = _sign(self.level(part, low, high, *times))
+            above[box[sign > 0]] = below[box[sign < 0]] = True
+            left = (sign == 0) & ~(above & below)[box]
+            box, low, high = box[left], low[left], high[left]
+            if turn == halvings or not box.size or box.size << low.shape[1] > most:
+                break
+            for axis in range(low.shape[1]):
+                middle = (low[:, axis] + high[:, axis]) / 2
+                low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
+                low[middle.size :, axis] = high[: middle.size, axis] = middle
+        known = np.ones(above.size, np.bool_)
+        known[box] = False
+        return known * (above.astype(np.int8) - below)
+
+
+def _sign(bounds: FloatArray) -> FloatArray:
+    """1 where least and greatest value (2, M) are > 0, -1 where they are <= 0."""
+    return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
+
+
+def _some(places: FloatArray) -> Iterator[FloatArray]:
+    """`BOXES` of them at a time."""
+    return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 
 def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:

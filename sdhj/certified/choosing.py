@@ -52,10 +52,9 @@ MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
-# an input and a corner of the boxes of a set that stands still, or of one that moves and a part of the interval; for a
-# cell and an input at unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, STILL_CORNER, MOVING_CORNER, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 1.2e-8, 5.4e-9, 3e-8, 8.8e-9
-ABREAST = 1 / 2  # of a corner's seconds, where cells are looked up abreast
+# an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at unsafe ends; for
+# an operation of a set and a box
+AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 2.4e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
 BLACK_BOX, LOOK_UP = 100, 40  # operations
@@ -202,16 +201,17 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in axes_of)
 
     for part in problem.unsafe:
-        each = MOVING_CORNER * parts * times if part.moving else STILL_CORNER
-        each *= ABREAST if part.axes[-1] == ndim - 1 and not own[-1] else 1.0
-        first += each * asked(part.axes) * count * 2 ** len(part.axes)
+        free = [axes[k].count for k in part.axes if not own[k]]
+        each = CORNER * 2 ** len(part.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
+        first += each * asked(part.axes) * count * (times if part.moving else starts)
         first += BOXED * BOXES_OF_A_SET * _operations(part.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    return first, entries * cells * (ENTRY + IMAGE * float(image) + NEAR_ROW * float(near) / counts[-1])
+    image = float(image) if own[-1] else 0.0  # else words are asked for
+    return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])
 
 
 def _operations(function: Any) -> int:

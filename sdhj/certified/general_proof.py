@@ -55,10 +55,8 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
-    sums = []
-    for t0, t1 in times:
-        least, _ = bounds.levels(part, low, high, t0, t1)
-        meets = ~(least > 0.0).reshape(sizes)
+    sums, some = [], [bounds.signs(part, low, high, span) <= 0 for span in times]
+    for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:
         for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)
         counted = np.pad(meets, [(1, 0)] * sizes.size).astype(np.int32)
@@ -168,8 +166,7 @@ class GeneralProof(Images):
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        free = self._numbers(~own)
-        return Placed(counts, self._numbers(own), free, free.size, 1, edges, self.past)
+        return Placed(counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past)
 
     def _numbers(self, which: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""
@@ -204,26 +201,30 @@ class GeneralProof(Images):
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
-        """`strike`, with cells abreast where that can be."""
-        counts, past = self.layout.counts, np.isfinite(self.past).any()
-        many = known.axes[-1] == len(counts) - 1 and not self.strides[-1] and not past
-        abreast = int(counts[-1]) if many else 1
-        self._once(
-            clear,
-            known.axes,
-            lambda bits, some: strike(bits, tubes, places, known, bit, some._replace(abreast=abreast)),
-        )
+        """`strike`, in lines along the last of the lattice's axes on which cells at a place differ."""
+        self._once(clear, known.axes, lambda bits, some: strike(bits, tubes, places, known, bit, some), lined=True)
 
-    def _once(self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any]) -> None:
-        """Have bits struck once for all cells that differ on axes alone that neither `axes` nor an image depends on."""
+    def _once(
+        self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any], lined: bool = False
+    ) -> None:
+        """Have bits struck once for all cells that differ on axes alone that neither `axes` nor an image depends on.
+
+        lined : whether cells are put in lines along the last of `axes` on which cells at a place differ.
+        """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False
+        counts, some = self.layout.counts, (self.strides == 0) & ~alike
+        along = [axes[-1], *(axis for axis in axes if some[axis])][-1]
+        stride, length = (
+            (math.prod(counts[along + 1 :].tolist()), int(counts[along])) if lined and some[along] else (0, 1)
+        )
+        some[along] &= length == 1
+        layout = self.layout._replace(offset=self._numbers(some), axis=int(along), stride=stride, length=length)
         if not alike.any():
-            struck(clear, self.layout)
+            struck(clear, layout)
             return
-        counts, some = self.layout.counts, self._numbers((self.strides == 0) & ~alike)
         first = np.full(clear.size, 255, np.uint8)
-        struck(first, self.layout._replace(offset=some, free=some.size))
+        struck(first, layout)
         every = clear.reshape(counts)
         every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
@@ -257,9 +258,9 @@ class GeneralProof(Images):
         times = self._always if self.timeless else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for part in problem.unsafe:
             if part.moving:
-                out &= self.over_cells(part, times)[0] > 0.0
+                out &= self.over_cells(part, times) > 0
         if not problem.stays:
-            out &= self.over_cells(problem.target, times)[1] <= 0.0
+            out &= self.over_cells(problem.target, times) < 0
         return to_words(out.reshape(-1, self.axes[-1].count))
 
     @cached_property
@@ -268,7 +269,7 @@ class GeneralProof(Images):
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         for part in self.problem.unsafe:
             if not part.moving:
-                out &= self.over_cells(part, self._always)[0] > 0.0
+                out &= self.over_cells(part, self._always) > 0
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:

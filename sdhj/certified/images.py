@@ -26,12 +26,12 @@ from typing import Any, ClassVar
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.bounds import Bounds, picked
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
-from sdhj.kernels.packed import STATE_SLACK, Cells
+from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
@@ -165,8 +165,9 @@ def moves_of(
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
 PLACES = 1 << 13  # whose tubes are in memory at once, and what is computed of them in the caches
-BOXES_OF_A_SET = 1_000_000  # in which a level set is asked for, at all times together
+BOXES_OF_A_SET = 4_000_000  # in which a level set is asked for, at all times together
 PIECES_OF_A_CELL = 16  # on each axis, at most
+HALVINGS_OF_A_CELL = 4  # of a cell along each axis: 16 pieces
 TRIES = 12  # to find a box that the state stays in
 Changes = tuple[FloatArray, FloatArray] | None  # rows, and their words with cells that changed; None: any may have
 
@@ -227,7 +228,16 @@ class Images(Proof):
         if changed is not None:
             scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
             reached_words(*changed, self.reach[min(step, len(self.reach) - 1)], self.cells, near, *scratch)
-        grow(near, cells, following, clear, self.moves(step), groups, self.cells, self.shrinks)
+        grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
+
+    def _extended(self, following: FloatArray, step: int) -> FloatArray:
+        """`following`, with what images may hold before and behind it on the last axis if all cells there are alike."""
+        moves, count = self.moves(step), self.axes[-1].count
+        far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
+        if self.strides[-1] or np.isfinite(self.past).any() or far > count:
+            return following
+        margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"
+        return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
     def fill(self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray], None]) -> None:
         """Fill the moves, and give `use` the start, the input, places and their tubes; so many pieces a part."""
@@ -342,22 +352,8 @@ class Images(Proof):
         return low, high
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """Least and greatest value of a level set in every cell, (2, ...), broadcastable to the cells.
-
-        Where that leaves its sign open, bounds are those of pieces of the cell.
-        """
+        """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
         edges = [(self.axes[axis].edges(), STATE_SLACK + self.unsure[axis]) for axis in part.axes]
         low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
-        found = self.bounds.levels(part, low, high, *times)
-        open_ = np.flatnonzero((found[0] <= 0) & (found[1] > 0))
-        pieces = min(int((BOXES_OF_A_SET / max(open_.size, 1)) ** (1 / len(edges))), PIECES_OF_A_CELL)
-        if pieces > 1:
-            at = np.unravel_index(open_, [own.size for own in low])
-            cuts = np.linspace(picked(low, at), picked(high, at), pieces + 1)
-            found[0, open_], found[1, open_] = np.inf, -np.inf
-            for corner in np.ndindex(*[pieces] * len(edges)):
-                a, b = (np.stack([cuts[c + side, :, k] for k, c in enumerate(corner)], axis=1) for side in (0, 1))
-                least, most = self.bounds.level(part, a, b, *times)
-                found[0, open_], found[1, open_] = np.minimum(found[0, open_], least), np.maximum(found[1, open_], most)
-        return found.reshape(2, *shape)
+        return self.bounds.signs(part, low, high, times, HALVINGS_OF_A_CELL).reshape(shape)

@@ -87,10 +87,10 @@ class LosingProof(Images):
         moving = [part for part in self.problem.unsafe if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
         for part in self.problem.unsafe:
-            still |= False if part.moving else self.over_cells(part, self._always)[1] <= 0.0
+            still |= False if part.moving else self.over_cells(part, self._always) < 0
         out = []
         for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
-            met = [self.over_cells(part, (t, t))[1] <= 0.0 for part in moving]
+            met = [self.over_cells(part, (t, t)) < 0 for part in moving]
             out.append(to_words(reduce(np.logical_or, met, still).reshape(-1, self.axes[-1].count)))
         return out
 
@@ -99,7 +99,7 @@ class LosingProof(Images):
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.stays:
             return inside
-        outside = self.over_cells(self.problem.target, self._always if self.timeless else (t, t))[0] > 0.0
+        outside = self.over_cells(self.problem.target, self._always if self.timeless else (t, t)) > 0
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 

@@ -17,12 +17,14 @@ The obligations of the proof, where each is met, and the test in tests/certified
     velocities, and `CellAxis.image`, clipped at walls. [test_image_holds_the_worst_adversary] For the others:
     `Images.reached`, by intervals of the user's own functions. [test_general_reach_box_holds_every_trajectory,
     test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward]
-3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`.
-    [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows] After a change only words with
-    cells whose images it may be in are asked again. [test_every_cell_whose_image_a_change_is_in_is_asked_again]
+3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`, and
+    `images_inside` of 64 cells. [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows,
+    test_words_of_cells_are_led_as_plain_loops_say] After a change only words with cells whose images it may be in are
+    asked again. [test_every_cell_whose_image_a_change_is_in_is_asked_again]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
-    For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells]
+    For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells,
+    test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]

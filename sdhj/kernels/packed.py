@@ -78,7 +78,7 @@ def has_bits(block, start, stop):
 
 
 @kernel(inline="always")
-def _shifted_word(block, word, shift):
+def shifted_word(block, word, shift):
     """Word `word` of the block moved so that bit b shows bit b + shift (zero beyond the ends)."""
     source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
     shown = np.uint64(0)
@@ -107,7 +107,7 @@ def erode_packed(cells, shifts, passes):
                 block[word] = cells[row, word]
             for k in range(shifts.shape[1]):
                 for word in range(words if shifts[axis, k] != 0 else 0):
-                    cells[row, word] &= _shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
+                    cells[row, word] &= shifted_word(block, word, shifts[axis, k]) | passes[axis, k, word]
 
 
 @kernel(parallel=True)

@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, STATE_SLACK, cells_at, has_bit, has_bits, row_and_bit
+from sdhj.kernels.packed import BIT, STATE_SLACK, cells_at, has_bit, has_bits, row_and_bit, shifted_word
 
 
 class Moves(NamedTuple):
@@ -71,33 +71,87 @@ def step_on(at, number, axes):
 
 
 @kernel(**UNCOUNTED)
+def box_of_image(cell, low, high, safe, cells, axes, box):
+    """Write the first cell and the number of cells of an image on the first axes, and a begin; how many rows these are.
+
+    Rows are of all axes but the last. It is 0 where the image is past a safe end (2, ndim), see `Moves`.
+    """
+    first, number, at, total = box[0], box[1], box[2], 1
+    for axis in range(axes):
+        count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
+        if not cells.periodic[axis]:
+            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
+                return 0
+            begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
+        elif end - begin >= count:
+            begin, end = 0, count - 1
+        first[axis], number[axis], at[axis] = begin % count, end - begin + 1, 0
+        total *= number[axis] if axis < cell.size - 1 else 1
+    return total
+
+
+@kernel(inline="always")
+def row_of_box(box, cells):
+    """The row of cells that a begin of `box_of_image` stands at."""
+    row = 0
+    for axis in range(cells.counts.size - 1):
+        count, place = cells.counts[axis], box[0, axis] + box[2, axis]
+        row = row * count + (place if place < count else place - count)  # a remainder takes longest
+    return row
+
+
+@kernel(**UNCOUNTED)
 def image_inside(cell, low, high, safe, cells, index, pool, room):
     """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
 
     safe (2, ndim): see `Moves`.
     """
-    first, number, at, last, total = room[0], room[1], room[2], cell.size - 1, 1
-    for axis in range(cell.size):
-        count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
-        if not cells.periodic[axis]:
-            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
-                return True
-            begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
-        elif end - begin >= count:
-            begin, end = 0, count - 1
-        first[axis], number[axis], at[axis] = begin % count, end - begin + 1, 0
-        total *= number[axis] if axis < last else 1
-    whole, begin, end = cells.counts[last], first[last], first[last] + number[last]
+    last = cell.size - 1
+    total = box_of_image(cell, low, high, safe, cells, cell.size, room)
+    whole, begin, end = cells.counts[last], room[0, last], room[0, last] + room[1, last]
     for _ in range(total):
-        row = 0
-        for axis in range(last):
-            count, place = cells.counts[axis], first[axis] + at[axis]
-            row = row * count + (place if place < count else place - count)  # a remainder takes longest
-        block = pool[index[row]]
+        block = pool[index[row_of_box(room, cells)]]
         if not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
-        step_on(at, number, last)
+        step_on(room[2], room[1], last)
     return True
+
+
+@kernel(inline="always")
+def runs_of_ones(block, begin, length):
+    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are, length <= 64."""
+    low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
+    while run < length:
+        more = min(run, length - run)
+        low &= low >> np.uint64(more) | high << np.uint64(64 - more)
+        high &= high >> np.uint64(more)
+        run += more
+    return low
+
+
+@kernel(**UNCOUNTED)
+def images_inside(word, cell, place, moves, cells, extended, room, found):
+    """Write which of the 64 cells of a word have their image in a set, of each move, found (L,) uint64; and return any.
+
+    cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
+    rows of the set with what comes before and behind them on the last axis, in words.
+    """
+    last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
+    start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
+    for j in range(found.size):
+        total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, room)
+        begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
+        length = min(length, count)
+        found[j] = ~np.uint64(0)
+        for _ in range(total):
+            block = extended[row_of_box(room, cells)]
+            for at in range(0, length, 64):
+                found[j] &= runs_of_ones(block, begin + at, min(length - at, 64))
+            if found[j] == 0:
+                break
+            step_on(room[2], room[1], last)
+        some |= found[j]
+    return some
 
 
 @kernel(parallel=True)
@@ -106,38 +160,48 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 
     near (R, W) bool: the words; inside, following (R, W): the sets, `inside` modified in place. The moves are `groups`
     of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is
-    (0, 0).
+    (0, 0). Where all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
     """
-    index, ndim = np.arange(len(inside)), cells.counts.size
-    for i in prange(len(inside)):
+    index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
+    for i in prange(rows):
         row = np.int64(i)
         if near[row].any():
-            room = np.empty((4, ndim), np.int64)
+            led = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
+            room = np.empty((4, ndim), np.int64), led
             grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, room)
 
 
 @kernel(**UNCOUNTED)
 def grow_row(row, sets, clear, moves, groups, cells, keep, room):
-    """What `grow` does of one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; room (4, ndim)."""
-    (near, inside, index, pool), last, some = sets, cells.counts[-1], moves.low.shape[0] // groups
-    cell, scratch, begin, tried = room[0], room[1:], 0, 0
+    """What `grow` does of one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; room: scratch."""
+    (near, inside, index, pool), (scratch, led), begin, tried = sets, room, 0, 0
+    last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), scratch[3]
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
     for bit in range(last):
-        if not near[bit >> 6] or has_bit(inside, bit) != keep:
+        if not near[bit >> 6]:
             continue
-        cell[cell.size - 1], number, found = bit, row * last + bit, True
+        if bit & 63 == 0 and led.size > 0:
+            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, scratch, led)
+        if has_bit(inside, bit) != keep:
+            continue
+        cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
         place = begin + bit * moves.strides[cell.size - 1]
-        for group in range(groups):
+        for group in range(groups if found else 0):
             found = False
-            for turn in range(some):
-                j = (tried + turn) % some  # what served before is tried first
-                at = group * some + j
-                if (clear.size == 0 or (clear[number, j >> 3] >> (j & 7)) & 1) and image_inside(
-                    cell, moves.low[at, place], moves.high[at, place], moves.safe, cells, index, pool, scratch
-                ):
-                    found, tried = True, j
+            for turn in range(each):
+                j = (tried + turn) % each  # what served before is tried first
+                at = group * each + j
+                if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:
+                    continue
+                if led.size > 0:
+                    found = (led[at] >> np.uint64(bit & 63)) & BIT != 0
+                else:
+                    low, high = moves.low[at, place], moves.high[at, place]
+                    found = image_inside(cell, low, high, moves.safe, cells, index, pool, scratch)
+                if found:
+                    tried = j
                     break
             if not found:
                 break
@@ -215,20 +279,22 @@ def boxes_along(low, high, k, lattice):
 
 
 CHUNKS = 64  # that cells are looked at in, each with scratch memory
+SEGMENT = 16  # cells of a line that are looked up together first
 
 
 class Placed(NamedTuple):
-    """Cells by place and the rest: number = begin[place] + offset[rest], rest < free; and their edges.
+    """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
 
-    Of the rest, so many `abreast` differ on the last axis only, in turn. counts (ndim,); edges (ndim, most + 1);
-    safe (2, ndim): the safe ends, infinite where there are none.
+    Where there is one cell in a line, the axis is any. counts (ndim,); edges (ndim, most + 1); safe (2, ndim): the safe
+    ends, infinite where there are none.
     """
 
     counts: FloatArray
     begin: FloatArray
     offset: FloatArray
-    free: int
-    abreast: int
+    axis: int
+    stride: int
+    length: int
     edges: FloatArray
     safe: FloatArray
 
@@ -255,78 +321,115 @@ def strike(clear, tubes, places, lattice, bit, layout):
     """Clear a bit of the cells from which a tube may meet an unsafe set.
 
     clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
-    cell at a place move in each part of the interval. places (begin, end) of the cells looked at.
+    cell at a place move in each part of the interval. places (begin, end) of the cells looked at. Lines are along an
+    axis of the lattice.
     """
-    ndim, last, abreast = layout.counts.size, lattice.axes.size - 1, layout.abreast
+    d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     for chunk in prange(CHUNKS):
-        cell, at, along = np.empty(ndim, np.int64), np.empty((2, last), np.int64), np.empty((2, abreast), np.int64)
-        room = cell, at, along, np.empty(abreast, np.int64), np.empty(abreast, np.bool_)
+        cell, known, at = np.empty(layout.counts.size, np.int64), np.full(spans, -1), np.empty((2, d), np.int64)
+        along, hulls = np.empty((spans, 2, length), np.int64), np.empty((spans, 2, length // SEGMENT + 1), np.int64)
+        room = cell, known, along, hulls, np.empty((2, 1 << d - 1), np.int64), at, np.empty((2, length), np.int64)
         strike_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), room)
 
 
 @kernel(**UNCOUNTED)
 def strike_chunk(clear, tubes, places, lattice, bit, layout, chunk, room):
-    """What one thread does of `strike`, the chunk of so many of `CHUNKS`."""
-    (cell, at, along, found, open_), groups = room, layout.free // layout.abreast
-    total = (places[1] - places[0]) * groups
+    """What one thread does of `strike`, the chunk of so many of `CHUNKS`.
+
+    Span 0 is the whole interval, the others are its parts: only what is met in some of them is looked up in each.
+    """
+    (cell, known, along, hulls, corner, at, (left, met)), lines, sums = room, layout.offset.size, lattice.sums
+    total = (places[1] - places[0]) * lines
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
-        place = places[0] + i // groups
-        first = layout.begin[place] + layout.offset[i % groups * layout.abreast]
-        left = False
-        for n in range(layout.abreast):
-            open_[n] = clear[first + n] & bit != 0
-            left |= open_[n]
-        if left:
-            cell_of(first, layout.counts, cell)
-            tube = tubes[place - places[0]]
-            tube = tube[: parts_inside(cell, tube, layout)]
-            some = clear[first : first + layout.abreast]
-            strike_abreast(some, cell, tube, lattice, bit, layout.edges, open_, (at, along, found))
+        place = i // lines
+        first, tube = layout.begin[places[0] + place] + layout.offset[i % lines], tubes[place]
+        cell_of(first, layout.counts, cell)
+        begin, more = cell[layout.axis], 0
+        for n in range(left.size):
+            left[n] = parts_inside(cell, tube, layout) if clear[first + n * layout.stride] & bit else 0
+            cell[layout.axis] += 1
+            more += left[n]
+        for span in range(known.size if more > 0 else 0):
+            if known[span] != place:
+                boxes_of_a_line(begin, span, tube, lattice, layout, (along[span], hulls[span]))
+                known[span] = place
+            corners_of_a_line(cell, span, tube, lattice, layout, (corner, at))
+            count_in_a_line(sums[(span - 1) % len(sums)], corner, along[span], hulls[span], left, met)
+            more = 0
+            for n in range(left.size):
+                if span > 0 and span <= left[n] and met[n] > 0:
+                    clear[first + n * layout.stride] &= ~bit
+                left[n] = left[n] if (met[n] > 0) == (span == 0) else 0
+                more += left[n]
+            if more == 0:
+                break
+
+
+@kernel(inline="always")
+def swept_boxes(number, span, tube, k, lattice, edges):
+    """The lattice boxes along an axis of it that a cell's tube overlaps: the first, and the one behind the last."""
+    axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
+    low, high = tube[begin, axis, 0], tube[begin, axis, 1]
+    for part in range(begin + 1, end):
+        low, high = min(low, tube[part, axis, 0]), max(high, tube[part, axis, 1])
+    low, high = low + lattice.narrow[k], high - lattice.narrow[k]
+    return boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
 
 
 @kernel(**UNCOUNTED)
-def strike_abreast(clear, cell, tube, lattice, bit, edges, open_, room):
-    """Clear a bit of those of some cells (n,), abreast of a first, that are open, where a tube may meet a set.
+def boxes_of_a_line(begin, span, tube, lattice, layout, room):
+    """Write `swept_boxes` along a line, as steps in the sums: along (2, length) of its cells, hulls (2, segments)."""
+    (along, hulls), step = room, 1
+    for k in range(lattice.axes.size - 1, -1, -1):
+        if lattice.axes[k] == layout.axis:
+            hulls[0], hulls[1] = step * lattice.sizes[k], 0
+            for n in range(along.shape[1]):
+                first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)
+                along[0, n], along[1, n], segment = step * first, step * last, n // SEGMENT
+                hulls[0, segment] = min(hulls[0, segment], along[0, n])
+                hulls[1, segment] = max(hulls[1, segment], along[1, n])
+        step *= lattice.sizes[k] + 1
 
-    open_ (n,) : overwritten. room: at (2, d - 1), along (2, n), the lattice boxes that tubes overlap on all axes but
-    the last, and on that; found (n,), how many of them may meet the set.
+
+@kernel(**UNCOUNTED)
+def corners_of_a_line(cell, span, tube, lattice, layout, room):
+    """Write where, on all axes but a line's, the corners of `swept_boxes` are in the sums, and which are subtracted.
+
+    corner (2, 2^(d - 1)): places, and 1 or -1; at (2, d): scratch.
     """
-    axes, kinds, last = lattice.axes, lattice.sums.shape[0], lattice.axes.size - 1
-    at, along, found = room
-    for part in range(-1 if kinds == 1 else 0, tube.shape[0]):  # where one lattice is that of all, all parts first
-        begin, end = (0, tube.shape[0]) if part < 0 else (part, part + 1)
-        for k in range(axes.size):
-            axis = axes[k]
-            low, high = tube[begin, axis, 0], tube[begin, axis, 1]
-            for other in range(begin + 1, end):
-                low, high = min(low, tube[other, axis, 0]), max(high, tube[other, axis, 1])
-            low, high = low + lattice.narrow[k], high - lattice.narrow[k]
-            for n in range(open_.size if k == last else 1):
-                number = cell[axis] + n
-                ends = boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
-                if k == last:
-                    along[0, n], along[1, n] = ends
-                else:
-                    at[0, k], at[1, k] = ends
-        counted, found[:] = lattice.sums[max(part, 0) % kinds], 0
-        for corner in range(1 << last):
-            flat, sign = 0, 1
-            for k in range(last):
-                side = (corner >> k) & 1
-                sign = sign if side else -sign
-                flat = flat * (lattice.sizes[k] + 1) + at[side, k]
-            flat *= lattice.sizes[last] + 1
-            for n in range(open_.size):
-                found[n] += sign * (counted[flat + along[1, n]] - counted[flat + along[0, n]])
-        left = False
-        for n in range(open_.size):
-            if open_[n] and (found[n] > 0) == (part >= 0):
-                open_[n] = False
-                if part >= 0:
-                    clear[n] &= ~bit
-            left |= open_[n]
-        if not left:
-            return
+    (corner, at), d = room, lattice.axes.size
+    for k in range(d):
+        if lattice.axes[k] != layout.axis:
+            at[0, k], at[1, k] = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
+    for c in range(corner.shape[1]):
+        flat, sign, sides = 0, 1, c
+        for k in range(d):
+            flat *= lattice.sizes[k] + 1
+            if lattice.axes[k] != layout.axis:
+                flat += at[sides & 1, k]
+                sign = sign if sides & 1 else -sign
+                sides >>= 1
+        corner[0, c], corner[1, c] = flat, sign
+
+
+@kernel(**UNCOUNTED)
+def count_in_a_line(sums, corner, along, hulls, left, met):
+    """Write how many boxes that may meet the set each cell's tube overlaps, met (length,); or 0 where nothing is left.
+
+    Segments are looked up first: corner (2, 2^(d - 1)), along (2, length) and hulls (2, segments) as in the functions
+    above.
+    """
+    for segment in range(hulls.shape[1]):
+        begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
+        met[begin:end] = 0
+        for c in range(corner.shape[1]):
+            flat, sign = corner[0, c], corner[1, c]
+            found += sign * (sums[flat + hulls[1, segment]] - sums[flat + hulls[0, segment]])
+        if found > 0 and left[begin:end].any():
+            for c in range(corner.shape[1]):
+                flat, sign = corner[0, c], corner[1, c]
+                for n in range(begin, end):
+                    met[n] += sign * (sums[flat + along[1, n]] - sums[flat + along[0, n]])
 
 
 @kernel(parallel=True)
@@ -341,11 +444,11 @@ def strike_ends(clear, tubes, places, faces, bit, layout):
 @kernel(**UNCOUNTED)
 def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
     """What one thread does of `strike_ends`; how far (2, ndim) the ends of a cell get is kept while that is so."""
-    cell, far = room
-    total, known, edges = (places[1] - places[0]) * layout.free, (-1, -1), layout.edges
+    (cell, far), lines = room, layout.offset.size
+    total, known, edges = (places[1] - places[0]) * lines, (-1, -1), layout.edges
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
-        place = places[0] + i // layout.free
-        number, tube = layout.begin[place] + layout.offset[i % layout.free], tubes[place - places[0]]
+        place = places[0] + i // lines
+        number, tube = layout.begin[place] + layout.offset[i % lines], tubes[place - places[0]]
         cell_of(number, layout.counts, cell)
         parts = parts_inside(cell, tube, layout)
         if known != (place, parts):

@@ -59,7 +59,7 @@ def test_what_images_are_rounded_out_by():
 def test_cells_are_taken_that_a_pursuer_does_not_leave():
     """It moves by .12 m in a step. On 33 cells of .121 m that is a cell, on 34 of .118 m two, on 7 a cell of .57 m."""
     problem = large.car(25)
-    speeds, few = speeds_of(problem), (64, 64, 36, 8, 8)  # as dear: as many as the widths alone ask for
+    speeds, few = speeds_of(problem), (70, 70, 36, 8, 8)  # as dear: as many as the widths alone ask for
 
     def lost(cells):
         own = zip(losses(problem, speeds).T, aligned(problem, cells), strict=True)
@@ -77,7 +77,7 @@ def test_the_same_cells_everywhere_and_more_for_more_time():
     method, counts = sdhj.Certified(), chosen_cells(problem, 10, 60.0)
     assert [axis.count for axis in method.axes(problem)] == [axis.count for axis in aligned(problem, counts)]
     assert counts == chosen_cells(problem, 10, 60.0) and counts[0] == counts[1] > 1.5 * counts[2]
-    assert 2e7 < math.prod(counts) < 8e7  # README's car: .27 of the states and more
+    assert 5e7 < math.prod(counts) < 2e8  # README's car: .29 of the states and more
     paid = [sum(cost(problem, aligned(problem, chosen_cells(problem, 10, s)), 10, speeds_of(problem))) for s in (3, 30)]
     assert 1.6 * 3 >= paid[0] > 2 and 1.6 * 30 >= paid[1] > 20
     few = sdhj.Certified(seconds=0.2, parts=4)

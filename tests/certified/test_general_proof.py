@@ -216,6 +216,26 @@ def test_general_bounds_hold_over_boxes_and_times(rng):
                 assert (least <= value).all() and (value <= most).all()
 
 
+def test_signs_are_those_of_each_box_and_of_its_pieces(rng):
+    """Without halving a box is told as its bounds tell; with it, more boxes are, and points of them agree."""
+    problem = torus_problem()
+    part = sdhj.UnsafeSet((0, 1), lambda p, t: p[:, 0] * (p[:, 0] - p[:, 1]) + p[:, 1] - 0.5 + t)
+    bounds = Bounds(problem)
+    cuts = [np.linspace(-3.0, 3.0, n + 1) for n in (53, 41)]
+    low, high = [cut[:-1] - 0.01 for cut in cuts], [cut[1:] + 0.01 for cut in cuts]
+    boxes = [np.stack([a.ravel() for a in np.meshgrid(*ends, indexing="ij")], axis=1) for ends in (low, high)]
+    least, most = bounds.level(part, *boxes, 0.1, 0.15)
+    once = bounds.signs(part, low, high, (0.1, 0.15))
+    assert np.array_equal(once.ravel(), np.where(least > 0, 1, np.where(most <= 0, -1, 0)))
+    halved = bounds.signs(part, low, high, (0.1, 0.15), 4)
+    assert (halved[once != 0] == once[once != 0]).all() and {-1, 0, 1} == set(halved.flat)
+    assert (halved == 0).sum() < (once == 0).sum()
+    for _ in range(200):
+        states = rng.uniform(*boxes)
+        value = problem.value_of(part, states, rng.uniform(0.1, 0.15))
+        assert (value[halved.ravel() == 1] > 0).all() and (value[halved.ravel() == -1] <= 0).all()
+
+
 @pytest.mark.parametrize("share", [0.0, 0.6, 3.0])
 def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
     """Wherever a disk is at some time of a part, all boxes are counted that are so near as tubes sway, if that is less

@@ -1,4 +1,4 @@
-"""What is asked again after a change, and where boxes are cut, against plain loops."""
+"""Kernels of the general proof against plain loops: what is struck, led and asked again, and where boxes are cut."""
 
 import itertools
 import math
@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.kernels.packed import Cells, to_words
+from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
-from sdhj.kernels.stencils import reached_words
+from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, reached_words, strike
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -73,3 +73,103 @@ def test_boxes_are_cut_where_axes_end_and_close(rng):
             laps = np.where(periodic, np.floor((point - ends[0]) / (ends[1] - ends[0])), 0.0)
             spot = np.clip(point - laps * (ends[1] - ends[0]), *ends)
             assert ((pieces[0] <= spot + 1e-12) & (spot - 1e-12 <= pieces[1])).all(axis=1).any()
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_cells_are_struck_as_plain_loops_say(seed):
+    """Boxes on one to three axes, one lattice or one for each part; lines of cells or single cells; safe ends."""
+    rng = np.random.default_rng(seed)
+    counts, periodic, parts = rng.integers(4, 40, 3), rng.random(3) < 0.4, 3
+    while counts.prod() > 6000:
+        counts //= 2
+    own = rng.random(3) < 0.4
+    edges = np.full((3, counts.max() + 1), np.nan)
+    for k in range(3):
+        edges[k, : counts[k] + 1] = 1.0 + np.arange(counts[k] + 1)
+    axes = np.sort(rng.choice(3, rng.integers(1, 4), replace=False))
+    fine = rng.integers(1, 3, axes.size)
+    sizes = counts[axes] * fine
+    each = rng.random((1 if seed % 2 else parts, *sizes)) < 0.2 / 3**axes.size
+    each.flat[each.size // 2] = True
+    meets = [*each, each.any(axis=0)] if len(each) > 1 else each
+    sums = []
+    for one in meets:
+        for k in np.flatnonzero(periodic[axes]):
+            one = np.concatenate([one, one], axis=k)
+        sums.append(np.pad(one, [(1, 0)] * axes.size).astype(np.int32))
+        for k in range(axes.size):
+            np.cumsum(sums[-1], axis=k, out=sums[-1])
+    laps = sizes * np.where(periodic[axes], 2, 1)
+    length, narrow = counts[axes].astype(float), np.full(axes.size, 0.01)
+    sums = np.stack([one.ravel() for one in sums])
+    lattice = Boxes(axes, laps, np.ones(axes.size), 1 / fine, length, periodic[axes], narrow, sums)
+    safe = np.array([[-np.inf] * 3, [np.inf] * 3])
+    if seed % 3 == 0:
+        safe[1, 0] = counts[0] + 0.5
+
+    def numbers(which):
+        flat = np.cumprod([1, *counts[:0:-1]])[::-1]
+        return np.asarray(flat @ np.indices(np.where(which, counts, 1)).reshape(3, -1))
+
+    free = [int(k) for k in axes if not own[k]]
+    axis, lined = [int(axes[-1]), *free][-1], ~own
+    if free:
+        lined[axis] = False
+    stride, many = (int(counts[axis + 1 :].prod()), int(counts[axis])) if free else (0, 1)
+    layout = Placed(counts, numbers(own), numbers(lined), axis, stride, many, edges, safe)
+    places = layout.begin.size
+    low = rng.uniform(-2.0, 1.0, (places, parts, 3))
+    tubes = np.stack([low, low + rng.uniform(0.0, 1.5, low.shape)], axis=-1)
+    clear = rng.integers(0, 256, counts.prod()).astype(np.uint8)
+    struck, expected = clear.copy(), clear.copy()
+    strike(struck, tubes, (0, places), lattice, np.uint8(4), layout)
+    place_of = {int(number): place for place, number in enumerate(layout.begin)}
+    for number, cell in enumerate(np.ndindex(*counts)):
+        tube = tubes[place_of[int(np.ravel_multi_index(np.where(own, cell, 0), counts))]]
+        for part in range(parts):
+            ends = [[edges[k, cell[k] + side] + tube[part, k, side] for side in (0, 1)] for k in range(3)]
+            if (np.array(ends)[:, 0] > safe[1]).any():
+                break
+            boxes = itertools.product(*_overlapped(ends, axes, fine, counts, periodic))
+            if any(each[part % len(each)][at] for at in boxes):
+                expected[number] &= 255 - 4
+    assert np.array_equal(struck, expected) and 0 < (struck != clear).sum() < (clear & 4 > 0).sum()
+
+
+def _overlapped(ends, axes, fine, counts, periodic):
+    """Which boxes an interval overlaps on each axis, 0.01 narrower on each side."""
+    for k, pieces in zip(axes, fine, strict=True):
+        begin, end = ((end - 1.0) * pieces for end in (ends[k][0] + 0.01, ends[k][1] - 0.01))
+        boxes = range(math.floor(begin), max(math.ceil(end), math.floor(begin) + 1))
+        size = int(counts[k] * pieces)
+        yield {i % size if periodic[k] else min(max(i, 0), size - 1) for i in boxes}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_words_of_cells_are_led_as_plain_loops_say(seed):
+    """Images that do not depend on the last axis, which is up to three words long, with and without a period."""
+    rng = np.random.default_rng(seed)
+    counts, periodic = np.array([5, rng.choice([6, 63, 64, 100, 130])]), rng.random(2) < 0.5
+    cells, groups, keep = Cells(np.zeros(2), np.ones(2), np.ones(2), counts, periodic, 1), 1 + seed % 2, seed % 3 == 0
+    inside, following = (rng.random((5, counts[1])) < share for share in (0.5, 0.9))
+    low = rng.integers(-4, 3, (4, 5, 2)).astype(np.int16)
+    high = (low + rng.integers(0, 4, low.shape)).astype(np.int16)
+    clear = rng.integers(0, 16, (counts.prod(), 1)).astype(np.uint8) if groups == 1 else np.zeros((0, 0), np.uint8)
+    mode = "wrap" if periodic[1] else "edge"
+    extended = to_words(np.pad(following, [(0, 0), (64, 64)], mode=mode))
+    found, near = to_words(inside), np.ones((5, -(-counts[1] // 64)), np.bool_)
+    moves = Moves(low, high, np.array([1, 0]), np.array([[-np.inf] * 2, [np.inf] * 2]))
+    grow(near, found, extended, clear, moves, groups, cells, keep)
+    expected = inside.copy()
+    for number, cell in enumerate(np.ndindex(*counts)):
+        leads = []
+        for j in range(4):
+            at = [
+                [(c + d) % n if wraps else min(max(c + d, 0), n - 1) for d in range(a, b + 1)]
+                for c, n, wraps, a, b in zip(cell, counts, periodic, low[j, cell[0]], high[j, cell[0]], strict=True)
+            ]
+            leads.append(following[np.ix_(*at)].all() and (groups > 1 or bool(clear[number, 0] >> j & 1)))
+        led = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
+        expected[cell] = inside[cell] and led if keep else inside[cell] or led
+    assert np.array_equal(to_bits(found, int(counts[1])), expected)
+    assert (expected != inside).any() and expected.any() and not expected.all()
