@@ -178,7 +178,7 @@ OURS = {"sdhj", "course"} | {
         ("sdhj/problem/maps.py", ["maps"]),
         ("sdhj/simulation/*.py", []),
         ("sdhj/simulation/environment.py", ["gym"]),
-        ("sdhj/certified/**/*.py", []),
+        ("sdhj/certified/**/*.py", ["arb"]),
         ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
         ("sdhj/plotting/*.py", ["plot"]),
         ("figures/*.py", ["plot", "bench", "physics"]),

@@ -22,8 +22,8 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
-`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own. Both are `Sets`
-of one reader (`reading`) that say their `claims`.
+`robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own, of which `balls`
+has a second opinion. Both are `Sets` of one reader (`reading`) that say their `claims`.
 
 From the command line: `python -m sdhj.certified.check table.h5`, or `sdhj verify table.h5`, with `--problem
 module:function` where the robot has black boxes.
@@ -59,7 +59,8 @@ def verify(
         else is in the file.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
-        own: how many cells.
+        own: how many cells; bounds on its functions are then compared with Arb's arithmetic, too, where python-flint is
+        installed (`pip install sdhj[arb]`).
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.

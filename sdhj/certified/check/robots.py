@@ -25,9 +25,11 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
+from sdhj.certified.check.formulas import Formula
 from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -38,6 +40,7 @@ SIDE = 8  # of a block of cells, on axes along which they move alike
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 16  # boxes
+MOST_IN_BALLS = 100  # cells
 MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
@@ -383,8 +386,25 @@ class Robot(Sets):
         chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
+        if samples is not None and balls.INSTALLED:
+            yield self.claim_in_balls(np.flatnonzero(chosen)[:MOST_IN_BALLS], seed)
         if self.trusted:
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
+
+    def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
+        """That bounds on every formula over some cells hold at a state of each."""
+        box, counted, wrong = self.ends(self.cells(numbers)), 0, []
+        functions: list[Any] = [
+            (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
+        ]
+        functions += [(part.name, part.function, part.axes) for part in (self.target, *self.unsafe) if part]
+        for name, function, axes in functions:
+            if isinstance(function, Formula):
+                low, high = box[:, :, list(axes)]
+                count, beyond = balls.outside(function, low, high, (0.0, self.delta), seed)
+                counted += count
+                wrong += [f"{name} at {point} is {ball.str(10)}, not from {a} to {b}" for point, ball, a, b in beyond]
+        return Claim("bounds hold where Arb's arithmetic looks", counted, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""

@@ -1,0 +1,135 @@
+"""Values of formulas to some 60 digits, in Arb's arithmetic of balls: a second opinion on `intervals`.
+
+There NumPy's functions are taken to be as exact as they are where this was written. Here that is tried on the machine
+at hand: a value at a state must lie within the bounds over a box around it, and within those over the state alone.
+python-flint brings Arb (Johansson, IEEE Transactions on Computers 2017, doi 10.1109/TC.2017.2690633); without it
+nothing is compared.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.formulas import Formula, Node
+
+try:
+    import flint
+except ImportError:
+    flint = None  # type: ignore[assignment]
+
+INSTALLED = flint is not None
+PRECISION = 200  # bits
+
+
+def whole(a: Any) -> Any:
+    """The whole number that all of a ball is rounded down to; None where there are two."""
+    return a.floor() if a.floor().is_exact() else None
+
+
+def compared(truth: Callable[[Any, Any], bool], opposite: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+    return lambda a, b: flint.arb(1) if truth(a, b) else flint.arb(0) if opposite(a, b) else None
+
+
+def mod(a: Any, b: Any) -> Any:
+    lap = whole(a / b) if b != 0 else None
+    return None if lap is None else a - lap * b
+
+
+IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is undefined or not known
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "share": lambda a, b: flint.arb(0) if b == 0 else (a / b).min(1).max(-1),
+    "neg": lambda a: -a,
+    "abs": abs,
+    "sqr": lambda a: a * a,
+    "sqrt": lambda a: a.sqrt(),
+    "power": lambda a, n: a**n,
+    "pow": lambda a, b: flint.arb(0) if a == 0 and b > 0 else (b * a.log()).exp(),
+    "exp": lambda a: a.exp(),
+    "log": lambda a: a.log(),
+    "sin": lambda a: a.sin(),
+    "cos": lambda a: a.cos(),
+    "tan": lambda a: a.tan(),
+    "arctan": lambda a: a.atan(),
+    "arctan2": lambda y, x: flint.arb(0) if y == 0 and x == 0 else flint.arb.atan2(y, x),
+    "tanh": lambda a: a.tanh(),
+    "arcsin": lambda a: a.asin(),
+    "arccos": lambda a: a.acos(),
+    "hypot": lambda a, b: (a * a + b * b).sqrt(),
+    "min": lambda a, b: a.min(b),
+    "max": lambda a, b: a.max(b),
+    "floor": whole,
+    "mod": mod,
+    "sign": lambda a: flint.arb((a > 0) - (a < 0)) if a > 0 or a < 0 or a == 0 else None,
+    "less": compared(lambda a, b: a < b, lambda a, b: a >= b),
+    "lesseq": compared(lambda a, b: a <= b, lambda a, b: a > b),
+    "equal": compared(lambda a, b: a == b, lambda a, b: a != b),
+    "and": lambda a, b: a * b,
+    "or": lambda a, b: a.max(b),
+    "not": lambda a: 1 - a,
+}
+
+
+def interpolated(at: list[Any], table: Array, lower: list[float], spacing: list[float]) -> Any:
+    """Multilinear interpolation, clipped at the ends of the axes."""
+    places, shares, value = [], [], flint.arb(0)
+    for x, begin, step, n in zip(at, lower, spacing, table.shape, strict=True):
+        place = ((x - begin) / step).max(0).min(n - 1)
+        left = whole(place)
+        if left is None:
+            return None
+        places.append(min(int(left.unique_fmpz()), n - 2))
+        shares.append(place - places[-1])
+    for side in product((0, 1), repeat=table.ndim):
+        weight = flint.arb(1)
+        for share, up in zip(shares, side, strict=True):
+            weight *= share if up else 1 - share
+        value += weight * float(table[tuple(k + up for k, up in zip(places, side, strict=True))])
+    return value
+
+
+def of_node(node: Node, values: dict[int, Any], point: Sequence[float], parameters: Sequence[float]) -> Any:
+    operands = [values[number] for number in node.operands]
+    if node.name in ("x", "p", "const"):
+        (given,) = node.given
+        return flint.arb(given if node.name == "const" else point[given] if node.name == "x" else parameters[given])
+    if node.name == "where" and operands[0] is not None:
+        return operands[1] if operands[0] == 1 else operands[2]
+    if None in operands:
+        return None
+    return interpolated(operands, *node.given) if node.name == "gridded" else IN_BALLS[node.name](*operands, *node.given)
+
+
+def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[float]) -> list[Any]:
+    """A ball for each result at a point; None where it is undefined, or a ball leaves open which side it is on."""
+    values: dict[int, Any] = {}
+    with flint.ctx.workprec(PRECISION):
+        for number in formula.needed:
+            found = of_node(formula.nodes[number], values, point, parameters)
+            values[number] = None if found is None or not found.is_finite() else found
+        return [values[number] for number in formula.results]
+
+
+def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float], seed: int) -> tuple[int, list[Any]]:
+    """How many values at a state of each box (M, coordinates) could be compared; and those that are not within bounds.
+
+    Bounds are those over the box and those over the state alone, which leave room for rounding only. Any adversary of a
+    `velocity` pushes from -1 to 1.
+    """
+    rng, pushes = np.random.default_rng(seed), max((n.given[0] for n in formula.nodes if n.name == "p"), default=0)
+    points = rng.uniform(low, high)
+    ends = [times, *[(-1.0, 1.0)] * pushes]
+    given = [rng.uniform(*pair) for pair in ends]
+    bounds = [formula.bounds(low, high, *ends), formula.bounds(points, points, *[(one, one) for one in given])]
+    wrong, count = [], 0
+    for row, point in enumerate(points.tolist()):
+        for result, ball in enumerate(values_at(formula, point, given)):
+            count += ball is not None
+            for a, b in [(least[row, result], most[row, result]) for least, most in bounds if ball is not None]:
+                wrong += [(point, ball, float(a), float(b))] if ball < float(a) or ball > float(b) else []
+    return count, wrong
