@@ -75,8 +75,9 @@ IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is u
 }
 
 
-def interpolated(at: list[Any], table: Array, lower: list[float], spacing: list[float]) -> Any:
-    """Multilinear interpolation, clipped at the ends of the axes."""
+def interpolated(*given: Any) -> Any:
+    """Multilinear interpolation of a table, clipped at the ends of the axes: operands, table, lower and spacing."""
+    *at, table, lower, spacing = given
     places, shares, value = [], [], flint.arb(0)
     for x, begin, step, n in zip(at, lower, spacing, table.shape, strict=True):
         place = ((x - begin) / step).max(0).min(n - 1)
@@ -102,7 +103,8 @@ def of_node(node: Node, values: dict[int, Any], point: Sequence[float], paramete
         return operands[1] if operands[0] == 1 else operands[2]
     if None in operands:
         return None
-    return interpolated(operands, *node.given) if node.name == "gridded" else IN_BALLS[node.name](*operands, *node.given)
+    rule = interpolated if node.name == "gridded" else IN_BALLS[node.name]
+    return rule(*operands, *node.given)
 
 
 def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[float]) -> list[Any]:
