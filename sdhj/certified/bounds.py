@@ -20,7 +20,7 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 
 BOXES = 1 << 16  # that a function is bounded over at a time
 TILE = 64  # boxes that are bounded together first
-MOST_HALVES = 1 << 20  # that boxes are cut into, of BOXES
+MOST_HALVES = 1 << 20  # pieces that all boxes with an open sign are cut into
 Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), to bounds of a function there
 
 
@@ -103,7 +103,7 @@ class Bounds:
         most: int,
     ) -> FloatArray:
         """`signs` of boxes (M, axes), cut into so many pieces at most."""
-        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # whether a piece is
+        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # whether one of its pieces is
         for turn in range(halvings + 1):
             sign = _sign(self.level(part, low, high, *times))
             above[box[sign > 0]] = below[box[sign < 0]] = True

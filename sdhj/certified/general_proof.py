@@ -214,12 +214,10 @@ class GeneralProof(Images):
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False
         counts, some = self.layout.counts, (self.strides == 0) & ~alike
-        along = [axes[-1], *(axis for axis in axes if some[axis])][-1]
-        stride, length = (
-            (math.prod(counts[along + 1 :].tolist()), int(counts[along])) if lined and some[along] else (0, 1)
-        )
+        along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
+        length, stride = int(counts[along]) if lined and some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1
-        layout = self.layout._replace(offset=self._numbers(some), axis=int(along), stride=stride, length=length)
+        layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
         if not alike.any():
             struck(clear, layout)
             return
