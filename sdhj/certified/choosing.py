@@ -54,7 +54,7 @@ ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
 # an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at unsafe ends; for
 # an operation of a set and a box
-AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 2.4e-8, 1e-9
+AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
 BLACK_BOX, LOOK_UP = 100, 40  # operations

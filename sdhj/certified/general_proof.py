@@ -201,21 +201,19 @@ class GeneralProof(Images):
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
-        """`strike`, in lines along the last of the lattice's axes on which cells at a place differ."""
-        self._once(clear, known.axes, lambda bits, some: strike(bits, tubes, places, known, bit, some), lined=True)
+        """`strike`, of all cells that may differ."""
+        self._once(clear, known.axes, lambda bits, some: strike(bits, tubes, places, known, bit, some))
 
-    def _once(
-        self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any], lined: bool = False
-    ) -> None:
+    def _once(self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any]) -> None:
         """Have bits struck once for all cells that differ on axes alone that neither `axes` nor an image depends on.
 
-        lined : whether cells are put in lines along the last of `axes` on which cells at a place differ.
+        Cells are in lines along the last of `axes` on which cells at a place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False
         counts, some = self.layout.counts, (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
-        length, stride = int(counts[along]) if lined and some[along] else 1, math.prod(counts[along + 1 :].tolist())
+        length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1
         layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
         if not alike.any():

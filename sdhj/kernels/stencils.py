@@ -434,7 +434,7 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
 @kernel(parallel=True)
 def strike_ends(clear, tubes, places, faces, bit, layout):
-    """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none."""
+    """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none. Lines may be along any axis."""
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
         room = np.empty(ndim, np.int64), np.empty((2, ndim))
@@ -444,24 +444,38 @@ def strike_ends(clear, tubes, places, faces, bit, layout):
 @kernel(**UNCOUNTED)
 def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
     """What one thread does of `strike_ends`; how far (2, ndim) the ends of a cell get is kept while that is so."""
-    (cell, far), lines = room, layout.offset.size
-    total, known, edges = (places[1] - places[0]) * lines, (-1, -1), layout.edges
+    (cell, far), lines, along = room, layout.offset.size, layout.axis
+    total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = places[0] + i // lines
-        number, tube = layout.begin[place] + layout.offset[i % lines], tubes[place - places[0]]
-        cell_of(number, layout.counts, cell)
-        parts = parts_inside(cell, tube, layout)
-        if known != (place, parts):
-            known, far[0], far[1] = (place, parts), np.inf, -np.inf
-            for part in range(parts):
-                for axis in range(cell.size):
-                    far[0, axis] = min(far[0, axis], tube[part, axis, 0])
-                    far[1, axis] = max(far[1, axis], tube[part, axis, 1])
-        for axis in range(cell.size):
-            if edges[axis, cell[axis]] + far[0, axis] < faces[0, axis] or (
-                edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
-            ):
-                clear[number] &= ~bit
+        first, tube = layout.begin[place] + layout.offset[i % lines], tubes[place - places[0]]
+        cell_of(first, layout.counts, cell)
+        begin = cell[along]
+        for n in range(layout.length):
+            cell[along] = begin + n
+            parts = parts_inside(cell, tube, layout)
+            if known != (place, parts):
+                known, far[0], far[1] = (place, parts), np.inf, -np.inf
+                for part in range(parts):
+                    for axis in range(cell.size):
+                        far[0, axis] = min(far[0, axis], tube[part, axis, 0])
+                        far[1, axis] = max(far[1, axis], tube[part, axis, 1])
+                left = leaves(cell, far, faces, layout.edges, along, True)
+            elif n == 0:
+                left = leaves(cell, far, faces, layout.edges, along, True)
+            if left or leaves(cell, far, faces, layout.edges, along, False):
+                clear[first + n * layout.stride] &= ~bit
+
+
+@kernel(inline="always")
+def leaves(cell, far, faces, edges, along, others):
+    """Whether ends (2, ndim) of a cell that get so far are beyond a face on an axis, or on one of the others."""
+    left = False
+    for axis in range(cell.size):
+        if (axis == along) != others:
+            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]
+            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
+    return left
 
 
 @kernel(nogil=True)

@@ -256,6 +256,7 @@ FALSE = {
         "line",
         CLEAR,
     ),
+    "out on another axis than a line's": (STENCILS, "(axis == along) != others", "axis == along", "plane", CLEAR),
     "out by an upper end": (
         STENCILS,
         "far[1, axis] > faces[1, axis]",

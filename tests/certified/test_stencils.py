@@ -8,7 +8,7 @@ import pytest
 
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
-from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, reached_words, strike
+from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, reached_words, strike, strike_ends
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -77,7 +77,7 @@ def test_boxes_are_cut_where_axes_end_and_close(rng):
 
 @pytest.mark.parametrize("seed", range(16))
 def test_cells_are_struck_as_plain_loops_say(seed):
-    """Boxes on one to three axes, one lattice or one for each part; lines of cells or single cells; safe ends."""
+    """Boxes on one to three axes, of one lattice or one for each part; lines or single cells; unsafe and safe ends."""
     rng = np.random.default_rng(seed)
     counts, periodic, parts = rng.integers(4, 40, 3), rng.random(3) < 0.4, 3
     while counts.prod() > 6000:
@@ -121,8 +121,10 @@ def test_cells_are_struck_as_plain_loops_say(seed):
     low = rng.uniform(-2.0, 1.0, (places, parts, 3))
     tubes = np.stack([low, low + rng.uniform(0.0, 1.5, low.shape)], axis=-1)
     clear = rng.integers(0, 256, counts.prod()).astype(np.uint8)
-    struck, expected = clear.copy(), clear.copy()
+    struck, expected, left, out = (clear.copy() for _ in range(4))
     strike(struck, tubes, (0, places), lattice, np.uint8(4), layout)
+    faces = np.where(rng.random((2, 3)) < 0.7, np.stack([np.full(3, 0.4), counts + 1.3]), [[-np.inf], [np.inf]])
+    strike_ends(left, tubes, (0, places), faces, np.uint8(4), layout)
     place_of = {int(number): place for place, number in enumerate(layout.begin)}
     for number, cell in enumerate(np.ndindex(*counts)):
         tube = tubes[place_of[int(np.ravel_multi_index(np.where(own, cell, 0), counts))]]
@@ -133,7 +135,10 @@ def test_cells_are_struck_as_plain_loops_say(seed):
             boxes = itertools.product(*_overlapped(ends, axes, fine, counts, periodic))
             if any(each[part % len(each)][at] for at in boxes):
                 expected[number] &= 255 - 4
+            if any(a < low or b > high for (a, b), low, high in zip(ends, *faces, strict=True)):
+                out[number] &= 255 - 4
     assert np.array_equal(struck, expected) and 0 < (struck != clear).sum() < (clear & 4 > 0).sum()
+    assert np.array_equal(left, out) and 0 < (left != clear).sum() < (clear & 4 > 0).sum()
 
 
 def _overlapped(ends, axes, fine, counts, periodic):
