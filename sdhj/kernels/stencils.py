@@ -460,15 +460,15 @@ def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
                     for axis in range(cell.size):
                         far[0, axis] = min(far[0, axis], tube[part, axis, 0])
                         far[1, axis] = max(far[1, axis], tube[part, axis, 1])
-                left = leaves(cell, far, faces, layout.edges, along, True)
+                left = past_a_face(cell, far, faces, layout.edges, along, True)
             elif n == 0:
-                left = leaves(cell, far, faces, layout.edges, along, True)
-            if left or leaves(cell, far, faces, layout.edges, along, False):
+                left = past_a_face(cell, far, faces, layout.edges, along, True)
+            if left or past_a_face(cell, far, faces, layout.edges, along, False):
                 clear[first + n * layout.stride] &= ~bit
 
 
 @kernel(inline="always")
-def leaves(cell, far, faces, edges, along, others):
+def past_a_face(cell, far, faces, edges, along, others):
     """Whether ends (2, ndim) of a cell that get so far are beyond a face on an axis, or on one of the others."""
     left = False
     for axis in range(cell.size):
