@@ -118,7 +118,7 @@ def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[flo
 
 
 def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float], seed: int) -> tuple[int, list[Any]]:
-    """How many values at a state of each box (M, coordinates) could be compared; and those that are not within bounds.
+    """How many values at a state of each box (M, coordinates) were compared; and those that are not within bounds.
 
     Bounds are those over the box and those over the state alone, which leave room for rounding only. Any adversary of a
     `velocity` pushes from -1 to 1.
@@ -131,7 +131,9 @@ def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float
     wrong, count = [], 0
     for row, point in enumerate(points.tolist()):
         for result, ball in enumerate(values_at(formula, point, given)):
-            count += ball is not None
-            for a, b in [(least[row, result], most[row, result]) for least, most in bounds if ball is not None]:
-                wrong += [(point, ball, float(a), float(b))] if ball < float(a) or ball > float(b) else []
+            known = [(float(least[row, result]), float(most[row, result])) for least, most in bounds]
+            if ball is None or not np.isfinite(known[1]).all():
+                continue
+            count += 1
+            wrong += [(point, ball, a, b) for a, b in known if ball < a or ball > b]
     return count, wrong

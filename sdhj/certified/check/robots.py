@@ -393,7 +393,7 @@ class Robot(Sets):
 
     def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
         """That bounds on every formula over some cells hold at a state of each."""
-        box, counted, wrong = self.ends(self.cells(numbers)), 0, []
+        box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
         functions: list[Any] = [
             (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
         ]
@@ -402,9 +402,9 @@ class Robot(Sets):
             if isinstance(function, Formula):
                 low, high = box[:, :, list(axes)]
                 count, beyond = balls.outside(function, low, high, (0.0, self.delta), seed)
-                counted += count
+                made, counted = made + numbers.size * len(function.results), counted + count
                 wrong += [f"{name} at {point} is {ball.str(10)}, not from {a} to {b}" for point, ball, a, b in beyond]
-        return Claim("bounds hold where Arb's arithmetic looks", counted, counted, wrong)
+        return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
