@@ -285,8 +285,8 @@ SEGMENT = 16  # cells of a line that are looked up together first
 class Placed(NamedTuple):
     """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
 
-    Where there is one cell in a line, the axis is any. counts (ndim,); edges (ndim, most + 1); safe (2, ndim): the safe
-    ends, infinite where there are none.
+    Of `strike` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,);
+    edges (ndim, most + 1); safe (2, ndim): the safe ends, infinite where there are none.
     """
 
     counts: FloatArray
@@ -454,14 +454,14 @@ def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
         for n in range(layout.length):
             cell[along] = begin + n
             parts = parts_inside(cell, tube, layout)
-            if known != (place, parts):
+            new = known != (place, parts)
+            if new:
                 known, far[0], far[1] = (place, parts), np.inf, -np.inf
                 for part in range(parts):
                     for axis in range(cell.size):
                         far[0, axis] = min(far[0, axis], tube[part, axis, 0])
                         far[1, axis] = max(far[1, axis], tube[part, axis, 1])
-                left = past_a_face(cell, far, faces, layout.edges, along, True)
-            elif n == 0:
+            if new or n == 0:
                 left = past_a_face(cell, far, faces, layout.edges, along, True)
             if left or past_a_face(cell, far, faces, layout.edges, along, False):
                 clear[first + n * layout.stride] &= ~bit
