@@ -75,7 +75,7 @@ class Bounds:
         """1 where a level set is > 0 in all of a box and at all times, -1 where it is <= 0, and 0 elsewhere: int8.
 
         low, high : some intervals of each axis, in ascending order; all their products are boxes, and the shape is that
-            of their numbers. Tiles of many boxes are bounded first, and of those only that are open each box is.
+            of their numbers. Tiles of many boxes are bounded first, and each box only where that leaves the sign open.
         halvings : how often a box is cut in two along each axis while that may tell more.
         """
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
@@ -103,7 +103,7 @@ class Bounds:
         most: int,
     ) -> FloatArray:
         """`signs` of boxes (M, axes), cut into so many pieces at most."""
-        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # whether one of its pieces is
+        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
             sign = _sign(self.level(part, low, high, *times))
             above[box[sign > 0]] = below[box[sign < 0]] = True
