@@ -26,7 +26,7 @@ from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
-from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
+from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
@@ -262,7 +262,8 @@ class GridSets:
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
-            return self.table.motion(step, within) <= SETTLED
+            quiet = self.table.motion(step, within) <= SETTLED
+            return quiet and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -273,8 +274,8 @@ class GridSets:
         """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
         table, endless = self.table, self.problem.steps is None
         if endless:
-            share, settled = table.fraction(within=self.filled), self.shared > 0
-            motion = table.motion(0, self.filled)
+            share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)
+            settled = self.shared > 0 or motion <= SETTLED
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)

@@ -44,8 +44,11 @@ class Batch(NamedTuple):
         The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
         are in it. +inf for states that are not admissible, and at the last step.
     best : (M,) int array
-        The safe input of least margin; if no input is safe, the best one, without a promise. -1 for states that are not
+        The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
+    depths : (M, L) array
+        By which inputs are preferred: the margins; of a table that stays clear for ever, whose margins are distances,
+        the largest value of the game over all states to which the input and any disturbance can lead.
     """
 
     states: FloatArray
@@ -55,6 +58,7 @@ class Batch(NamedTuple):
     safe: FloatArray
     margins: FloatArray
     best: FloatArray
+    depths: FloatArray
 
     @property
     def left(self) -> FloatArray:
@@ -94,6 +98,11 @@ class Table:
     @property
     def grid(self) -> Grid:
         return self.problem.grid
+
+    @property
+    def game(self) -> int:
+        """Of a table on a grid that stays clear for ever the place of the game's value among the tubes; else -1."""
+        return -1
 
     @property
     def steps(self) -> int:
@@ -191,15 +200,17 @@ class Table:
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
         """As `batch`, of states that have been checked, and that nobody writes.
 
-        scores (M, L): `best` is the safe input of least score that passes, of equals that of least margin, if any does.
+        scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
         within = steps - step if problem.stays else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
-        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best)
-        scores = batch.margins if scores is None else scores
+        margins = np.empty(shape)
+        depths = margins if self.game < 0 else np.empty(shape)
+        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), margins, best, depths)
+        scores = depths if scores is None else scores
         share_out(self.grid, states, lambda rows: self._decide(batch, scores, LOOK, rows))
         if problem.stays:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
@@ -230,7 +241,7 @@ class Table:
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that `passes`, of equals that of least margin: (M,).
+        """For each state the safe input of least score (M, L) that `passes`, of equals that of least depth: (M,).
 
         If no input is safe, it is `Batch.best`.
         """
@@ -246,8 +257,9 @@ class Table:
         longer matters. Proved tables pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
-        looked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
-        self._decide(looked, looked.margins, ONLY_LOOK, np.arange(len(safe)))
+        none, best = np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE)
+        looked = Batch(states, step, 1, left + 1, safe, none, best, none)
+        self._decide(looked, none, ONLY_LOOK, np.arange(len(safe)))
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:

@@ -23,6 +23,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 CLOCK = 1e-9  # rounding of times, s
+RESERVE = 1.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
 
 class NotAdmissible(ValueError):
@@ -490,8 +491,14 @@ class Controller:
         distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
-        batch = self.table.answers(states, step, self.table.steps - step, distances)
-        chosen, promised = batch.best, batch.promised
+        if self.table.game < 0:
+            batch = self.table.answers(states, step, self.table.steps - step, distances)
+            chosen = batch.best
+        else:
+            batch = self.table.answers(states, step)
+            others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
+            chosen = self.table.preferred(batch, self._reserved(batch, others, 1.0))
+        promised = batch.promised
         if (lost := chosen == NOT_ADMISSIBLE).any():
             chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]
         changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)
@@ -508,7 +515,11 @@ class Controller:
             return batch.best.copy()
         scores = np.zeros(batch.safe.shape)
         scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
-        return self.table.preferred(batch, scores)
+        return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
+
+    def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
+        """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen."""
+        return np.where(batch.margins <= -RESERVE, scores, otherwise) if self.table.game >= 0 else scores
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
@@ -568,7 +579,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
-    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
+    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none, margins)
     table._decide(looked, hazards, ONLY_LOOK, rows)
     chosen, hazard = looked.best, hazards[rows, looked.best]
     clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
