@@ -10,19 +10,20 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
-from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.resolution import ResolutionWarning
-from sdhj.table.batches import Table
+from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # a solve warns where, with 95 % confidence, more than this share of the runs is lost
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
-EVER = 30  # steps of a run at the end of a solve without a number of steps
+EVER = 60  # steps of a run at the end of a solve without a number of steps
+FILTERED = 20_000  # states ahead for which a commander looks at what comes nearest, and so many runs behind the filter
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
@@ -49,11 +50,22 @@ class Played:
         return message + (f": {ways}. {self.advice}" if self.lost else "")
 
 
+class Commanded(Controller):
+    """A controller that answers with what the filter makes of a reckless commander."""
+
+    def choose(self, batch: Batch) -> FloatArray:
+        return np.asarray(self.filter(batch.states, batch.step, reckless(self.problem, batch.states, batch.step)).inputs)
+
+
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
     """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help: `Table.played`."""
-    controller, play = Controller(table), adversary_of(adversary)
+    return _played(Controller(table), runs, adversary, seed, steps)
+
+
+def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
+    table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
@@ -117,16 +129,34 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
+    if stays:
+        return _judged_for_ever(table, runs, stacklevel + 1)
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
         again = moment.substep % DECIDES == 0
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
-    found = played(table, runs, play if table.problem.sensing else worst, steps=EVER if stays else None)
+    found = played(table, runs, play if table.problem.sensing else worst)
     if found.interval[0] > ALARMING:
         warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
     return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}
+
+
+def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]:
+    """As `judged_at_the_end`, for ever: a greedy adversary against the controller, and against the filter.
+
+    Behind the filter stands a commander who drives at what must not be touched.
+    """
+    few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
+    alone = _played(Controller(table), runs, "greedy", 0, EVER)
+    behind = _played(Commanded(table), few, "greedy", 1, EVER)
+    where = "of what this table promises for ever", "behind its filter, from a commander who drives at what is unsafe,"
+    for found, told in zip((alone, behind), where, strict=True):
+        if found.interval[0] > ALARMING:
+            warnings.warn(f"{told} {found}", ResolutionWarning, stacklevel=stacklevel + 1)
+    ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in behind.ways.items()}
+    return {"played": {"runs": alone.runs + behind.runs, "lost": alone.lost + behind.lost, "ways": ways}}
 
 
 def _emptied(table: Table, share: float) -> str:

@@ -23,7 +23,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 CLOCK = 1e-9  # rounding of times, s
-RESERVE = 1.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
+RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
 
 class NotAdmissible(ValueError):
