@@ -24,11 +24,13 @@ from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.resolution import ResolutionWarning, check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
+SHOWN = 1, 20, 60  # steps of which a warning says what a table has
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -69,6 +71,28 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: 
         f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. Use more "
         "nodes, a longer delta, or give the problem a number of steps",
         UnsettledWarning,
+        stacklevel=stacklevel + 1,
+    )
+
+
+def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None, stacklevel: int) -> None:
+    """Warn where most of a set that is to be safe for ever was lost while its boundary crept.
+
+    shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
+    """
+    last = max(shares)
+    if creeping is None or shares[last] > 0.5 * shares[creeping]:
+        return
+    told = [n for n in SHOWN if n < last]
+    states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
+    moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
+    so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
+    warnings.warn(
+        f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, {shares[last]:.3f} "
+        f"after {last} steps. An interval of {problem.delta:g} s moves the robot by {moved:.2g} of a cell, and each wears the "
+        "set down by the scheme's error. A longer delta or more nodes help if so; or give the problem a number of "
+        f"steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
+        ResolutionWarning,
         stacklevel=stacklevel + 1,
     )
 
@@ -228,6 +252,8 @@ class GridSets:
         self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
+        self.shares: dict[int, float] = {}  # of the state space, without a number of steps
+        self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
 
     def goal(self, step: int) -> None:
         self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
@@ -250,6 +276,7 @@ class GridSets:
             np.maximum(tube, before, out=tube)
         if endless:
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
+            self.shares[within] = table.fraction(within=within)
 
     def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
@@ -262,8 +289,10 @@ class GridSets:
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
-            quiet = self.table.motion(step, within) <= SETTLED
-            return quiet and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
+            motion = self.table.motion(step, within)
+            if self.creeping is None and motion <= CREEPING:
+                self.creeping = within
+            return motion <= SETTLED and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -279,6 +308,8 @@ class GridSets:
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)
+            if self.problem.stays:
+                worn_down(self.problem, self.shares, self.creeping, stacklevel=3)
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
