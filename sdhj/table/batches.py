@@ -46,9 +46,8 @@ class Batch(NamedTuple):
     best : (M,) int array
         The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
-    depths : (M, L) array
-        By which inputs are preferred: the margins; of a table that stays clear for ever, whose margins are distances,
-        the largest value of the game over all states to which the input and any disturbance can lead.
+    game : (M, L) array, or None
+        Of a table on a grid that stays clear for ever, whose margins are distances: as the margins, of the game's value.
     """
 
     states: FloatArray
@@ -58,7 +57,12 @@ class Batch(NamedTuple):
     safe: FloatArray
     margins: FloatArray
     best: FloatArray
-    depths: FloatArray
+    game: FloatArray | None = None
+
+    @property
+    def depths(self) -> FloatArray:
+        """By which inputs are preferred, the least first: the game's value, or the margins where they are that."""
+        return self.margins if self.game is None else self.game
 
     @property
     def left(self) -> FloatArray:
@@ -207,10 +211,9 @@ class Table:
         within = steps - step if problem.stays else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
-        margins = np.empty(shape)
-        depths = margins if self.game < 0 else np.empty(shape)
-        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), margins, best, depths)
-        scores = depths if scores is None else scores
+        game = np.empty(shape) if self.game >= 0 else None
+        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best, game)
+        scores = batch.depths if scores is None else scores
         share_out(self.grid, states, lambda rows: self._decide(batch, scores, LOOK, rows))
         if problem.stays:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
@@ -257,9 +260,8 @@ class Table:
         longer matters. Proved tables pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
-        none, best = np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE)
-        looked = Batch(states, step, 1, left + 1, safe, none, best, none)
-        self._decide(looked, none, ONLY_LOOK, np.arange(len(safe)))
+        looked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
+        self._decide(looked, looked.margins, ONLY_LOOK, np.arange(len(safe)))
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:

@@ -85,6 +85,11 @@ class Candidates:
         return self.batch.margins[self.batch.safe]
 
     @property
+    def depths(self) -> FloatArray:
+        """(P,), the margins or, for ever, the largest value of the game (`Batch.game`)."""
+        return self.batch.depths[self.batch.safe]
+
+    @property
     def successors(self) -> FloatArray:
         """(P, ndim), where the input leads in one interval without a disturbance."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
@@ -94,7 +99,7 @@ class Candidates:
 
 Rule = Callable[[Candidates], FloatArray]
 RULES: dict[str, Rule] = {  # the input of the least score is selected
-    "deepest": lambda among: among.margins,
+    "deepest": lambda among: among.depths,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
     "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
@@ -579,7 +584,7 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
-    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none, margins)
+    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
     table._decide(looked, hazards, ONLY_LOOK, rows)
     chosen, hazard = looked.best, hazards[rows, looked.best]
     clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
