@@ -195,7 +195,7 @@ def test_a_runner_is_not_driven_to_the_tip(runner: Any) -> None:
 
 
 def test_behind_the_filter_no_stop_is_hit(stopped: Any) -> None:
-    """Commanded to the stop throughout; and 0.02 rad from it is how near one comes."""
+    """Commanded to the stop throughout; from rest one comes to four cells from it: two of the tube, two of reserve."""
     robot, table = stopped
     assert robot.lost(filtering(table, 4), starts(table, 300), 150) == (0, 0)
     assert robot.lost(selecting(table), starts(table, 300), 100) == (0, 0)
@@ -204,7 +204,7 @@ def test_behind_the_filter_no_stop_is_hit(stopped: Any) -> None:
         u = robot.inputs[[controller.filter(q[0], wanted=4).inputs]]
         for _ in range(10):
             q = robot.moved(q, u, np.zeros((1, 1)), 0.002)
-    assert 0.95 < q[0, 0] < 1.0
+    assert 0.9 < q[0, 0] < 1.0
 
 
 def test_a_drone_that_would_hover_is_not_hit() -> None:
