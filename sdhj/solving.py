@@ -59,8 +59,9 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
-        certified table whether to warn where it has next to nothing.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
+        ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
+        to nothing.
 
     Returns
     -------

@@ -201,7 +201,9 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"} or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
-        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions.
+        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
+        ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
+        keeps a reserve of `RESERVE` cells; if none does, "deepest" decides.
 
     Raises
     ------
@@ -464,7 +466,8 @@ class Controller:
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if after it the target can still be reached by the last step, not only in the fewest.
+        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
+        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells, else it is that of rule "deepest".
 
         Parameters
         ----------

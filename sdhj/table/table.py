@@ -96,7 +96,8 @@ class LookupTable(Table):
     index : (entries,) int64
         For each (start, within), one row k after the other, the number of its stored tube: equal ones are stored once.
     tubes : (T, *grid.shape)
-        The level-set functions of the T stored tubes, <= 0 inside.
+        The level-set functions of the T stored tubes, <= 0 inside. For ever there are two: the tube, a distance in
+        cells, and behind it the game's value, by which inputs are selected.
     masks : (T, ceil(L / 8), nodes) uint8
         The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
@@ -208,7 +209,7 @@ class LookupTable(Table):
         """A solve without a number of steps, ended: the table of its first `last` steps.
 
         Without a target it is the table of the one set that is safe for ever (`cells_inside`), whose inputs are those
-        marked in all of the last steps.
+        marked in all of the last steps; the game's value stands behind its tube.
         """
         stays, steps = self.problem.stays, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
