@@ -54,7 +54,9 @@ class Commanded(Controller):
     """A controller that answers with what the filter makes of a reckless commander."""
 
     def choose(self, batch: Batch) -> FloatArray:
-        return np.asarray(self.filter(batch.states, batch.step, reckless(self.problem, batch.states, batch.step)).inputs)
+        return np.asarray(
+            self.filter(batch.states, batch.step, reckless(self.problem, batch.states, batch.step)).inputs
+        )
 
 
 def played(

@@ -47,7 +47,7 @@ class Batch(NamedTuple):
         The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
     game : (M, L) array, or None
-        Of a table on a grid that stays clear for ever, whose margins are distances: as the margins, of the game's value.
+        As the margins, of the game's value: of tables on a grid for ever, whose margins are distances.
     """
 
     states: FloatArray
