@@ -81,7 +81,7 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
     shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
     """
     last = max(shares)
-    if creeping is None or shares[last] > 0.5 * shares[creeping]:
+    if creeping is None or shares[creeping] <= 2.0 * shares[last]:
         return
     told = [n for n in SHOWN if n < last]
     states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
@@ -89,9 +89,9 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
     so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
     warnings.warn(
         f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, "
-        f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a "
-        "cell, and each interval wears the set down by the scheme's error. If so, a longer delta or more nodes help; or "
-        f"give the problem a number of steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
+        f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a cell, and each "
+        "interval wears the set down by the scheme's error. If it is that, a longer delta or more nodes help; or give "
+        f"the problem a number of steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
         ResolutionWarning,
         stacklevel=stacklevel + 1,
     )
