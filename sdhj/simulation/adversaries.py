@@ -165,7 +165,7 @@ def worst(moment: Moment) -> FloatArray:
     return at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
 
 
-def clearance(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
+def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
     """How far states (M, ndim) are from what they must not touch, (M,): unsafe sets by their level, unsafe ends.
 
     +inf past a safe end, where nothing matters any longer.
@@ -191,7 +191,7 @@ def greedy(moment: Moment) -> FloatArray:
     for stride in range(STRIDES):
         t = moment.time + stride * h
         ahead = moment.interval.advance(ahead, held, v, t, h)
-        least = np.minimum(least, clearance(moment.problem, ahead, t + h))
+        least = np.minimum(least, level_of_unsafe(moment.problem, ahead, t + h))
     return signs[least.reshape(len(signs), count).argmin(axis=0)] * moment.bounds
 
 
@@ -206,7 +206,7 @@ def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> Float
     for half in range(2 * RECKLESS):
         t = problem.time(step) + half * problem.delta / 2
         ahead = interval.advance(ahead, held, still, t, problem.delta / 2)
-        least = np.minimum(least, clearance(problem, ahead, t + problem.delta / 2))
+        least = np.minimum(least, level_of_unsafe(problem, ahead, t + problem.delta / 2))
     return least.reshape(inputs, count).argmin(axis=0)
 
 

@@ -30,7 +30,7 @@ from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
 CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
-SHOWN = 1, 20, 60  # steps of which a warning says what a table has
+STEPS_TOLD = 1, 20, 60  # steps of which a warning says what a table has
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -83,7 +83,7 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
     last = max(shares)
     if creeping is None or shares[creeping] <= 2.0 * shares[last]:
         return
-    told = [n for n in SHOWN if n < last]
+    told = [n for n in STEPS_TOLD if n < last]
     states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
     moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
     so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
