@@ -23,6 +23,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.grid import Grid
@@ -40,7 +41,6 @@ FORMAT_VERSION = 4
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 MOST_HEAD = 1 << 24  # bytes of the head
-MOST_TABLE = 1 << 27  # bytes of a table that formulas look up
 GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
@@ -290,8 +290,10 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
             continue
         if not isinstance(file.get(group, getlink=True), h5py.HardLink) or file.get(group, getclass=True) != h5py.Group:
             raise ValueError(f"its {group} are no group of arrays")
-        names = [f"{group}/{name}" for name in file[group]]
-        found |= {name: stored(file, name, "float64", None, MOST_TABLE) for name in names}
+        left = min(MOST_TABLES, file.id.get_filesize())  # they are not packed
+        for name in (f"{group}/{one}" for one in file[group]):
+            found[name] = stored(file, name, "float64", None, left)
+            left -= found[name].nbytes
     return found
 
 
