@@ -252,7 +252,8 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
             starts += table.values.size
         found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
         found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest][0], table.lower, table.spacing
-    numbers = np.concatenate([table.values.ravel() for _, table in tables.values()]) if tables else np.zeros(1)
+    flat = [table.values.ravel() for _, table in tables.values()] or [np.zeros(1)]
+    numbers = flat[0] if len(flat) == 1 else np.concatenate(flat)  # maps are large, and `packed` copies them
     results = np.array([slots[one] for one in outputs], np.int64)
     return code, np.array([top]), results, found, value, places, numbers
 

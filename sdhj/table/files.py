@@ -158,7 +158,8 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
+    own = f"image {uuid.uuid4().hex}"  # to HDF5, files of one name are one file, also where two threads write them
+    with h5py.File(own, "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
         for name, values in arrays_of(table.problem).items():
             file[name] = values
         yield file
