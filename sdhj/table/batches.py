@@ -217,10 +217,9 @@ class Table:
         """What compiled look-ups read of the problem at a step (`prepared`), with a copy of its maps."""
         place = self.steps * (step == self.steps) if self.problem.timeless else step
         if (found := self._known.get(place)) is None:
-            found = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
-            if found.floats.nbytes * (len(self._known) + 1) > MOST_KNOWN:
+            if sum(one.floats.nbytes for one in [*self._known.values()]) > MOST_KNOWN:
                 self._known.clear()
-            self._known[place] = found
+            found = self._known[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
         return found
 
     @cached_property
