@@ -9,6 +9,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ from PIL import Image
 import sdhj
 from sdhj import UnsafeSet
 from sdhj.certified import Certified
-from sdhj.certified.check import described
+from sdhj.certified.check import described, verify
 from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
 from sdhj.problem.maps import BYTES_A_PIXEL, clearance
@@ -410,6 +411,68 @@ def test_maps_have_one_limit_that_is_said_before_anything_is_taken(written: Call
         UnsafeSet.from_map(written(b"P5\n%d %d\n255\n" % (side + 1, side)))
     with refused_soon(r"a table of shape \(9, 99999999\) takes 7,199,999,928 bytes, .*use fewer nodes"):
         sdhj.gridded(np.broadcast_to(0.0, (9, 99999999)), [0.0, 0.0], [1.0, 1.0])
+
+
+def yard(*unsafe: UnsafeSet) -> sdhj.ReachAvoidProblem:
+    """A robot on a square of 4 m."""
+    speeds = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 2.0, p[:, 1] - 2.0) - 0.5)
+    dynamics = sdhj.Dynamics(speeds, speeds, np.eye(2), [0.1, 0.1])
+    return sdhj.ReachAvoidProblem(sdhj.Grid([0, 0], [4, 4], [21, 21]), dynamics, target, unsafe, 0.25, 2)
+
+
+def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two maps of 20 x 20 pixels, of 13,448 bytes each; the same map, moved, is one table, and read as one."""
+    blocked = np.zeros((20, 20), bool)
+    blocked[10, 3] = True
+    one, moved = (UnsafeSet.from_map(blocked, resolution=0.2, origin=(x, 0.0), name=f"at {x}") for x in (0.0, 0.001))
+    other = UnsafeSet.from_map(blocked.T, resolution=0.2, name="other")
+    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 20_000)
+    with pytest.raises(ValueError, match="looks up.*take 26,896 bytes together, and at most 20,000 .*fewer nodes or pix"):
+        yard(one, other)
+    assert len(yard(one, moved).texts[1]) == 1
+    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 26_896)
+    path = tmp_path / "two.h5"
+    sdhj.solve(yard(one, other), Certified(cells=[20, 20]), play=False).save(path)
+    for reader, read in (("table.files", sdhj.load), ("certified.check.described", partial(verify, progress=False))):
+        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_896)
+        read(path)
+        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_895)
+        with pytest.raises(ValueError, match=r"tables/1 (has 13,448 bytes, and at most 13,447|must be kept)"):
+            read(path)
+
+
+@pytest.mark.slow
+def test_a_large_map_is_saved_loaded_and_verified(tmp_path: Path) -> None:
+    """Of 2,100 x 2,100 pixels: its table takes 141 MB."""
+    blocked = np.zeros((2100, 2100), bool)
+    blocked[300:500, 700:900] = True
+    table = sdhj.solve(yard(UnsafeSet.from_map(blocked, resolution=4 / 2100)), Certified(cells=[40, 40]), play=False)
+    table.save(tmp_path / "large.h5")
+    loaded, q = sdhj.load(tmp_path / "large.h5"), np.random.default_rng(0).uniform(0, 4, (1000, 2))
+    np.testing.assert_array_equal(loaded.contains(q), table.contains(q))
+    assert loaded.fraction() > 0.02 and verify(tmp_path / "large.h5", progress=False).ok
+
+
+def test_threads_save_and_load_at_once(tmp_path: Path) -> None:
+    """To HDF5, files in memory that have one name are one file."""
+    office = UnsafeSet.from_map(np.eye(20, dtype=bool)[::-1], resolution=0.2)
+    tables = [sdhj.solve(yard(office), method, play=False) for method in ("hji", "lax", Certified(cells=[20, 20]))]
+    for place, table in enumerate(tables):
+        table.save(tmp_path / f"{place}.h5")
+
+    def at_work(task: int) -> None:
+        place = task % len(tables)
+        path, table = tmp_path / f"{place}.h5", tables[place]
+        for _ in range(5):
+            if task < 2 * len(tables):
+                table.save(path if task < len(tables) else tmp_path / f"{place} again.h5")
+            np.testing.assert_array_equal(sdhj.load(path).values(start=0), table.values(start=0))
+
+    with ThreadPoolExecutor(9) as pool:
+        list(pool.map(at_work, range(3 * len(tables))))
 
 
 def test_memory_is_stated_before_it_is_taken(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
