@@ -6,7 +6,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
     nodes: list[Node] = []
     limits = {"x": coordinates, "p": parameters}
 
-    @lru_cache(maxsize=None)  # where many nodes look up one table, it is copied and its digest computed once
+    @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)

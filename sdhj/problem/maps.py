@@ -225,7 +225,7 @@ def netpbm(data: bytes) -> bytes:
             raise ValueError("it has a comment among its pixels")
         white = np.isin(np.frombuffer(b" " + pixels, np.uint8), list(b" \t\n\v\f\r"))
         needed, unit = count, "numbers"
-        there = np.count_nonzero(~white[1:] if kind == 1 else ~white[1:] & white[:-1])
+        there = int(np.count_nonzero(~white[1:] if kind == 1 else ~white[1:] & white[:-1]))
     if there != needed:
         raise ValueError(
             f"{needed:,} {unit} must follow its header, for {width:,} x {height:,} pixels, and {there:,} do; if Git or "

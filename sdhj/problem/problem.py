@@ -123,7 +123,7 @@ class ReachAvoidProblem:
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
         if (size := sum(one.values.nbytes for one in self.texts[1])) > MOST_TABLES:
             raise ValueError(
-                f"the tables that the problem looks up, maps and `sdhj.gridded`, take {size:,} bytes together, and at most "
+                f"the tables that the problem looks up, of maps too, take {size:,} bytes together, and at most "
                 f"{MOST_TABLES:,} can be kept in a file; use fewer nodes or pixels"
             )
         for part in parts:

@@ -91,7 +91,7 @@ def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
 
 
 def followed(controller: Any, q: Any, until: Any, rng: np.random.Generator) -> np.ndarray:
-    """The states of a robot that is pushed about at random, (M, 2), at 10 times an interval; `until`: a set of states."""
+    """The states (M, 2) of a robot that is pushed about at random, 10 of an interval; `until`: a set of states."""
     path = [np.array(q, dtype=float)]
     for step in range(controller.table.steps):
         if until(path[-1]):
