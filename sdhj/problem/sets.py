@@ -116,8 +116,8 @@ class UnsafeSet:
         Raises
         ------
         ValueError
-            If a file cannot be read or is invalid, with its name; if no pixel is free; or if there are more than some 33
-            million pixels, whose table would take more than the 2^30 bytes that all tables of a problem may take.
+            If a file cannot be read or is invalid, with its name; if no pixel is free; or if there are more than about
+            33 million pixels, as all tables that a problem looks up may take 2^30 bytes.
         MemoryError
             If 110 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError

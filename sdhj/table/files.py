@@ -121,7 +121,8 @@ def _regular(path: Named) -> Path:
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return Path(path)
     except (OSError, ValueError) as error:
-        raise OSError(f"cannot use the name {os.fspath(path)!r}: {getattr(error, 'strerror', error)}") from error
+        shown, why = reprlib.repr(os.fspath(path)), getattr(error, "strerror", error)
+        raise OSError(f"cannot use the name {shown}: {why}") from error
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(f"{path} is a folder; name a file")
     if not stat.S_ISREG(mode):
