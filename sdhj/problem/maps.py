@@ -48,7 +48,10 @@ BYTES_A_PIXEL = 110  # that reading a map and making its distances take at most
 MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
-MOST_CHUNKS, SHORT = 100, 256  # of a PNG beside those of its pixels, and bytes of a chunk that counts as one of these
+MOST_CHUNKS, SHORT_CHUNK = (
+    100,
+    256,
+)  # of a PNG beside those of its pixels, and bytes of a chunk that counts as one of these
 _GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
 HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))
@@ -71,7 +74,7 @@ def map_level_set(
                 "a map must be the path of a YAML file or a bool array (rows, columns), True where it is occupied or "
                 f"unknown, got {type(source).__name__} of {blocked.dtype} of shape {blocked.shape}"
             )
-    room_for(*blocked.shape[::-1])
+    room_for_map(*blocked.shape[::-1])
     if blocked.all():
         shown = os.fspath(source) if isinstance(source, str | os.PathLike) else name
         raise ValueError(f"no pixel of the map {shown!r} is free; an array must be True where it is occupied")
@@ -193,7 +196,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
             warnings.catch_warnings(action="error", category=bombs[1]),
             Image.open(io.BytesIO(data), formats=FORMATS) as image,
         ):
-            room_for(*image.size)
+            room_for_map(*image.size)
             if image.format == "BMP" and image.tile[0][0] != "raw":
                 raise ValueError("it is compressed; save it as PNG")
             if image.mode.startswith("I"):  # 16 bits
@@ -215,7 +218,7 @@ def netpbm(data: bytes) -> bytes:
         raise ValueError("it must begin with P1 to P6, its width and height, and, but for P1 and P4, the largest value")
     kind, pixels, numbers = int(data[1:2]), data[found.end() :], [int(one) for one in found.groups() if one]
     width, height, most = (*numbers, 1)[:3]
-    room_for(width, height)
+    room_for_map(width, height)
     count = width * height * (3 if kind in (3, 6) else 1)
     needed, there, unit = count * (2 if most > 255 else 1), len(pixels), "bytes"
     if kind == 4:
@@ -239,7 +242,7 @@ def few_chunks(data: bytes) -> bytes:
     place, count = 8, 0
     while data.startswith(b"\x89PNG") and place + 8 <= len(data):
         length, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
-        place, count = place + 12 + length, count + (kind != b"IDAT" or length < SHORT)
+        place, count = place + 12 + length, count + (kind != b"IDAT" or length < SHORT_CHUNK)
         if count > MOST_CHUNKS:
             raise ValueError(f"it has more than {MOST_CHUNKS} chunks beside those of its pixels")
     return data
@@ -256,7 +259,7 @@ def contents(path: Path, most: int) -> bytes:
     return found
 
 
-def room_for(width: int, height: int) -> None:
+def room_for_map(width: int, height: int) -> None:
     """ValueError where a map has more pixels than a table of their distances may, MemoryError where they do not fit."""
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:

@@ -238,10 +238,14 @@ def where(condition: Interval, a: Interval, b: Interval) -> Interval:
 # ---- interpolation
 
 
-Kept = dict[tuple[int, ...], tuple[Array, Array]]  # of a table its least and greatest values in blocks, by their sizes
+InBlocks = dict[
+    tuple[int, ...], tuple[Array, Array]
+]  # of a table its least and greatest values in blocks, by their sizes
 
 
-def gridded(operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: Kept) -> Interval:
+def gridded(
+    operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
+) -> Interval:
     """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
 
     In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
@@ -282,7 +286,7 @@ def at_points(table: Array, low: Array, high: Array) -> Array:
     return out
 
 
-def at_blocks(table: Array, low: Array, high: Array, kept: Kept) -> Array:
+def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
     """As `at_points`, but of all nodes around a box, in blocks of so many that few are looked up."""
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
     blocks = tuple(1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1))
