@@ -91,6 +91,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """The warning for a level-set function that jumps at the set's boundary or ends with its period; else empty."""
     grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
+    rng = np.random.default_rng(0)
     for axis, name in enumerate(problem.grid.names[axis] for axis in part.axes):
         if grid.periodic[axis]:
             side = grid.points().reshape(*grid.shape, grid.ndim).take(0, axis).reshape(-1, grid.ndim)
@@ -104,7 +105,8 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
                 )
         here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
-        crossing = crossing[:: crossing.size // CROSSINGS + 1]
+        if crossing.size > CROSSINGS:
+            crossing = rng.choice(crossing, CROSSINGS, replace=False)
         if crossing.size:
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
