@@ -60,7 +60,8 @@ def solve(
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
-        certified table whether to warn where it has next to nothing.
+        certified table whether to warn where it has next to nothing. Whatever this meets (no start, a function that is
+        undefined somewhere, Ctrl-C, too little memory) becomes a warning, and the table is returned.
 
     Returns
     -------
@@ -87,10 +88,27 @@ def solve(
     with announced(progress):
         sets = _filled(problem, method, progress)
         table = sets.finish({"seconds": time.perf_counter() - started})
-        if play and isinstance(table, CertifiedTable) and (message := scanty(table)):
-            warnings.warn(message, ResolutionWarning, stacklevel=2)
-        played = judged_at_the_end(table, stacklevel=2) if play and not table.proved else {}
+        played = _rehearsed(table, stacklevel=2) if play else {}
         return replace(cast(Any, table), details=dict(table.details) | played) if played else table
+
+
+def _rehearsed(table: Table, stacklevel: int) -> dict[str, Any]:
+    """What simulated runs say of a solved table, for its details; the table is kept whatever they meet."""
+    try:
+        if isinstance(table, CertifiedTable) and (message := scanty(table)):
+            warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+        return {} if table.proved else judged_at_the_end(table, stacklevel + 1)
+    except Warning:  # where the caller made warnings errors
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        why = "they were interrupted" if isinstance(error, KeyboardInterrupt) else f"{type(error).__name__}: {error}"
+        warnings.warn(
+            f"the table is complete, but the runs that are simulated at the end of a solve did not finish: {why}. With "
+            "play=False they are left out",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )
+        return {}
 
 
 def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:

@@ -136,3 +136,38 @@ def test_an_axis_that_only_the_adversary_moves_is_named() -> None:
     found = replace(table, problem=replace(problem, dynamics=faster)).played(300)
     assert "went off the grid past the end of pursuer" in found.ways
     assert 'ends="wall" or "safe" for pursuer, or a longer axis: only the adversary moves' in found.advice
+
+
+def parking(tolerance: float) -> sdhj.ReachAvoidProblem:
+    """A car that is to park to within a tolerance, on cells of 0.1 m."""
+
+    def drift(q, u):
+        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 16], [False, False, True]),
+        sdhj.Dynamics([[0.5, -2.0], [0.5, 0.0], [0.5, 2.0]], drift, [[1, 0], [0, 1], [0, 0]], [0.1, 0.1]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - tolerance),
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.4)],
+        0.25,
+        2,
+    )
+
+
+def test_a_finished_table_is_returned_whatever_the_runs_at_its_end_meet(
+    solves_are_played: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.warns(ResolutionWarning, match="the table is complete, but .* no run can start from it"):
+        table = sdhj.solve(parking(0.01), progress=False)
+    assert table.fraction(start=0, within=2) > 0 and "played" not in table.details
+    whole = sdhj.solve(parking(0.5), progress=False, play=False)
+    simulated = sdhj.simulation.played
+    for met, says in ((KeyboardInterrupt(), "interrupted"), (MemoryError("too little"), "MemoryError: too little")):
+
+        def fails(*_: object, met: BaseException = met, **__: object) -> None:
+            raise met
+
+        monkeypatch.setattr(simulated, "rollouts", fails)
+        with pytest.warns(ResolutionWarning, match=f"did not finish: .*{says}. With play=False"):
+            table = sdhj.solve(parking(0.5), progress=False)
+        np.testing.assert_array_equal(table.values(), whole.values())
