@@ -19,6 +19,7 @@ from sdhj.problem.checks import points_array, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.explaining import Explanation, explain
 
 CHUNK = 4096  # states that one thread takes at a time
 NOT_ADMISSIBLE = -1
@@ -120,6 +121,29 @@ class Table:
             example.
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
+
+    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
+        """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.
+
+        Parameters
+        ----------
+        q : (ndim,)
+            The state, in the units of the grid's axes.
+        step, within : int
+            As `start` and `within` of `contains`.
+
+        Returns
+        -------
+        Explanation
+            `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
+            or by how much it may end outside the tube with one step less to go.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `step` or `within` does not fit.
+        """
+        return explain(self, q, step, within)
 
     # ---- sets
 
