@@ -96,7 +96,7 @@ from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import number, whole
+from sdhj.problem.checks import Options, number, whole
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
@@ -107,7 +107,7 @@ COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many ar
 
 
 @dataclass(frozen=True)
-class Certified:
+class Certified(Options):
     """The method with a proof: its sets hold for every state of a cell, every disturbance and every time (Theorem 2).
 
     Parameters

@@ -35,6 +35,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima
+from sdhj.problem.checks import Options
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
@@ -266,7 +267,7 @@ def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
 
 
 @dataclass(frozen=True)
-class Projected:
+class Projected(Options):
     """Method "projected": games on lower-dimensional subspaces, united after back-projection (Sec. 5.1, App. A.4, A.5).
 
     The tubes lie inside those of the full method, and cost less. The target must not depend on a dropped coordinate:

@@ -32,7 +32,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 from sdhj.problem.boxes import most_on_rim, out_of_danger
-from sdhj.problem.checks import option
+from sdhj.problem.checks import Options, option
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
 
@@ -55,7 +55,7 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 @dataclass(frozen=True)
-class Scheme:
+class Scheme(Options):
     """How the Hamilton-Jacobi-Isaacs equations are discretised (Sec. 5.4).
 
     Parameters
