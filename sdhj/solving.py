@@ -14,6 +14,7 @@ from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
@@ -78,6 +79,8 @@ def solve(
     """
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    for message in suspicions(problem):
+        warnings.warn(message, ResolutionWarning, stacklevel=2)
     if store is not None:
         from sdhj.outofcore import solve_stored
 

@@ -127,7 +127,7 @@ def test_a_cell_is_bounded_by_what_the_function_does_there(nodes, periodic):
     """An interval of an angle, written without regard to where the angle begins anew, which is far away."""
     grid, far = Grid([-np.pi], [np.pi], [nodes], [periodic]), 0.8
     for centre in (0.0, 1.0, 2.0):
-        least = least_in_cells(grid, lambda p: np.abs(p[:, 0] - centre) - 0.3)
+        least = least_in_cells(grid, lambda p, centre=centre: np.abs(p[:, 0] - centre) - 0.3)
         distance = np.maximum(np.abs(grid.nodes(0) - centre) - 0.3, 0.0)
         # unsafe: the set, a cell on each side, and half a part (an eighth of a cell) for the change nearby
         assert (least[distance == 0] < 0).all() and (least[distance > 1.2 * grid.spacing[0]] > 0).all()
