@@ -165,7 +165,8 @@ class Table:
         ----------
         points : (M, ndim) array
             States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
-            input of the step starts, one delay after the measurement, and True holds whatever has been measured.
+            input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
+            measurement ask `Controller.admissible`.
         start : int
             k, the step at which the robot is there, from 0 to N.
         within : int, optional
