@@ -192,8 +192,8 @@ class HJIGames(_OnAxes):
         self._steps: dict[tuple[Axes, int], int] = {}
         # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
         self.counted: Mapping[Axes, Sequence[int]] = {}
-        self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
-        self._room = KEPT
+        self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
+        self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
@@ -303,24 +303,34 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """`Interval.velocity_field`, cached, up to `KEPT` bytes, if it does not depend on time."""
-        key = (j, axes, drift)
-        if key in self._fields:
-            return self._fields[key]
-        field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
-        if callable(field):
-            return lambda tau: self._stable(field(tau), axes, step)
-        laid_out = 0 if field.coupled else 8 * len(axes) * self.problem.grid.subgrid(axes).size  # for the kernels
-        if field.nbytes + laid_out <= self._room:
-            self._fields[key] = field if field.coupled else field.kept()
-            self._room -= field.nbytes + laid_out
-        return field
+        """The velocity set of a step as `evolve` reads it: itself or, if it depends on time, as a function of tau.
 
-    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
-        """The same velocities, or ValueError if the time steps of the interval are too long for them."""
-        if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
-            raise too_restless(self.duration)
-        return velocities
+        tau is counted back from the interval's end. Up to `KEPT` bytes are kept, of one interval at a time where they
+        depend on time: a row of the recursion asks for the same times once for each number of steps to go.
+        """
+        interval = self.problem.interval(step)
+        if not self.problem.dynamics.timed:
+            return self._field(j, axes, step, interval.begin, drift)
+        if interval.begin != self._begun:
+            self._fields.clear()
+            self._room, self._begun = KEPT, interval.begin
+        return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
+
+    def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
+        """The velocity set at a time, kept with what the kernels read of it as long as there is room.
+
+        ValueError if the time steps of the interval are too long for it, because it changes too fast within.
+        """
+        if (key := (j, axes, drift, t)) not in self._fields:
+            field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
+            own = self.problem.grid.subgrid(axes)
+            if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
+                raise too_restless(self.duration)
+            laid_out = 0 if field.coupled else 8 * len(axes) * own.size
+            if (room := self._room - field.nbytes - laid_out) < 0:
+                return field
+            self._fields[key], self._room = field if field.coupled else field.kept(), room
+        return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
         """Number of time steps of an interval that is enough for every input."""
