@@ -153,6 +153,17 @@ def maxima(
         yield whole
 
 
+def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
+    """Looks at nodes that `maxima` takes: four for each interpolation, and those between, for each node of each leaf."""
+    corners, looks = np.stack([low, high], axis=2).astype(float), 0.0
+    for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        for level in levels:
+            n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
+            widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
+            looks += sum(widths[which] for which in level.which)
+    return looks * grid.size
+
+
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:

@@ -22,13 +22,15 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima
+from sdhj.problem.boxes import Maxima, maxima, operations
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import INSTANTS, Velocities
+from sdhj.problem.interval import INSTANTS, Interval, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import (
+    STAGES,
     Scheme,
     Scratch,
     checked_travel,
@@ -40,6 +42,8 @@ from sdhj.solver.schemes import (
 )
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+LOOKED = 5  # pieces of an interval at which it is looked what they cost
+PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
@@ -146,6 +150,7 @@ class _OnAxes:
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
+        self.crossed = 0.0
         self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
@@ -154,6 +159,13 @@ class _OnAxes:
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `reach`, of some inputs after one another at a time."""
+        raise NotImplementedError
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """What all inputs take together by a model, `sdhj.problem.cost`: of a reach game, or with a wall an avoid game.
+
+        `crossed` is then at least how many cells the state crosses in the interval.
+        """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
@@ -185,6 +197,8 @@ class _OnAxes:
 
 class HJIGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by finite differences."""
+
+    joint = False
 
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
         super().__init__(problem, axes)
@@ -222,6 +236,25 @@ class HJIGames(_OnAxes):
                 yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
                 return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
+        if wall and self.by_formula(axes):
+            found = self.formula.operations(axes, step, wall)
+            self.crossed = max(self.crossed, self.formula.crossed)
+            return found
+        grid, begin = self.problem.grid.subgrid(axes), self.problem.interval(step).begin
+        moving = self.moving_frame and not wall and not self.early
+        if wall or self.joint or self.problem.dynamics.timed:
+            steps = [self.steps(axes, step)] * self.count
+        else:
+            fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
+            known = None if moving else self.counted.get(axes)
+            steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
+        calls = max(steps) if grid.size < FEW else sum(steps)
+        self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
+        shifts = 4 * grid.ndim * self.count * grid.size if moving else 0
+        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + shifts
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
@@ -438,10 +471,24 @@ class HopfLaxGames(_OnAxes):
         whole = None if wall.instant else wall.over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
-            boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
-            low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+            low, high = self._around(interval, axes, piece, pieces)
             yield from maxima(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
+            tick(operations(grid, low, high) + PIECE)
+
+    def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> tuple[FloatArray, FloatArray]:
+        """Corners of the boxes that hold all states of a piece of the interval, by input: two (L, axes)."""
+        ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
+        boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`, from what some pieces of the interval take."""
+        some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
+        grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if wall else self.early / self.duration)
+        if not wall and not self.early:
+            return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + PIECE
+        looked = np.unique(np.linspace(0, pieces - 1, LOOKED).astype(int)).tolist()
+        return pieces * (PIECE + float(np.mean([operations(grid, *self._around(interval, some, k, pieces)) for k in looked])))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

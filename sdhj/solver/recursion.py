@@ -19,6 +19,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
@@ -29,6 +30,7 @@ from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+LOOKED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -113,6 +115,36 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         sampled += velocities + min(KEPT, count * velocities)
         solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
+
+
+def cost_of(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int) -> Cost | None:
+    """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
+
+    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
+    """
+    if not hasattr(games, "operations"):
+        return None
+    played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
+    looked = range(0, steps, -(-steps // LOOKED)) if timed else range(1)
+    tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
+    for danger in dangers(played):
+        playing, own = games if danger.problem is played else make(danger.problem), danger.problem
+        each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
+        once += float(np.mean(each)) * (steps if danger.moves else 1)
+        crossed = max(crossed, playing.crossed)
+    whole = tuple(range(problem.grid.ndim))
+    each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
+    crossed = max(crossed, games.crossed)
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, multiplied(problem, tubes))
+
+
+def multiplied(problem: ReachAvoidProblem, tubes: int) -> str:
+    """What makes a solve long, in words."""
+    parts = [part for part in (problem.target, *problem.unsafe) if part.moving]
+    moving = [f"{part.name!r}" for part in parts] + ["the dynamics"] * problem.dynamics.timed
+    depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
+    why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
+    return f"{tubes:,} tubes{why} of {problem.grid.size:,} nodes and {len(problem.inputs)} inputs"
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
@@ -216,10 +248,12 @@ class GridSets:
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
-        check_resolution(problem, stacklevel=5)
+        needed = memory_needed(problem, dtype)
+        require(needed, "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
+        begin(lambda: cost_of(problem, games, self.games, needed), problem.steps is None)
+        check_resolution(problem, stacklevel=5)
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")

@@ -33,6 +33,7 @@ from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 from sdhj.problem.boxes import most_on_rim, out_of_danger
 from sdhj.problem.checks import option
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
 
@@ -306,6 +307,7 @@ def _evolved(
         stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
+        tick(count * grid.size + CALL)
 
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)
