@@ -1,6 +1,5 @@
 """`solve` and `load`, in the top layer of the package because they depend on every method."""
 
-import math
 import os
 import reprlib
 import time
@@ -9,14 +8,12 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
 
-from tqdm import tqdm
-
 from sdhj.certified.explaining import scanty
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import number
-from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated, metered
+from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
@@ -118,12 +115,11 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
     What moves makes a solve N (N + 1) / 2 tubes long instead of N:
 
     >>> import sdhj
-    >>> problem = sdhj.arm_case_study(nodes=13, steps=3)
-    >>> sdhj.estimate(problem).tubes
-    3
+    >>> sdhj.estimate(sdhj.arm_case_study(nodes=13, steps=8)).tubes
+    36
     """
     chosen = method_of(method)
-    with tqdm(disable=True) as bar, metered(Meter(math.inf, bar, only_stated=True)) as meter, suppress(Stated):
+    with Meter(chosen.name, True, only_stated=True) as meter, suppress(Stated):
         chosen.sets(problem, False)
     if meter.cost is None:
         raise ValueError(f"method {chosen.name!r} does not say what it costs: see sdhj.problem.cost")
@@ -133,15 +129,14 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
 def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float) -> Sets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     steps, endless = problem.most_steps, problem.steps is None
-    bar = tqdm(desc=method.name, unit="op", unit_scale=True, disable=hidden(progress))
-    with bar, metered(Meter(most, bar)) as meter:
+    with Meter(method.name, hidden(progress), most) as meter:
         sets = cast(Any, method.sets(problem, progress))
         meter.tube()
 
         def done() -> None:
             meter.tube()
             if endless:
-                bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
+                meter.bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
 
         try:
             recursion(sets, steps, done)

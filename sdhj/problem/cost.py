@@ -10,10 +10,12 @@ number of steps to go. A game takes nodes x inputs x time steps x stages; there 
 condition asks for, a number that grows with the cells that the state crosses in an interval.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import math
+from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Any, NamedTuple
+
+from tqdm import tqdm
 
 MOST_OPERATIONS = 1e13  # some hours on two cores
 CALL = 10_000.0  # operations that take as long as calling a kernel does
@@ -50,68 +52,86 @@ class Cost(NamedTuple):
         return f"{self.operations:.2g} operations and {self.nbytes / 1e9:.2g} GB of memory: {self.why}"
 
 
-class Meter:
-    """What is told of a solve while it runs: `begin`, then `tick` as often as you like, and `tube` after each tube.
+class Stated(Exception):
+    """The cost is stated, and no more was asked for."""
 
+
+class Meter:
+    """What a solve within it tells: `begin`, then `tick` as often as it likes, and `tube` after each tube.
+
+    A progress bar shows it, in operations; in tubes where the method does not say what it costs.
+
+    name : of the bar.
+    hidden : whether there is none.
     most : operations that are allowed.
-    bar : a progress bar, as of tqdm, in operations.
+    only_stated : whether the solve ends where it would begin, with `Stated`.
     """
 
-    def __init__(self, most: float, bar: Any, only_stated: bool = False) -> None:
-        self.most, self.bar, self.only_stated = most, bar, only_stated
+    def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
+        self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
-        self.each, self.until, self.at = 0.0, 0.0, 0.0
+        self.bar: Any = None
+        self.each, self.until, self.at = 1.0, 0.0, 0.0
 
-    def begin(self, cost: Cost, endless: bool) -> None:
+    def __enter__(self) -> "Meter":
+        self.token = METER.set(self)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        METER.reset(self.token)
+        if self.bar is not None:
+            self.bar.close()
+
+    def begin(self, cost: Cost | None, endless: bool) -> None:
         """State the cost; ValueError if it is more than is allowed."""
         self.cost = cost
         if self.only_stated:
             raise Stated
+        if cost is None:
+            self.bar = tqdm(desc=self.name, unit="tube", disable=self.hidden)
+            return
         if cost.operations > self.most:
             raise ValueError(
                 f"this solve takes about {cost.operations:.1e} operations, and {self.most:.1e} are allowed (1e13 are "
                 f"some hours on two cores): in an interval the state crosses up to {cost.crossed:,.0f} cells, and there "
-                f"are {cost.why}. Check the units of delta and of velocities, use a shorter "
-                f"delta or fewer nodes, or allow more by solve(..., operations={1.1 * cost.operations:.1e})"
+                f"are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer nodes, or "
+                f"allow more by solve(..., operations={1.1 * cost.operations:.1e})"
             )
         self.each, self.until = (cost.operations - cost.once) / max(cost.tubes, 1), cost.once
-        if not endless:
-            self.bar.reset(total=round(cost.operations))
-        self.bar.set_postfix_str(f"{cost.tubes:,} tubes, {cost.nbytes / 1e9:.2g} GB")
+        total = None if endless else round(cost.operations)
+        self.bar = tqdm(desc=self.name, total=total, unit="op", unit_scale=True, disable=self.hidden)
+        self.bar.set_postfix_str(f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB")
 
     def tick(self, operations: float) -> None:
-        """So many operations are done, of the avoid games or of the tube at hand: as much of it as was counted."""
+        """So many operations are done, of the avoid games or of the tube at hand: at most what was counted."""
         if (more := min(operations, self.until - self.at)) > 0:
             self.at += more
             self.bar.update(more)
 
     def tube(self) -> None:
-        """What was counted so far is done, and the next tube begins."""
+        """All that was counted so far is done, and the next tube begins."""
+        if self.bar is None:  # of sets that state nothing
+            self.begin(None, True)
         self.tick(self.until - self.at)
         self.until += self.each
 
 
-class Stated(Exception):
-    """The cost is stated, and no more was asked for."""
+def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
+    """What makes a solve of a problem long, in words: so many tubes of so many nodes or cells, and why so many."""
+    moving = [repr(part.name) for part in (problem.target, *problem.unsafe) if part.moving]
+    moving += ["the dynamics"] * problem.dynamics.timed
+    depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
+    why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
+    return f"{tubes:,} tubes{why} of {size:,} {what} for {len(problem.inputs)} inputs"
 
 
 METER: ContextVar[Meter | None] = ContextVar("METER", default=None)
 
 
-@contextmanager
-def metered(meter: Meter) -> Iterator[Meter]:
-    """What is solved within tells the meter."""
-    token = METER.set(meter)
-    try:
-        yield meter
-    finally:
-        METER.reset(token)
-
-
 def begin(cost: Callable[[], Cost | None], endless: bool = False) -> None:
-    """Tell the meter what a solve costs, if there is one that asks, and the model knows."""
-    if (meter := METER.get()) is not None and (found := cost()) is not None:
-        meter.begin(found, endless)
+    """Tell the meter, if there is one, what a solve costs; None if that is not known."""
+    if (meter := METER.get()) is not None:
+        meter.begin(cost(), endless)
 
 
 def tick(operations: float) -> None:

@@ -33,6 +33,7 @@ from sdhj.solver.schemes import (
     STAGES,
     Scheme,
     Scratch,
+    arranged_bytes,
     checked_travel,
     evolve,
     evolve_each,
@@ -359,7 +360,7 @@ class HJIGames(_OnAxes):
             own = self.problem.grid.subgrid(axes)
             if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
                 raise too_restless(self.duration)
-            laid_out = 0 if field.coupled else 8 * len(axes) * own.size
+            laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
             if (room := self._room - field.nbytes - laid_out) < 0:
                 return field
             self._fields[key], self._room = field if field.coupled else field.kept(), room
@@ -488,7 +489,9 @@ class HopfLaxGames(_OnAxes):
         if not wall and not self.early:
             return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + PIECE
         looked = np.unique(np.linspace(0, pieces - 1, LOOKED).astype(int)).tolist()
-        return pieces * (PIECE + float(np.mean([operations(grid, *self._around(interval, some, k, pieces)) for k in looked])))
+        return pieces * (
+            PIECE + float(np.mean([operations(grid, *self._around(interval, some, k, pieces)) for k in looked]))
+        )
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

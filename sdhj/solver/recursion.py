@@ -19,7 +19,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
-from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
@@ -107,17 +107,24 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
-    sampled = grid.sampling_bytes
+    sampled, dynamics = grid.sampling_bytes, problem.dynamics
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
-    solved = (12 + kept) * item * grid.size  # stages with their ghost nodes, shifted copies
-    if not problem.dynamics.stateless:  # the velocities of one input at a time
-        velocities = problem.interval(0).sampling_bytes
-        sampled += velocities + min(KEPT, count * velocities)
-        solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
+    # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
+    wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
+    solved = (12 + kept) * item * max(grid.size, wide) + item * count * wide  # stages with their ghost nodes, copies
+    if not dynamics.stateless:  # the velocities of one input at a time
+        velocities, times = problem.interval(0).sampling_bytes, 1
+        if dynamics.timed:  # of an interval at a time, at each of its time steps
+            speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
+            times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
+        sampled += velocities + min(KEPT, count * times * velocities)
+        solved += item * grid.ndim * (3 + dynamics.adversaries) * max(grid.size, wide)
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-def cost_of(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int) -> Cost | None:
+def cost_of(
+    problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int
+) -> Cost | None:
     """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
 
     `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
@@ -135,16 +142,14 @@ def cost_of(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any]
     whole = tuple(range(problem.grid.ndim))
     each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
     crossed = max(crossed, games.crossed)
-    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, multiplied(problem, tubes))
-
-
-def multiplied(problem: ReachAvoidProblem, tubes: int) -> str:
-    """What makes a solve long, in words."""
-    parts = [part for part in (problem.target, *problem.unsafe) if part.moving]
-    moving = [f"{part.name!r}" for part in parts] + ["the dynamics"] * problem.dynamics.timed
-    depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
-    why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
-    return f"{tubes:,} tubes{why} of {problem.grid.size:,} nodes and {len(problem.inputs)} inputs"
+    return Cost(
+        once + tubes * float(np.mean(each)),
+        nbytes,
+        tubes,
+        once,
+        crossed,
+        multiplied(problem, tubes, problem.grid.size, "nodes"),
+    )
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:

@@ -180,6 +180,13 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
     return known[1]
 
 
+def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
+    """Bytes of a box of velocities at all nodes, as `stage` reads it, with ghost nodes."""
+    layout = layout_of(grid, scheme.order)
+    plane = (layout.rows + 2 * layout.top) * layout.width
+    return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
+
+
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
