@@ -30,7 +30,7 @@ from sdhj.solver.avoid import dangers, never_felt
 from sdhj.solver.games import KEPT, Axes
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import PROCESS, recursion
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.table.files import VERSION, Named, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
@@ -94,6 +94,7 @@ def cost_of(plan: Plan) -> Cost:
         once += found * (steps if own.moves else 1)
     tubes, every = steps if problem.timeless else steps * (steps + 1) // 2, tuple(range(problem.grid.ndim))
     each = game(problem, every, plan.counted, plan.axis, plan.halo, False) + len(problem.inputs) * problem.grid.size
+    check_crossing(problem, max(crossed), stacklevel=6)
     why = multiplied(problem, tubes, problem.grid.size, "nodes") + f", in {plan.slabs} slabs"
     return Cost(once + tubes * each, PROCESS + task_bytes(plan), tubes, once, max(crossed), why)
 

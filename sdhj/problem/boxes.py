@@ -154,7 +154,7 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """Looks at nodes that `maxima` takes: four for each interpolation, and those between, for each node of each leaf."""
+    """Looks at nodes that `maxima` takes: for each node of each leaf four to interpolate, and those between."""
     corners, looks = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:

@@ -93,9 +93,9 @@ class Meter:
         if cost.operations > self.most:
             raise ValueError(
                 f"this solve takes about {cost.operations:.1e} operations, and {self.most:.1e} are allowed (1e13 are "
-                f"some hours on two cores): in an interval the state crosses up to {cost.crossed:,.0f} cells, and there "
-                f"are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer nodes, or "
-                f"allow more by solve(..., operations={1.1 * cost.operations:.1e})"
+                f"some hours on two cores): in an interval the state crosses up to {cost.crossed:,.0f} cells, and "
+                f"there are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer "
+                f"nodes, or allow more by solve(..., operations={1.1 * cost.operations:.1e})"
             )
         self.each, self.until = (cost.operations - cost.once) / max(cost.tubes, 1), cost.once
         total = None if endless else round(cost.operations)

@@ -489,9 +489,8 @@ class HopfLaxGames(_OnAxes):
         if not wall and not self.early:
             return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + PIECE
         looked = np.unique(np.linspace(0, pieces - 1, LOOKED).astype(int)).tolist()
-        return pieces * (
-            PIECE + float(np.mean([operations(grid, *self._around(interval, some, k, pieces)) for k in looked]))
-        )
+        each = [operations(grid, *self._around(interval, some, piece, pieces)) for piece in looked]
+        return pieces * (PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

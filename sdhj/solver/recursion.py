@@ -25,7 +25,7 @@ from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
@@ -142,14 +142,9 @@ def cost_of(
     whole = tuple(range(problem.grid.ndim))
     each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
     crossed = max(crossed, games.crossed)
-    return Cost(
-        once + tubes * float(np.mean(each)),
-        nbytes,
-        tubes,
-        once,
-        crossed,
-        multiplied(problem, tubes, problem.grid.size, "nodes"),
-    )
+    check_crossing(problem, crossed, stacklevel=6)
+    why = multiplied(problem, tubes, problem.grid.size, "nodes")
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why)
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
