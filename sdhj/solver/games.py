@@ -252,7 +252,8 @@ class HJIGames(_OnAxes):
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
             known = None if moving else self.counted.get(axes)
             steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
-        calls = max(steps) if grid.size < FEW else sum(steps)
+        together = grid.size < FEW and not (self.early or self.problem.dynamics.timed or (self.joint and not wall))
+        calls = sum(set(steps)) if together else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
         shifts = 4 * grid.ndim * self.count * grid.size if moving else 0
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + shifts

@@ -179,7 +179,7 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
 
 
 def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
-    """Warn where a unit must be wrong: in an interval the state crosses `TURNS` times as many cells as all axes have."""
+    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
     if crossed > TURNS * sum(problem.grid.shape):
         warnings.warn(
             f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
