@@ -49,8 +49,9 @@ def solve(
         A name stands for the default options of `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` or
         `sdhj.Certified`, in this order; pass an object of the class for other options.
     progress : bool, optional
-        Whether to show a progress bar; by default if standard error is a terminal. For a problem without a number of
-        steps it shows the share of states that still change, and Ctrl-C ends the solve and returns the table so far.
+        Whether to show a progress bar; by default if standard error is a terminal. It states the cost and counts the
+        operations of `estimate`. For a problem without a number of steps it shows the share of states that still
+        change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
         A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
         (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.

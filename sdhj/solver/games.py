@@ -137,7 +137,13 @@ class Wall:
         """
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
-        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
+        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in part.axes]
+
+        def over(t0: float, t1: float) -> FloatArray:  # on the set's own axes in memory, of which there may be fewer
+            values = -problem.unsafe_over(part, t0, t1, view_time=view_time)
+            return np.broadcast_to(grid.lift(values, places), grid.shape)
+
+        return cls(axes, over, instant)
 
 
 class _OnAxes:
