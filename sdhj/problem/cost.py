@@ -71,7 +71,7 @@ class Meter:
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
-        self.each, self.until, self.at = 1.0, 0.0, 0.0
+        self.each, self.until, self.at = 1, 0, 0
 
     def __enter__(self) -> "Meter":
         self.token = METER.set(self)
@@ -97,14 +97,15 @@ class Meter:
                 f"there are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer "
                 f"nodes, or allow more by solve(..., operations={1.1 * cost.operations:.1e})"
             )
-        self.each, self.until = (cost.operations - cost.once) / max(cost.tubes, 1), cost.once
-        total = None if endless else round(cost.operations)
+        self.until = round(cost.once)  # whole numbers, which add up
+        self.each = round((cost.operations - cost.once) / max(cost.tubes, 1))
+        total = None if endless else self.until + cost.tubes * self.each
         self.bar = tqdm(desc=self.name, total=total, unit="op", unit_scale=True, disable=self.hidden)
-        self.bar.set_postfix_str(f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB")
+        self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB")
 
     def tick(self, operations: float) -> None:
         """So many operations are done, of the avoid games or of the tube at hand: at most what was counted."""
-        if (more := min(operations, self.until - self.at)) > 0:
+        if (more := min(round(operations), self.until - self.at)) > 0:
             self.at += more
             self.bar.update(more)
 

@@ -251,18 +251,20 @@ class HJIGames(_OnAxes):
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
         grid, begin = self.problem.grid.subgrid(axes), self.problem.interval(step).begin
-        moving = self.moving_frame and not wall and not self.early
-        if wall or self.joint or self.problem.dynamics.timed:
+        moving, timed = self.moving_frame and not wall and not self.early, self.problem.dynamics.timed
+        if wall or self.joint or timed:
             steps = [self.steps(axes, step)] * self.count
         else:
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
             known = None if moving else self.counted.get(axes)
             steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
-        together = grid.size < FEW and not (self.early or self.problem.dynamics.timed or (self.joint and not wall))
+        together = grid.size < FEW and not (self.early or timed or (self.joint and not wall))
         calls = sum(set(steps)) if together else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
-        shifts = 4 * grid.ndim * self.count * grid.size if moving else 0
-        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + shifts
+        more = 4 * grid.ndim * self.count * grid.size if moving else 0
+        if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
+            more += 2 * grid.ndim * sum(steps) * grid.size
+        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
