@@ -162,7 +162,7 @@ class Certified:
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve."""
         proof = self.proof(problem)
-        begin(partial(cost_of, proof), problem.steps is None)
+        begin(partial(cost_in_cells, proof), problem.steps is None)
         return CellSets(proof, progress)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
@@ -216,7 +216,7 @@ class Certified:
         return aligned(problem, cells)
 
 
-def cost_of(proof: ArmProof | GeneralProof) -> Cost:
+def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
     """What a solve costs, in the operations of `sdhj.problem.cost`; in memory what it finds apart."""
     problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
     count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS

@@ -61,7 +61,7 @@ def solve_stored(
         else:
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
-        begin(partial(cost_of, plan))
+        begin(partial(cost_in_slabs, plan))
         if not again:
             room_for(path, bytes_of(_arrays(plan)))
             create(path, _head_of(plan))
@@ -76,7 +76,7 @@ def solve_stored(
         return sets.finish({"seconds": time.perf_counter() - started})
 
 
-def cost_of(plan: Plan) -> Cost:
+def cost_in_slabs(plan: Plan) -> Cost:
     """What a solve costs in slabs, each with its halo, by the model of `sdhj.problem.cost`."""
     problem, method, steps = plan.problem, plan.method, plan.problem.steps
 

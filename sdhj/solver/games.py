@@ -43,8 +43,8 @@ from sdhj.solver.schemes import (
 )
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
-LOOKED = 5  # pieces of an interval at which it is looked what they cost
-PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
+PIECES_COUNTED = 5  # pieces of an interval at which it is looked what they cost
+A_PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
@@ -483,7 +483,7 @@ class HopfLaxGames(_OnAxes):
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
             low, high = self._around(interval, axes, piece, pieces)
             yield from maxima(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
-            tick(operations(grid, low, high) + PIECE)
+            tick(operations(grid, low, high) + A_PIECE)
 
     def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> tuple[FloatArray, FloatArray]:
         """Corners of the boxes that hold all states of a piece of the interval, by input: two (L, axes)."""
@@ -496,10 +496,10 @@ class HopfLaxGames(_OnAxes):
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if wall else self.early / self.duration)
         if not wall and not self.early:
-            return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + PIECE
-        looked = np.unique(np.linspace(0, pieces - 1, LOOKED).astype(int)).tolist()
+            return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + A_PIECE
+        looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
         each = [operations(grid, *self._around(interval, some, piece, pieces)) for piece in looked]
-        return pieces * (PIECE + float(np.mean(each)))
+        return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

@@ -30,7 +30,7 @@ from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
-LOOKED = 8  # steps at which it is looked what games cost that depend on time
+STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -122,7 +122,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-def cost_of(
+def cost_on_grid(
     problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int
 ) -> Cost | None:
     """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
@@ -132,7 +132,7 @@ def cost_of(
     if not hasattr(games, "operations"):
         return None
     played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
-    looked = range(0, steps, -(-steps // LOOKED)) if timed else range(1)
+    looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
     tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
     for danger in dangers(played):
         playing, own = games if danger.problem is played else make(danger.problem), danger.problem
@@ -254,7 +254,7 @@ class GridSets:
         require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
-        begin(lambda: cost_of(problem, games, self.games, needed), problem.steps is None)
+        begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)
         check_resolution(problem, stacklevel=5)
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
