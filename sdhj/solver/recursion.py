@@ -249,8 +249,8 @@ class GridSets:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         needed = memory_needed(problem, dtype)
-        tubes = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
-        why = multiplied(problem, tubes, problem.grid.size, "nodes")
+        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
+        why = multiplied(problem, number, problem.grid.size, "nodes")
         require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
