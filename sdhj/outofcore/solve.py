@@ -18,7 +18,7 @@ import numpy as np
 
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, free_name, room_for
+from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, digest, free_name, room_for
 from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
 from sdhj.problem.cost import Cost, Meter, begin, multiplied
@@ -64,7 +64,7 @@ def solve_stored(
         begin(partial(cost_in_slabs, plan))
         if not again:
             room_for(path, bytes_of(_arrays(plan)))
-            create(path, _head_of(plan))
+            create(path, _head_of(plan), arrays_of(problem))
 
         def slabs_done(number: int) -> None:  # here the games tell, more often
             if client is not None:
@@ -235,7 +235,7 @@ def _head_of(plan: Plan) -> dict[str, Any]:
         "cut": [plan.axis, plan.width],
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
-        "functions": {name: values.tolist() for name, values in arrays_of(problem).items()},
+        "functions": {name: digest(values) for name, values in arrays_of(problem).items()},
         "arrays": _arrays(plan),
     }
     return dict(json.loads(json.dumps(head)))

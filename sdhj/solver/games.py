@@ -261,7 +261,10 @@ class HJIGames(_OnAxes):
         together = grid.size < FEW and not (self.early or timed or (self.joint and not wall))
         calls = sum(set(steps)) if together else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
-        more = 4 * grid.ndim * self.count * grid.size if moving else 0
+        more = 0.0
+        if moving:
+            shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
+            more = operations(grid, shift, shift)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
