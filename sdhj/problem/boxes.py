@@ -20,7 +20,7 @@ from sdhj.problem.grid import Grid, Window
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
-LOOK = 0.25  # of an operation: what a look at a node takes
+A_LOOK = 0.25  # of an operation: what a look at a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
@@ -162,7 +162,7 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
             n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
             widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
             looks += sum(widths[which] for which in level.which)
-    return LOOK * looks * grid.size
+    return A_LOOK * looks * grid.size
 
 
 def maximum_over_boxes(
