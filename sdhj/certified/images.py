@@ -248,7 +248,10 @@ class Images(Proof):
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)
 
-        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+        with (
+            tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
+            ThreadPoolExecutor(n) as pool,
+        ):
             for some in (work[at : at + n] for at in range(0, len(work), n)):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):

@@ -25,6 +25,7 @@ SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
 FOUND = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
+TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -177,3 +178,14 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness
+
+
+def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
+    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
+    if crossed > TURNS * sum(problem.grid.shape):
+        warnings.warn(
+            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
+            f"together have {sum(problem.grid.shape):,}; check the units of delta and of the velocities",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )
