@@ -29,7 +29,7 @@ IndexArray = NDArray[np.int64]
 
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
-FAR = 2.0**40  # cells: farther than any image that is kept
+UNCOUNTABLE = 2.0**40  # cells: farther than any image that is kept
 DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 
@@ -119,8 +119,8 @@ class CellAxis:
 
 
 def _counted(cells: NDArray[np.float64]) -> IndexArray:
-    """Numbers of cells as integers; what is too large for one, which has no defined integer, as `FAR`."""
-    return np.nan_to_num(np.clip(cells, -FAR, FAR), nan=FAR).astype(np.int64)
+    """Numbers of cells as integers; what is too large for one, which has no defined integer, as `UNCOUNTABLE`."""
+    return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 
 
 @lru_cache(maxsize=64)

@@ -22,7 +22,7 @@ class Options:
     def __new__(cls, *args: Any, **given: Any) -> Self:
         for name, value in given.items():
             if name not in options_of(cls):
-                written = written_as(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
+                written = belonging_to(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
                 raise TypeError(f"{cls.__name__} has no option {name!r} of its own; {written}")
         return super().__new__(cls)
 
@@ -32,7 +32,7 @@ def options_of(kind: Any) -> dict[str, Any]:
     return {one.name: one for one in fields(kind) if one.init}
 
 
-def written_as(kind: Any, name: str, value: Any) -> str:
+def belonging_to(kind: Any, name: str, value: Any) -> str:
     """How an option of a part of `kind` is written, and what is wrong with its value; empty if no part has it."""
     for part in options_of(kind).values():
         inner = part.default_factory
@@ -45,7 +45,7 @@ def written_as(kind: Any, name: str, value: Any) -> str:
             except ValueError as error:
                 wrong = f", where {error}"
             return f"it belongs to {part.name}=sdhj.{inner.__name__}({name}=...){wrong}"
-        if deeper := written_as(inner, name, value):
+        if deeper := belonging_to(inner, name, value):
             return f"{deeper}, in {part.name}=sdhj.{inner.__name__}(...)"
     return ""
 

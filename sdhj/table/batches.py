@@ -19,7 +19,7 @@ from sdhj.problem.checks import points_array, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
-from sdhj.table.explaining import Explanation, explain
+from sdhj.table.explaining import Explanation, explain_on_grid
 
 CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
@@ -157,7 +157,7 @@ class Table:
         ValueError
             If a shape, a number, `step` or `within` does not fit.
         """
-        return explain(self, q, step, within)
+        return explain_on_grid(self, q, step, within)
 
     # ---- sets
 
