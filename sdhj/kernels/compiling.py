@@ -62,9 +62,17 @@ LOOP = "__numba_parfor"  # how Numba names what threads do of a loop; were it an
 # Whether this version of Numba has what `Whole` and `Linked` use of its insides.
 LINKED = all(
     hasattr(JITCodeLibrary, name)
-    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals", "_finalized")
+    for name in (
+        "_optimize_functions",
+        "_optimize_final_module",
+        "_finalize_final_module",
+        "_finalize_dynamic_globals",
+        "_finalized",
+    )
 ) and hasattr(CompileResult, "_find_referenced_environments")
-LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "set_env"))
+LINKED = LINKED and all(
+    hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "_data_layout", "set_env")
+)
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -88,7 +96,7 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
             dispatcher = njit(**whole)(function)
         if LINKED and isinstance(dispatcher, CPUDispatcher):  # and not the function, where nothing is compiled
             dispatcher.__class__ = Kernel
-            dispatcher.within = njit(**WITHIN, **options)(function)  # type: ignore[attr-defined]
+            dispatcher.within = njit(**WITHIN, **{name: x for name, x in options.items() if name != "nogil"})(function)  # type: ignore[attr-defined]
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
         if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
@@ -134,6 +142,9 @@ class Linked(JITCodeLibrary):
     """
 
     whole = False
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         if self.whole:

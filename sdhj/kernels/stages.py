@@ -308,22 +308,3 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
         _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)
-
-
-@kernel(parallel=True, least=FEW)
-def to_planes(values, out, layout):
-    """Copy values (planes, rows, nodes) into `out` (planes, padded rows, width), ghost nodes included."""
-    for plane in prange(values.shape[0]):
-        for row in range(layout.rows):
-            for i in range(layout.nodes):
-                out[plane, layout.top + row, layout.ghosts + i] = values[plane, row, i]
-        _fill_ghosts(out[plane].ravel(), layout, np.int64(0), layout.rows)
-
-
-@kernel(parallel=True, least=FEW)
-def from_planes(phi, out, layout):
-    """Copy phi (planes, padded rows, width) into `out` (planes, rows, nodes), without the ghost nodes."""
-    for plane in prange(out.shape[0]):
-        for row in range(layout.rows):
-            for i in range(layout.nodes):
-                out[plane, row, i] = phi[plane, layout.top + row, layout.ghosts + i]
