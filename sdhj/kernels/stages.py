@@ -177,7 +177,7 @@ def _kept(keep, old):
     return keep * (old if keep > 0 else keep)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
     """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
 
@@ -191,7 +191,7 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
     half = phi.dtype.type(0.5)
@@ -240,7 +240,7 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
         out[here + i] = _kept(keep, out[here + i]) + rest * (phi[here + i] + dt * (rhs[i] + best[i]))
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
     """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
     n, g, width = layout.nodes, layout.ghosts, layout.width
@@ -257,10 +257,9 @@ def _fill_ghosts(plane, layout, begin, end):
             plane[row * width + i] = plane[(source + layout.top) * width + i]
 
 
-@kernel()
-def _share(phi, out, wall, velocities, scheme, layout, step, share):
-    """What one thread does of `stage`: (which share, of how many)."""
-    flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
+@kernel(**UNCOUNTED)
+def _share(phi, out, wall, ndim, velocities, scheme, layout, step, share):
+    """What one thread does of `stage`, for one input: (which share, of how many)."""
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
         plane = task // layout.chunks
@@ -268,14 +267,14 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
-        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
+        axes = _axes(ndim, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
-            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
+            _advance_coupled(out, phi, np.uint64(first), count, axes, velocities, scheme[0], step)
         else:
-            _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
-        if least.size > 0:
-            raise_to(ahead[first : first + count], least[first : first + count])
-        _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
+            _advance_box(out, phi, np.uint64(first), count, axes, velocities[0], scheme, step)
+        if wall.size > 0:
+            raise_to(out[first : first + count], wall[first : first + count])
+        _fill_ghosts(out[plane * size : (plane + 1) * size], layout, begin, end)
 
 
 @_inlined
@@ -288,12 +287,12 @@ def _of_input(velocities, j):
 
 
 @kernel(parallel=True, least=FEW)
-def stage(phi, out, wall, velocities, order, flux, layout, step):
+def stage(phi, out, wall, ndim, velocities, order, flux, layout, step):
     """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
-    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
-        in place, ghost nodes included.
+    phi, out : for each input a row of values as `Layout` has them; `out` is modified in place, ghost nodes included.
     wall : the obstacle of all of them, likewise, or (0,) for none.
+    ndim : a tuple with an entry for each axis, which says how many there are when this is compiled.
     velocities : as many as there are say what they are when this is compiled:
         (box,): the lower velocities of all axes and the upper ones, divided by dx;
         (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
@@ -307,4 +306,4 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)
+        _share(phi[j], out[j], wall, ndim, _of_input(velocities, j), (order, flux), layout, step, share)

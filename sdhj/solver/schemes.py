@@ -306,7 +306,8 @@ def _evolved(
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        flat = source.reshape(len(source), -1), out.reshape(len(out), -1), wall(then).ravel()
+        stage(*flat, (0,) * grid.ndim, terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
 
@@ -315,9 +316,7 @@ def _evolved(
     phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
     planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    rows, nodes = (
-        slice(less, less + most) for less, most in ((layout.top, layout.rows), (layout.ghosts, layout.nodes))
-    )
+    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
     inner.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
     return inner.reshape(count, *grid.shape)
 
