@@ -49,8 +49,8 @@ LINE = "compiling for this machine, up to half a minute; later runs read it from
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 GLANCE = 0.05  # s between two looks at how many cores are free
-DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
-MOST_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
+KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
+KEPT_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
 PROC = Path("/proc")  # where Linux says so
 _listening: list[Listener] = []
 # Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
@@ -418,7 +418,7 @@ def _imported(source: bytes) -> Iterator[str]:
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove versions of kernels that nobody has used for `DAYS`, and of those the oldest beyond `MOST_BYTES`."""
+    """Remove versions of kernels that nobody has used for `KEPT_DAYS`, and of those the oldest beyond `KEPT_BYTES`."""
     known = []
     for path in folder.glob("*.code"):
         with suppress(OSError):  # another process may be at it
@@ -426,7 +426,7 @@ def _clear(folder: Path) -> None:
     total = 0
     for used, size, path in sorted(known, reverse=True):
         total += size
-        if time.time() - used > DAYS * 86400 or total > MOST_BYTES:
+        if time.time() - used > KEPT_DAYS * 86400 or total > KEPT_BYTES:
             with suppress(OSError):
                 path.unlink()
 

@@ -383,12 +383,12 @@ def _evaluate(waiting, rows, packs, times, to_go, spots, work):
 
 
 @kernel(**UNCOUNTED)
-def _look(rows, when, states, packs, ahead, table, out, spots, work):
+def _look(rows, when, states, packs, ahead, table, space, out):
     """The look at the true sets for some rows, by their tapes; False where they are undefined.
 
-    table : (shelf, lattice, room)
+    table : (shelf, lattice). space : (room, spots, work)
     """
-    (step, within, _, looks), (ints, floats), (shelf, lattice, room) = when, packs, table
+    (step, within, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
     times = part(ints, floats, LOOK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
@@ -433,7 +433,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
 
 
 @kernel(**UNCOUNTED)
-def _answer(rows, states, when, packs, stored, ahead, room, spots, work, out):
+def _answer(rows, states, when, packs, stored, ahead, space, out):
     """The answers for some states; False where formulas are undefined."""
     (step, within, steps, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
     lattice, order = _lattice(ints, floats), part(ints, ints, _ORDER)
@@ -441,8 +441,8 @@ def _answer(rows, states, when, packs, stored, ahead, room, spots, work, out):
     shelf = Shelf(steps, index, tubes, masks, static, still, moving, timed)
     for r in range(rows.size if looks != ONLY_LOOK else 0):
         column = r if ahead[0].shape[3] > 1 else 0
-        _by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, room), out)
-    return looks == TUBES or _look(rows, when, states, packs, ahead, (shelf, lattice, room), out, spots, work)
+        _by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, space[0]), out)
+    return looks == TUBES or _look(rows, when, states, packs, ahead, (shelf, lattice), space, out)
 
 
 @kernel()
@@ -515,7 +515,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             room = Room(*room[:7], *block)  # type: ignore[call-arg]
-        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), room, spots, work, out):
+        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True
 

@@ -257,9 +257,10 @@ def _fill_ghosts(plane, layout, begin, end):
             plane[row * width + i] = plane[(source + layout.top) * width + i]
 
 
-@kernel(**UNCOUNTED)
-def _share(phi, out, wall, ndim, velocities, scheme, layout, step, share):
-    """What one thread does of `stage`, for one input: (which share, of how many)."""
+@kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
+def _share(phi, out, wall, velocities, scheme, layout, step, share):
+    """What one thread does of `stage`: (which share, of how many)."""
+    flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
         plane = task // layout.chunks
@@ -267,14 +268,14 @@ def _share(phi, out, wall, ndim, velocities, scheme, layout, step, share):
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
-        axes = _axes(ndim, layout.near[plane], start, first, velocities)
+        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
-            _advance_coupled(out, phi, np.uint64(first), count, axes, velocities, scheme[0], step)
+            _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
         else:
-            _advance_box(out, phi, np.uint64(first), count, axes, velocities[0], scheme, step)
-        if wall.size > 0:
-            raise_to(out[first : first + count], wall[first : first + count])
-        _fill_ghosts(out[plane * size : (plane + 1) * size], layout, begin, end)
+            _advance_box(ahead, flat, np.uint64(first), count, axes, velocities[0], scheme, step)
+        if least.size > 0:
+            raise_to(ahead[first : first + count], least[first : first + count])
+        _fill_ghosts(ahead[plane * size : (plane + 1) * size], layout, begin, end)
 
 
 @_inlined
@@ -287,12 +288,12 @@ def _of_input(velocities, j):
 
 
 @kernel(parallel=True, least=FEW)
-def stage(phi, out, wall, ndim, velocities, order, flux, layout, step):
+def stage(phi, out, wall, velocities, order, flux, layout, step):
     """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
 
-    phi, out : for each input a row of values as `Layout` has them; `out` is modified in place, ghost nodes included.
+    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
+        in place, ghost nodes included.
     wall : the obstacle of all of them, likewise, or (0,) for none.
-    ndim : a tuple with an entry for each axis, which says how many there are when this is compiled.
     velocities : as many as there are say what they are when this is compiled:
         (box,): the lower velocities of all axes and the upper ones, divided by dx;
         (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
@@ -306,4 +307,4 @@ def stage(phi, out, wall, ndim, velocities, order, flux, layout, step):
     blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _share(phi[j], out[j], wall, ndim, _of_input(velocities, j), (order, flux), layout, step, share)
+        _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)

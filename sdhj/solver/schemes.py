@@ -160,6 +160,13 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
+def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
+    """Copy values without ghost nodes into the flat array `out`."""
+    planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
+    out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
+
+
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
@@ -306,8 +313,7 @@ def _evolved(
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        flat = source.reshape(len(source), -1), out.reshape(len(out), -1), wall(then).ravel()
-        stage(*flat, (0,) * grid.ndim, terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
 
@@ -315,9 +321,7 @@ def _evolved(
         np.maximum(phi, wall(0.0), out=phi)
     phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
-    inner.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
+    _inner(layout, phi, inner)
     return inner.reshape(count, *grid.shape)
 
 
