@@ -17,7 +17,7 @@ import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, turned, weighted
-from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, part, play_part
+from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, length, part, play_in_room, slots_of, work_for
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
@@ -55,11 +55,11 @@ class Shelf(NamedTuple):
 class Room(NamedTuple):
     """Room to work in.
 
-    hull (2, ndim): the box that holds those of all inputs. axes (ndim,): all of them; index, weight (2, 2^ndim):
-    nodes around a state; marks (L,): whether they all mark an input. Of a block: the first node on each axis in
-    `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,); where they are on the
-    grid, offsets (size,). What is left when the maxima along the axes before it are taken begins at values[rest[a]],
-    behind all that is left later: values (2 size,).
+    hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
+    index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a block: the first
+    node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
+    where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
+    at values[rest[a]], behind all that is left later: values (2 size,).
     """
 
     hull: Any
@@ -100,7 +100,7 @@ def _mark(masks, place, index, count, marks):
 
 
 @kernel(**UNCOUNTED)
-def _gather(values, state, order, lattice, room):
+def _gather(values, state, column, order, lattice, room):
     """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
     offsets, rest = room.offsets, room.rest
     offsets[0], rest[state.size] = 0, 1
@@ -109,8 +109,8 @@ def _gather(values, state, order, lattice, room):
         nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.extent[later]
-        begin, _ = locate(state[axis] + room.hull[0, axis], axis, lattice)
-        end, _ = locate(state[axis] + room.hull[1, axis], axis, lattice)
+        begin, _ = locate(state[axis] + room.hull[column, 0, axis], axis, lattice)
+        end, _ = locate(state[axis] + room.hull[column, 1, axis], axis, lattice)
         room.begin[a], rest[a] = begin, (end + 2 - begin) * size
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
             shift = among(begin + i - lattice.first[axis], nodes) * stride
@@ -148,7 +148,7 @@ def _worst_values(values, state, ends, column, order, lattice, room, out):
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    _gather(values, state, order, lattice, room)
+    _gather(values, state, column, order, lattice, room)
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
@@ -371,51 +371,96 @@ def judge(waiting, rows, looks, count, out, spots):
     return some
 
 
-@kernel(inline="always")
-def _evaluate(waiting, rows, ints, floats, to_go, spots):
+@kernel(**UNCOUNTED)
+def _evaluate(waiting, rows, packs, times, to_go, spots, work):
     """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
 
     The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
-    (slots, _, _, points, _, level, there), times = spots, part(ints, floats, LOOK_TIMES)
+    (ints, floats), (slots, _, _, points, _, level, there) = packs, spots
     count, last = times.size, LOOKED if times.size > 1 else 0
-    if play_part(ints, floats, np.int64(_UNSAFE), points, times, level, np.int64(0), waiting * count) != 0.0:
+    unsafe, target = (ints, floats, np.int64(_UNSAFE)), (ints, floats, np.int64(_TARGET))
+    if play_in_room(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
         return False
-    for k in range(waiting if part(ints, ints, _TARGET + RESULTS).size else 0):
+    for k in range(waiting if length(ints, np.int64(_TARGET + RESULTS)) > 0 else 0):
         start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
         stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_part(ints, floats, np.int64(_TARGET), points, times, there, start, stop) != 0.0:
+        if start < stop and play_in_room(target, points, times, there, start, stop, work) != 0.0:
             return False
     return True
 
 
-@kernel(inline="always")
-def _look(rows, when, states, packs, ahead, table, out, spots):
+@kernel(**UNCOUNTED)
+def _look(rows, when, states, packs, ahead, table, space, out):
     """The look at the true sets for some rows, by their tapes; False where they are undefined.
 
-    table : (shelf, lattice, room)
+    table : (shelf, lattice). space : (room, spots, work)
     """
-    (step, within, _, _, looks), (ints, floats), (shelf, lattice, room) = when, packs, table
-    count = part(ints, floats, LOOK_TIMES).size
+    (step, within, _, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
+    times = part(ints, floats, LOOK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
-        if not _evaluate(waiting, rows, ints, floats, out[0], spots):
+        if not _evaluate(waiting, rows, packs, times, out[0], spots, work):
             return False
-        waiting = judge(waiting, rows, looks, count, out, spots)
+        waiting = judge(waiting, rows, looks, times.size, out, spots)
         for k in range(waiting if looks == LOOK else 0):
-            r = spots[0][0, k]
-            if not out[1][rows[r]].any():
+            r, some = spots[0][0, k], False
+            for j in range(out[1].shape[1]):
+                some |= out[1][rows[r], j]
+            if not some:
                 _hazards(shelf, step, states[rows[r]], lattice, room, spots[2][r])
         waiting = propose(waiting, within, states, rows, packs, ahead, out, spots)
     return True
 
 
+@kernel(**UNCOUNTED)
+def _lead(begin, rows, states, packs, ends, found, work):
+    """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
+
+    found : near (4, L, ndim, R), which may be `ends` if that is one for all states; at (R, ndim), overwritten; hulls
+    """
+    (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
+    played = length(ints, np.int64(_AHEAD + RESULTS))
+    if played > 0:
+        for r in range(rows.size):
+            for axis in range(ndim):
+                at[r, axis] = states[rows[r], axis]
+        tape, lead = (ints, floats, np.int64(_AHEAD)), near.reshape(played, near.shape[3])
+        if play_in_room(tape, at, part(ints, floats, _BEGIN), lead, np.int64(0), rows.size, work) != 0.0:
+            return -1
+    elif ends.shape[3] > 1:
+        for term in range(near.shape[0]):
+            for j in range(near.shape[1]):
+                for axis in range(ndim):
+                    for r in range(rows.size):
+                        near[term, j, axis, r] = ends[term, j, axis, begin + r]
+    if near.shape[3] > 1 or begin == 0:
+        for r in range(min(rows.size, near.shape[3])):
+            most = max(most, _hull(near, r, part(ints, floats, 1), hulls[r]))
+    return most
+
+
+@kernel(**UNCOUNTED)
+def _answer(rows, states, when, packs, stored, ahead, space, out):
+    """The answers for some states; False where formulas are undefined."""
+    (step, within, steps, game, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
+    lattice, order = _lattice(ints, floats), part(ints, ints, _ORDER)
+    still, timed = part(ints, ints, _STATIC), part(ints, ints, _MOVING)
+    shelf = Shelf(steps, game, index, tubes, masks, static, still, moving, timed)
+    for r in range(rows.size if looks != ONLY_LOOK else 0):
+        column = r if ahead[0].shape[3] > 1 else 0
+        _by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, space[0]), out)
+    return looks == TUBES or _look(rows, when, states, packs, ahead, (shelf, lattice), space, out)
+
+
 @kernel()
-def _room(ndim, inputs, size):
-    """A `Room` for so many inputs and nodes of a block."""
-    around, spans = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64)
-    nodes = np.arange(ndim), np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
-    return Room(np.empty((2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
+def _room(columns, ndim, inputs, size):
+    """A `Room` for so many hulls, inputs and nodes of a block."""
+    around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
+    for axis in range(ndim):
+        axes[axis] = axis
+    nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
 
 
 @kernel(nogil=True)
@@ -428,8 +473,10 @@ def spots_for(states, inputs, count, ndim, sets):
     (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
     """
     slots, known, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
-    points, past = np.empty((size, ndim + 1)), np.empty(size, np.int64)
-    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), np.zeros((1, size))
+    points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
+    for i in range(size):
+        there[0, i] = 0.0
+    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), there
 
 
 @kernel(nogil=True)
@@ -460,40 +507,23 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     bool
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    (step, within, steps, game, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
-    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
-    shelf = Shelf(steps, game, index, tubes, masks, static, axes[0], moving, axes[1])
-    order, times = part(ints, ints, _ORDER), part(ints, floats, LOOK_TIMES)
-    ndim, inputs, count = states.shape[1], out[1].shape[1], times.size
-    played, time = part(ints, ints, _AHEAD + RESULTS).size, part(ints, floats, _BEGIN)
+    ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
+    count, sets = length(ints, np.int64(LOOK_TIMES)), length(ints, np.int64(_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    alike, sets = played == 0 and ends.shape[3] == 1, part(ints, ints, _UNSAFE + RESULTS).size
-    room, at = _room(ndim, inputs, size), np.empty((width, ndim))
-    spots = spots_for(width if looks != TUBES else 0, inputs, count, ndim, sets)
-    near = ends if alike else np.empty((4, inputs, ndim, width))
+    alike = length(ints, np.int64(_AHEAD + RESULTS)) == 0 and ends.shape[3] == 1
+    near, at = ends if alike else np.empty((4, inputs, ndim, width)), np.empty((width, ndim))
+    room = _room(near.shape[3], ndim, inputs, size)
+    spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
+    for first in (_AHEAD, _UNSAFE, _TARGET):
+        slots = max(slots, slots_of(ints, np.int64(first)))
+    work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        if played:
-            for r in range(some.size):
-                for axis in range(ndim):
-                    at[r, axis] = states[some[r], axis]
-            lead = near.reshape(played, width)
-            if play_part(ints, floats, np.int64(_AHEAD), at, time, lead, np.int64(0), some.size) != 0.0:
-                return False
-        elif not alike:
-            for term, j, axis in np.ndindex(near.shape[:3]):
-                for r in range(some.size):
-                    near[term, j, axis, r] = ends[term, j, axis, begin + r]
-        for r in range(some.size if looks != ONLY_LOOK else 0):
-            column = 0 if alike else r
-            if not alike or begin + r == 0:
-                needed = _hull(near, column, lattice.spacing, room.hull)
-                if needed > size:
-                    size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-                    room = Room(*room[:7], *block)  # type: ignore[call-arg]
-            _by_tubes(some[r], column, states, (step, within), shelf, near, (order, lattice, room), out)
-        table, ahead = (shelf, lattice, room), (near, scores)
-        if looks != TUBES and not _look(some, when, states, packs, ahead, table, out, spots):
+        needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
+        if needed > size:
+            size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+            room = Room(*room[:7], *block)  # type: ignore[call-arg]
+        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True
 
@@ -507,7 +537,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
     shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
-    room = _room(states.shape[1], out.shape[1], 0)
+    room = _room(1, states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])
 

@@ -83,10 +83,22 @@ def packed(*arrays: FloatArray) -> Tape:
     return Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1]))
 
 
-@kernel(inline="always")  # as its caller counts references, or does not
+@kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
     """The k-th of packed arrays, as one row; array: those of its sort."""
     return array[ints[2 * k] : ints[2 * k + 1]]
+
+
+@kernel(**UNCOUNTED)
+def length(ints, k):
+    """How many numbers the k-th of packed arrays has."""
+    return ints[2 * k + 1] - ints[2 * k]
+
+
+@kernel(**UNCOUNTED)
+def slots_of(ints, first):
+    """How many slots the tape has whose code is the `first` of packed arrays; 0 where there is no tape."""
+    return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
@@ -257,13 +269,25 @@ def _gridded(lookup, places, tables, room, place, out, count, spots):
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
+@kernel(nogil=True)
+def work_for(slots, points):
+    """Room to play tapes with so many slots, so many points at a time: numbers, rows of slots, what look-ups need."""
+    return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
+
+
 @kernel(error_model="numpy", **UNCOUNTED)
-def _play(tape, points, parameters, out, start, stop, work):
+def play_in_room(tape, points, parameters, out, start, stop, work):
+    """`play_part` of (ints, floats, first) where there is room already (`work_for`): compiled code may call it.
+
+    A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
+    """
     (ints, floats, first), (room, place, spots) = tape, work
+    spare, total = slots_of(ints, np.int64(first)), 0.0
+    for slot in range(spare):
+        place[slot] = slot
     code, outputs = part(ints, ints, first + CODE), part(ints, ints, first + RESULTS)
     lookups, places = part(ints, ints, first + LOOKUPS), part(ints, floats, first + _PLACES)
     value, tables = part(ints, floats, first + VALUE), part(ints, floats, first + TABLES)
-    spare, total = place.size, 0.0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(value.size):
@@ -293,14 +317,12 @@ def _play(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
+    """`play` of the points from start to stop. Returns 0 where all values are finite.
 
-    first : the place of the tape's code among the packed arrays. A result is written to a row that no slot has, which
-    then is the row of its slot: operands are never overwritten.
+    first : the place of the tape's code among the packed arrays.
     """
-    slots = part(ints, ints, first + SLOTS)[0]
-    room = np.empty((slots + 1, min(BLOCK, stop - start))), np.arange(slots), (np.empty(6), np.empty(64))
-    return _play((ints, floats, first), points, parameters, out, start, stop, room)
+    work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
+    return play_in_room((ints, floats, first), points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
