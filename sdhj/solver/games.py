@@ -22,7 +22,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima
+from sdhj.problem.boxes import Maxima, maxima, out_of_danger
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
@@ -41,6 +41,8 @@ from sdhj.solver.schemes import (
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
+BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving frame: errors there fall tenfold per node
+ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
 
@@ -197,35 +199,75 @@ class HJIGames(_OnAxes):
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
-            drift = problem.dynamics.arrays[0][:, self.axes]
-            checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
+            checked_travel(self.grid, np.abs(self.drift).max(axis=0), self.duration)
+
+    @property
+    def drift(self) -> FloatArray:
+        """The velocity under each input along these axes, where it is constant; (L, axes)."""
+        return self.problem.dynamics.arrays[0][:, self.axes]
+
+    @property
+    def push(self) -> FloatArray:
+        """What each component of the disturbance adds to it at most, where that is constant; (axes, D)."""
+        _, gain, bounds = self.problem.dynamics.arrays
+        return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift, because it is constant and along periodic axes only."""
-        dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
-        if self.scheme.frame == "fixed" or not dynamics.constant:
+        """Whether the drift can be solved by a shift: it is constant, and a wall does no more than end the shift.
+
+        A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
+        it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
+        Elsewhere a state that has slid along the wall and left it again is displaced otherwise.
+        """
+        if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
-        return not np.any(dynamics.arrays[0][:, self.axes][:, ~periodic])
+        wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
+        several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
+        coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
+        return not (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0))).any()
+
+    @property
+    def shifted(self) -> bool:
+        """Whether reach sets are computed in the moving frame; an interval that may end early has many shifts."""
+        return self.moving_frame and not self.early
+
+    @cached_property
+    def around(self) -> tuple[Grid, tuple[int, ...]]:
+        """The grid of the moving frame, and by how many nodes it goes past bounded ends that the state drifts to.
+
+        Past an end the values of the end go on, as at a wall or they do not matter. They go so far that the disturbance
+        brings nothing else there: what lies farther off is the same.
+        """
+        grid, drifting = self.grid, self.drift.any(axis=0) & ~np.array(self.grid.periodic)
+        if not drifting.any():
+            return grid, (0,) * grid.ndim
+        cells = self.push.sum(axis=1) * self.duration / grid.spacing
+        past = (np.ceil(cells).astype(int) + BEYOND) * drifting
+        return grid.continued(past.tolist()), tuple(past.tolist())
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
-        if self.moving_frame and not self.early:  # else each end that it may have is another shift
-            still = self._evolve(values, 0, step, drift=False)
-            shift = self.problem.dynamics.arrays[0][:, self.axes] * self.duration
-            yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
+        wanted = self.wanted_on(self.axes)
+        if self.shifted:
+            (grid, past), shift = self.around, self.drift * self.duration
+            if any(past):
+                values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
+                inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
+                wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
+            self.solved += 1
+            still = evolve(grid, values, self.velocities(0, self.axes, step, False), self.duration, self.scheme)
+            yield from maxima(grid, still, shift, shift, SHIFT, wanted)
+        elif groups := self.groups(self.axes):
+            self.solved += self.count
+            phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
+            yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
-            wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)
-            if groups:
-                self.solved += self.count
-                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
-                yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
-                return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
-    def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
+    def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
         self.solved += 1
-        velocities = self.velocities(j, self.axes, step, drift)
+        velocities = self.velocities(j, self.axes, step)
         known = self.counted.get(self.axes)
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
@@ -251,9 +293,11 @@ class HJIGames(_OnAxes):
 
         Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
         the moving frame, and if each component of the disturbance moves one axis only: for others it would use the
-        bounding box of the velocities, and would not converge.
+        bounding box of the velocities, and would not converge. Where the state drifts along bounded axes it takes more
+        pieces of the interval than differences take time steps, and would cost twice as much.
         """
-        return self.moving_frame and not self.problem.dynamics.couples(axes)
+        along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
+        return along and not self.problem.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
