@@ -22,7 +22,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima, out_of_danger
+from sdhj.problem.boxes import Maxima, maxima, maximum_over_boxes, out_of_danger
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
@@ -107,6 +107,23 @@ def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[P
     for _, run in groupby(enumerate(reach), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
+
+
+def quarters(cells: FloatArray) -> int:
+    """Number of pieces of a way of so many cells along each axis, in each of which at most a quarter is crossed."""
+    return max(1, int(np.ceil(cells.max() * 4)))
+
+
+def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
+    """By how many nodes the moving frame goes past the ends of some axes: none but where the drift meets them.
+
+    As far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift leads.
+    """
+    grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
+    farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
+    cells = farthest / grid.spacing
+    meets = drift.any(axis=0) & ~np.array(grid.periodic)
+    return tuple(int(np.ceil(cells[axis])) + BEYOND if meets[axis] else 0 for axis in axes)
 
 
 @dataclass(frozen=True)
@@ -229,41 +246,56 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame; an interval that may end early has many shifts."""
-        return self.moving_frame and not self.early
+        """Whether reach sets are computed in the moving frame."""
+        return self.moving_frame
 
     @cached_property
     def around(self) -> tuple[Grid, tuple[int, ...]]:
-        """The grid of the moving frame, and by how many nodes it goes past bounded ends that the state drifts to.
+        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
 
-        Past an end the values of the end go on, as at a wall or they do not matter. They go so far that the disturbance
-        brings nothing else there: what lies farther off is the same.
+        Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
+        unsafe one it cannot come, which the avoid games see to.
         """
-        grid, drifting = self.grid, self.drift.any(axis=0) & ~np.array(self.grid.periodic)
-        if not drifting.any():
-            return grid, (0,) * grid.ndim
-        cells = self.push.sum(axis=1) * self.duration / grid.spacing
-        past = (np.ceil(cells).astype(int) + BEYOND) * drifting
-        return grid.continued(past.tolist()), tuple(past.tolist())
+        past = past_ends(self.problem, self.axes)
+        return self.grid.continued(past) if any(past) else self.grid, past
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
         wanted = self.wanted_on(self.axes)
         if self.shifted:
-            (grid, past), shift = self.around, self.drift * self.duration
-            if any(past):
-                values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
-                inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
-                wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
-            self.solved += 1
-            still = evolve(grid, values, self.velocities(0, self.axes, step, False), self.duration, self.scheme)
-            yield from maxima(grid, still, shift, shift, SHIFT, wanted)
+            yield from self._shifts(values, step)
         elif groups := self.groups(self.axes):
             self.solved += self.count
             phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
             yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
+
+    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
+
+        Where the interval may end early, the last part of the way is cut into pieces, with a Psi for each.
+        """
+        (grid, past), wanted = self.around, self.wanted_on(self.axes)
+        if any(past):
+            values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
+            inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
+            wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
+        push, now = self.velocities(0, self.axes, step, drift=False), self.duration - self.early
+        self.solved += 1
+        still = evolve(grid, values, push, now, self.scheme)
+        if not self.early:
+            yield from maxima(grid, still, now * self.drift, now * self.drift, SHIFT, wanted)
+            return
+        parts = quarters(np.abs(self.drift).max(axis=0) * self.early / grid.spacing)
+        found: dict[int, FloatArray] = {}
+        for end in np.linspace(now, self.duration, parts + 1)[1:].tolist():
+            still = evolve(grid, still, push, end - now, self.scheme)
+            low, high = np.sort([now * self.drift, end * self.drift], axis=0)
+            for j, most in maximum_over_boxes(grid, still, low, high, SHIFT, wanted):
+                found[j] = np.maximum(found.get(j, most), most)
+            now = end
+        yield from in_eights(self.grid, found.items())
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
         self.solved += 1
@@ -388,9 +420,17 @@ class JointGames(HJIGames):
 
     joint = True
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+    @property
+    def shifted(self) -> bool:
+        """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
+        return self.moving_frame and not self.problem.unsafe
+
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.grid
+        if self.shifted:
+            yield from self._shifts(values, step)
+            return
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
         unsafe = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
@@ -479,4 +519,4 @@ class HopfLaxGames(_OnAxes):
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""
-        return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))
+        return quarters(self.cells[axes] * share)

@@ -23,7 +23,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
@@ -107,7 +107,8 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
     sampled = grid.sampling_bytes
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
-    solved = (12 + kept) * item * grid.size  # stages with their ghost nodes, shifted copies
+    past = past_ends(problem, range(grid.ndim)) if problem.dynamics.constant else (0,) * grid.ndim
+    solved = (12 + kept) * item * grid.continued(past).size  # stages with their ghost nodes, shifted copies
     if not problem.dynamics.stateless:  # the velocities of one input at a time
         velocities = problem.interval(0).sampling_bytes
         sampled += velocities + min(KEPT, count * velocities)
