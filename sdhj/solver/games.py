@@ -462,6 +462,7 @@ class HopfLaxGames(_OnAxes):
     """
 
     solved = 0  # a formula in place of PDEs
+    shifted = True  # as `HJIGames.shifted`
 
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None

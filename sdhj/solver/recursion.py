@@ -286,6 +286,7 @@ class GridSets:
             "pdes_of_algorithm": pdes,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
+            "shifted": bool(getattr(self.games, "shifted", False)),
         }
         if endless:
             given_up = share - table.fraction(start=0)
