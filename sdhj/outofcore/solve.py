@@ -27,7 +27,7 @@ from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import arrays_of
 from sdhj.solver.avoid import dangers, never_felt
-from sdhj.solver.games import KEPT, past_ends
+from sdhj.solver.games import KEPT, HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import recursion
 from sdhj.solver.resolution import check_resolution
@@ -182,8 +182,9 @@ def task_bytes(plan: Plan) -> int:
 
     middle = plan.span((plan.slabs - 1) // 2)  # whose halos no end of the grid cuts short
     windows, tubes = [around(problem.grid, plan.axis, middle, plan.halo)[0]], 0
-    if isinstance(plan.method, HJI) and dynamics.constant:
-        windows[0] = windows[0].continued(past_ends(problem, range(problem.grid.ndim)))
+    games = plan.method.on(problem)
+    if isinstance(games, HJIGames) and games.shifted:
+        windows[0] = windows[0].continued(games.around[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
         for game in games:
