@@ -65,7 +65,7 @@ def plain(
     steps: int,
     ends: str,
 ) -> Any:
-    """Theorem 2 for the states X: of all paths under an input those matter that the disturbance bends least and most."""
+    """Theorem 2 for the states X: under an input those paths matter that the disturbance bends most."""
     bad = np.zeros(len(X), bool) if unsafe is None else unsafe(X) <= 0
     touched = np.concatenate([[0], np.cumsum(bad)])
     inside = ~bad if target is None else (target(X) <= 0) & ~bad
@@ -107,7 +107,13 @@ def test_the_plain_recursion_has_the_closed_form() -> None:
 
 @pytest.mark.parametrize(
     ("method", "nodes", "most"),
-    [("hji", 161, 0.015), ("hji", 321, 0.003), ("hji", 641, 0.001), (HJI(games="joint"), 321, 0.003), ("lax", 321, 0.001)],
+    [
+        ("hji", 161, 0.015),
+        ("hji", 321, 0.003),
+        ("hji", 641, 0.001),
+        (HJI(games="joint"), 321, 0.003),
+        ("lax", 321, 0.001),
+    ],
     ids=str,
 )
 def test_gaps_stay_open(method: Any, nodes: int, most: float) -> None:

@@ -315,7 +315,8 @@ class Window(Grid):
         return self.whole.nodes(axis)[self.places(axis)]
 
     def continued(self, by: Sequence[int]) -> Grid:
-        return self.whole.continued(by).window(self.first, [n + 2 * more for n, more in zip(self.shape, by, strict=True)])
+        shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
+        return self.whole.continued(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
         return self.whole.shares(axis)[self.places(axis)]

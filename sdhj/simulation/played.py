@@ -71,7 +71,8 @@ def played(
         message[outcome] + places.get(run, "something") if outcome in message else str(OUTCOMES[outcome])
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), _advice(table, ways, runs) if ways else "")
+    advice = _advice(table, ways, runs) if ways else ""
+    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), advice)
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:

@@ -57,7 +57,7 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 
 
 def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
-    """The axes along which inputs lead past the target, and how far the disturbance pushes along each in an interval."""
+    """The axes along which inputs lead past the target, and how far the disturbance pushes along each in a step."""
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _middle(problem, some, t)
@@ -77,7 +77,7 @@ def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
     taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
     longer = e * (1.0 + taken_off)[:, None]
-    alone = sum(_way(problem, centres, sign * longer, t) for sign in (-1.0, 1.0)) < 1.0
+    alone = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t) < 1.0
     if len(np.unique(state[alone])) < RARE * len(points):
         return {}
     hit = along & alone[:, None]
@@ -113,7 +113,7 @@ def _way(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: floa
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
     points = centres[:, None] + shares[:, None] * e[:, None]
     values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(e), len(shares))
-    first = np.where((values > 0).any(axis=1), (values > 0).argmax(axis=1), len(shares) - 1)  # outside, but for the last
+    first = np.where((values > 0).any(axis=1), (values > 0).argmax(axis=1), len(shares) - 1)
     rows = np.arange(len(e))
     inner, outer = np.minimum(values[rows, first - 1], 0.0), np.maximum(values[rows, first], 0.0)
     return (first - 1 + inner / np.where(outer > inner, inner - outer, -1.0)) / PARTS
