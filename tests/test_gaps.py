@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, Sensing, TargetSet, UnsafeSet
+from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames, past_ends
 from sdhj.solver.gaps import gaps
 from sdhj.solver.resolution import ResolutionWarning
@@ -125,28 +125,6 @@ def test_differences_fill_them() -> None:
     """So the shift is what keeps them open; also where it cannot be used, as the drift depends on the state."""
     for table in (sdhj.solve(line(321), FIXED), sdhj.solve(line(321, drift=lambda q, u: u + 0.001 * q))):
         assert wrong_and_missed(table, exact(7))[0] > 0.15
-
-
-def test_gaps_stay_open_where_an_interval_may_end_early() -> None:
-    """Of what may end up to 4 ms early, the state is on the last of its way: pieces are shorter by as much a step."""
-    problem = line(321, sensing=Sensing(jitter=0.001))
-    late = problem.interval(0)
-    push, early = 0.05 * late.delta, late.early
-    low, high = (
-        [u * late.delta - push - early * (u > 0) for u in U],
-        [u * late.delta + push + early * (u < 0) for u in U],
-    )
-    inside = np.abs(X) < 0.1
-    for _ in range(7):
-        outside = np.concatenate([[0], np.cumsum(~inside)])
-        inside = inside.copy()
-        for a, b in zip(low, high, strict=True):
-            ends = [np.rint((X + d - LOWER) / H).astype(int) for d in (a, b)]
-            stays = (ends[0] >= 0) & (ends[1] < len(X))
-            first, last = (np.clip(one, 0, len(X) - 1) for one in ends)
-            inside |= stays & (outside[last + 1] == outside[first])
-    wrong, missed = wrong_and_missed(sdhj.solve(problem), inside)
-    assert wrong < 0.003 and missed < 0.003
 
 
 AT_THE_END: dict[str, dict[str, Any]] = {

@@ -22,7 +22,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima, maximum_over_boxes, out_of_danger
+from sdhj.problem.boxes import Maxima, maxima, out_of_danger
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
@@ -107,11 +107,6 @@ def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[P
     for _, run in groupby(enumerate(reach), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
-
-
-def quarters(cells: FloatArray) -> int:
-    """Number of pieces of a way of so many cells along each axis, in each of which at most a quarter is crossed."""
-    return max(1, int(np.ceil(cells.max() * 4)))
 
 
 def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
@@ -246,8 +241,8 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame."""
-        return self.moving_frame
+        """Whether reach sets are computed in the moving frame; an interval that may end early has a shift for each end."""
+        return self.moving_frame and not self.early
 
     @cached_property
     def around(self) -> tuple[Grid, tuple[int, ...]]:
@@ -271,31 +266,16 @@ class HJIGames(_OnAxes):
         else:
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
-    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
-
-        Where the interval may end early, the last part of the way is cut into pieces, with a Psi for each.
-        """
-        (grid, past), wanted = self.around, self.wanted_on(self.axes)
+    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+        (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
-        push, now = self.velocities(0, self.axes, step, drift=False), self.duration - self.early
         self.solved += 1
-        still = evolve(grid, values, push, now, self.scheme)
-        if not self.early:
-            yield from maxima(grid, still, now * self.drift, now * self.drift, SHIFT, wanted)
-            return
-        parts = quarters(np.abs(self.drift).max(axis=0) * self.early / grid.spacing)
-        found: dict[int, FloatArray] = {}
-        for end in np.linspace(now, self.duration, parts + 1)[1:].tolist():
-            still = evolve(grid, still, push, end - now, self.scheme)
-            low, high = np.sort([now * self.drift, end * self.drift], axis=0)
-            for j, most in maximum_over_boxes(grid, still, low, high, SHIFT, wanted):
-                found[j] = np.maximum(found.get(j, most), most)
-            now = end
-        yield from in_eights(self.grid, found.items())
+        still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
+        yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
         self.solved += 1
@@ -423,7 +403,7 @@ class JointGames(HJIGames):
     @property
     def shifted(self) -> bool:
         """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
-        return self.moving_frame and not self.problem.unsafe
+        return super().shifted and not self.problem.unsafe
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
@@ -520,4 +500,4 @@ class HopfLaxGames(_OnAxes):
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""
-        return quarters(self.cells[axes] * share)
+        return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))

@@ -17,8 +17,8 @@ from sdhj.problem.problem import ReachAvoidProblem, beside
 
 ENOUGH = {True: 1.0, False: 8.0}  # cells, if shifted and by differences: .001 to .002 of a line of gaps is wrong there
 PARTS = 16  # of a displacement, at whose ends the target is asked
-LOOKED_AT = 5_000  # pairs of displacements at most
-STATES = 64  # of the middle of the target, with other coordinates drawn at random
+MOST_PAIRS = 5_000  # pairs of displacements at most
+MIDDLES = 64  # of the middle of the target, with other coordinates drawn at random
 LARGEST = 2**22  # nodes of a target that is looked at
 RARE = 0.1  # of the states in the middle of the target: fewer may be a corner of it
 
@@ -63,7 +63,7 @@ def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
     middle = _middle(problem, some, t)
     if not len(middle):
         return {}
-    points = rng.uniform(grid.lower, grid.upper, (STATES if count < STATES else STATES // 16, grid.ndim))
+    points = rng.uniform(grid.lower, grid.upper, (MIDDLES if count < MIDDLES else MIDDLES // 16, grid.ndim))
     points[:, axes] = middle[rng.permutation(len(middle))[np.arange(len(points)) % len(middle)]]
     interval = problem.interval(min(step, problem.most_steps - 1))
     low, high = (end[..., axes] for end in interval.reachable(points))
@@ -94,7 +94,7 @@ def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, Flo
     for third in range(moves.shape[1]):
         far &= np.maximum(apart[:, :, third, None], apart[:, None, third]) >= apart * (1 - 1e-9)
     found = np.argwhere(far)
-    some = found[np.sort(rng.permutation(len(found))[:LOOKED_AT])]
+    some = found[np.sort(rng.permutation(len(found))[:MOST_PAIRS])]
     return some[:, 0], some[:, 1], some[:, 2]
 
 
