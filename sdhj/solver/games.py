@@ -241,7 +241,7 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame; an interval that may end early has a shift for each end."""
+        """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
         return self.moving_frame and not self.early
 
     @cached_property
