@@ -21,7 +21,7 @@ def chained(problem, table, within=None, **changed):
 @pytest.mark.parametrize("rate", [0.0, -0.3])
 @pytest.mark.parametrize("method", ["hji", CERTIFIED])
 def test_the_way_to_a_tube_and_on_is_the_tube_of_the_whole_way(method, rate):
-    """S_k^{n + m} is what reaches S^n within m steps, to a coordinate's last bit, with one clock and a wall that comes nearer."""
+    """S_k^{n + m} is what reaches S^n within m steps, with one clock where a wall comes nearer."""
     problem = interval_problem(steps=5, rate=rate, ends="unsafe")
     whole = sdhj.solve(problem, method, progress=False)
     second = sdhj.solve(chained(problem, whole, within=2), method, progress=False)

@@ -211,9 +211,9 @@ def task_bytes(plan: Plan) -> int:
 
     middle = plan.span((plan.slabs - 1) // 2)  # whose halos no end of the grid cuts short
     windows, tubes = [around(problem.grid, plan.axis, middle, plan.halo)[0]], 0
-    games = plan.method.on(problem)
-    if isinstance(games, HJIGames) and games.shifted:
-        windows[0] = windows[0].continued(games.around[1])
+    reaching = plan.method.on(problem)
+    if isinstance(reaching, HJIGames) and reaching.shifted:
+        windows[0] = windows[0].continued(reaching.around[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
         for game in games:
