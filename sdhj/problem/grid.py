@@ -165,6 +165,14 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
+    def continued(self, by: Sequence[int]) -> "Grid":
+        """The grid with so many more nodes of each axis before its lower and behind its upper end, as if at walls."""
+        past, nodes = np.array(by) * self.spacing, [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
+        ends = (np.array(self.lower) - past).tolist(), (np.array(self.upper) + past).tolist()
+        wide = Grid(*ends, nodes, self.periodic, self.names, "wall")
+        wide.__dict__["spacing"] = self.spacing
+        return wide
+
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
         rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
@@ -307,6 +315,10 @@ class Window(Grid):
 
     def nodes(self, axis: int) -> FloatArray:
         return self.whole.nodes(axis)[self.places(axis)]
+
+    def continued(self, by: Sequence[int]) -> Grid:
+        shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
+        return self.whole.continued(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
         return self.whole.shares(axis)[self.places(axis)]

@@ -14,6 +14,7 @@ from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
+from sdhj.solver.gaps import gaps
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
@@ -85,7 +86,8 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
         message[outcome] + places.get(run, "something") if outcome in message else str(OUTCOMES[outcome])
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), _advice(table, ways) if ways else "")
+    advice = _advice(table, ways, runs) if ways else ""
+    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), advice)
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
@@ -98,9 +100,16 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 
-def _advice(table: Table, ways: Mapping[str, int]) -> str:
+def _gaps(table: Table) -> str:
+    """Whether the grid may have filled gaps between pieces of its tubes, and what helps: see `sdhj.solver.gaps`."""
+    return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
+
+
+def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
     """What would reduce the losses, in a sentence or two."""
     problem, grid, said = table.problem, table.grid, []
+    if sum(ways.values()) >= ALARMING * runs and (apart := _gaps(table)):
+        return f'{apart}; or method="certified", which proves what it promises'
     blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
     if blunt and not problem.dynamics.stateless:
         said.append(f'sampling="steep" of {", ".join(blunt)}')
@@ -134,6 +143,7 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if stays:
         return _judged_for_ever(table, runs, stacklevel + 1)
+    runs = MOST_PLAYED if (apart := _gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
@@ -141,7 +151,7 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
     found = played(table, runs, play if table.problem.sensing else worst)
-    if found.interval[0] > ALARMING:
+    if found.interval[0] > ALARMING or (apart and found.lost >= ALARMING * found.runs):
         warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
     return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}
 

@@ -24,7 +24,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
@@ -135,7 +135,9 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
     wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
-    solved = (12 + kept) * item * max(grid.size, wide) + item * count * wide  # stages with their ghost nodes, copies
+    past = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim
+    most = max(grid.continued(past).size, wide)
+    solved = (12 + kept) * item * most + item * count * wide  # stages with their ghost nodes, copies
     if not dynamics.stateless:  # the velocities of one input at a time
         velocities, times = problem.interval(0).sampling_bytes, 1
         if dynamics.timed:  # of an interval at a time, at each of its time steps
@@ -353,6 +355,7 @@ class GridSets:
             "pdes_of_algorithm": pdes,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
+            "shifted": bool(getattr(self.games, "shifted", False)),
         }
         if endless:
             given_up = share - table.fraction(start=0)

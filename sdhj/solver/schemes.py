@@ -72,9 +72,10 @@ class Scheme(Options):
         Time step as a fraction of the largest stable one, in (0, 1].
     frame : {"moving", "fixed"}
         "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
-        shifted back by interpolation; the avoid games are solved in closed form (`sdhj.solver.hopf_lax`) unless one
-        component of the disturbance moves several axes. Applies if the drift is constant and along periodic axes only.
-        "fixed", and otherwise: finite differences for everything.
+        shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
+        moves several axes, one of them with a wall, and is stronger there than the drift. If the drift is along
+        periodic axes only, and each component moves one axis, the avoid games are solved in closed form
+        (`sdhj.solver.hopf_lax`). "fixed", and otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
     Examples
