@@ -296,6 +296,8 @@ class CertifiedTable(Table):
         one_for_all = {1, problem.steps + 1} if problem.timeless else set()
         index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
+        if problem.stays and head["details"].get("endless") and len(index) > 1:
+            raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, head["details"])

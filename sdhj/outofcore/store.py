@@ -32,7 +32,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.table.files import TableFileError, probed, unwritable
 
-STORE_FORMAT = 1
+STORE_FORMAT = 2
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
 CACHE_BYTES = 2**27  # bytes of what was read or written that are kept where that helps
 THICK = 16  # nodes of a chunk along the axis that is cut, at most

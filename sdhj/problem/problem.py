@@ -18,7 +18,7 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import Lookup
-from sdhj.formulas.text import written
+from sdhj.formulas.text import FORMAT, written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import number, option, points_array, whole
@@ -44,6 +44,7 @@ EXCUSED = 1e-9  # that is no difference, relative to the values or absolute belo
 VALUES_KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 TERMS = 60  # of an exponential series
+TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # in a file
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 
 
@@ -407,16 +408,40 @@ class ReachAvoidProblem:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything the solver reads, hexadecimal: two problems with one digest have one table."""
-        texts, tables = self.texts
-        boxes = {name: blackbox_values(self, name).tolist() for name in self.opaque}
-        numbers = self.numbers | {"grid": self.numbers["grid"] | {"names": ""}}  # labels do not count
-        if self.sensing:
-            error = np.broadcast_to(self.sensing.error, self.grid.ndim).tolist()
-            numbers["sensing"] = numbers["sensing"] | {"error": error}
-        numbers["sets"] = [one | {"name": ""} for one in numbers["sets"]]
-        whole = json.dumps([numbers, texts, [one.digest for one in tables], boxes], sort_keys=True)
-        return hashlib.sha256(whole.encode()).hexdigest()
+        """SHA-256 of everything that a table depends on, and all names, hexadecimal (`digest_of`)."""
+        return digest_of(described(self), arrays_of(self))
+
+
+def described(problem: ReachAvoidProblem) -> dict[str, Any]:
+    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
+    functions = {}
+    for name, lines in problem.texts[0].items():
+        one: Any = problem.functions[name]
+        functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
+    formulas = {"format": FORMAT, "functions": functions, "opaque": problem.opaque}
+    return problem.numbers | {"problem": problem.name, "formulas": formulas}
+
+
+def arrays_of(problem: ReachAvoidProblem) -> dict[str, FloatArray]:
+    """The arrays that belong to a description, by the names that a file gives them."""
+    tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
+    return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
+
+
+def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256, hexadecimal, of what the head of a file says of a problem, names included, and of its arrays.
+
+    The error of measurements may be stated once for all axes. Two problems with one digest have one table.
+    """
+    said: dict[str, Any] = {name: told[name] for name in TOLD}
+    if "error" in said["sensing"]:
+        error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
+        said["sensing"] = said["sensing"] | {"error": error}
+    held = {
+        name: [list(values.shape), hashlib.sha256(np.ascontiguousarray(values, "<f8").tobytes()).hexdigest()]
+        for name, values in arrays.items()
+    }
+    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
 
 
 def _sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:

@@ -35,7 +35,7 @@ from typing import Any
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.reading import expect, head_and_arrays, is_whole
+from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
 __all__ = ["Claim", "Verdict", "verify"]
@@ -77,8 +77,10 @@ def verify(
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
+            expect_room(Arm.needs(arrays))
             sets = Arm(head, arrays)
         elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+            expect_room(Robot.needs(head, arrays, samples))
             sets = Robot(head, arrays, problem)
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
 from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
@@ -145,6 +145,11 @@ class Arm(Sets):
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
+
+    @staticmethod
+    def needs(arrays: h5py.File) -> int:
+        """Bytes that a check takes: of the sets three copies, of the flags, which are packed, a byte each."""
+        return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""

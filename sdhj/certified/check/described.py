@@ -14,10 +14,9 @@ import numpy as np
 from sdhj.certified.check import intervals
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole, real
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, MOST_TABLE, array, expect, is_whole, real
 
-MOST_TABLE = 1 << 27  # bytes of a table
-MOST_TABLES = 1 << 30  # of all together
+MOST_TABLES = 1 << 30  # bytes of all tables together
 ENDS = {"unsafe", "wall", "safe"}
 
 Times = tuple[float, float]

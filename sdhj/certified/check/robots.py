@@ -30,7 +30,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_STEPS, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
 
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
@@ -67,7 +67,7 @@ class Robot(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
-        expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
+        expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
         self.delta = real("delta", head["delta"], 1e-9)
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
@@ -82,9 +82,23 @@ class Robot(Sets):
         self.stays, self.periodic = self.target is None, self.grid.periodic
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
-        self.read_proof(head["proof"], arrays)
+        self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
 
-    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+    @staticmethod
+    def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
+        """Bytes that a check takes, by what the head says of cells, places and parts.
+
+        Of a set, doubled where axes close, flags and sums; of each cell that is looked at, its number, coordinates and
+        ends, some of them twice; of each place what a box sweeps in each part, and some boxes.
+        """
+        counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
+        ndim, cells = len(counts), math.prod(counts)
+        places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
+        chosen = cells if samples is None else min(samples, cells)
+        swept = min(places, chosen) * 16 * ndim * (parts + 20)
+        return sizes(arrays) + cells * (10 + 9 * 2 ** sum(map(bool, head["grid"]["periodic"]))) + chosen * 8 * (6 * ndim + 2) + swept
+
+    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
@@ -101,6 +115,7 @@ class Robot(Sets):
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.timeless = len(self.index) != pairs
         fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
+        fits = fits and (self.target is not None or not endless or len(self.index) == 1)
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def cover(self) -> list[str]:
@@ -383,7 +398,7 @@ class Robot(Sets):
             yield Claim("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
         chosen = np.zeros(size, np.bool_)
-        chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
+        chosen[slice(None) if samples is None else np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
         if samples is not None and balls.INSTALLED:
@@ -448,9 +463,10 @@ class Robot(Sets):
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
         starts = range(1 if self.timeless else self.steps + 1)
-        rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         if len(self.index) == 1:  # what is safe for ever: it leads into itself
             rows = [(0, 0), (0, 1)]
+        else:
+            rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         for step, within in tqdm(rows, desc="sets", disable=silent):
             new = here = self.bits(step, within)
             name = NEARER if within else GOALS
