@@ -28,8 +28,8 @@ def digest(told: dict[str, Any], arrays: h5py.File) -> str:
 
 
 @contextmanager
-def forged(path: Any, *, named: bool = True) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """What the file tells and its arrays, both to be changed; the head then names what it tells, if that can be."""
+def forged(path: Any, *, named: bool = False) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+    """What the file tells and its arrays, both to be changed. Named: the head then names what it tells, if that can be."""
     first, _, text, *_ = path.read_bytes().split(b"\n", 3)
     told = json.loads(text)
     with h5py.File(path, "r+") as arrays:
@@ -47,7 +47,7 @@ def forged(path: Any, *, named: bool = True) -> Iterator[tuple[dict[str, Any], h
 
 def describe(path: Any, problem: Any) -> None:
     """The file's robot becomes the one of a problem; its claims stay."""
-    with forged(path) as (told, arrays):
+    with forged(path, named=True) as (told, arrays):
         told.update(described(problem))
         for name, values in arrays_of(problem).items():
             if name in arrays:

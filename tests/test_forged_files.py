@@ -108,7 +108,7 @@ def test_other_files_are_not_read(path, tmp_path):
     ],
 )
 def test_what_is_told_is_checked(path, name, value, match):
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         told[name] = value
     refused(path, match)
 
@@ -145,7 +145,7 @@ def golden():
 
 
 def forge_lines(path, name, lines):
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         told["formulas"]["functions"][name]["lines"] = lines
 
 
@@ -228,7 +228,7 @@ def test_forged_formulas_are_refused_in_a_line(golden, tmp_path, name):
 )
 def test_forged_heads_are_refused_in_a_line(golden, tmp_path, change, match):
     path = shutil.copy(golden, tmp_path / "forged.h5")
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         change(told)
     with pytest.raises(sdhj.TableFileError, match=match) as refused:
         sdhj.load(path)
@@ -240,7 +240,7 @@ def test_forged_heads_are_refused_in_a_line(golden, tmp_path, change, match):
 @pytest.mark.parametrize("forgery", [*FORGERIES, "folder", "linked folder", "name"])
 def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
     path = shutil.copy(golden, tmp_path / "forged.h5")
-    with forged(path) as (told, arrays):
+    with forged(path, named=True) as (told, arrays):
         if forgery == "folder":
             del arrays["tables"]
             arrays["tables"] = np.zeros(3)
@@ -262,7 +262,7 @@ def test_forged_tables_of_formulas_are_refused(golden, tmp_path, forgery):
 
 def test_long_and_deep_formulas_are_read_in_time(golden, tmp_path):
     path = shutil.copy(golden, tmp_path / "deep.h5")
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         first = told["formulas"]["functions"]["target"]["lines"]
         count = int(first[-1].split()[1])
         deep = [f"{op} {count + place}" for place, op in enumerate(["exp", "log"] * 20_000)]

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
 from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
+from sdhj.certified.check.recipe import expect_recipe
 from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
@@ -138,6 +139,7 @@ class Arm(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
+        expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
