@@ -15,7 +15,7 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ IndexArray = NDArray[np.int64]
 
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
-DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
+DRIFT = 1e-13  # of the largest coordinate of an axis, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 
 
@@ -74,6 +74,11 @@ class CellAxis:
         """How many cells there are."""
         return math.ceil(self.extent[1] / self.width)
 
+    @cached_property
+    def scale(self) -> float:
+        """The largest coordinate, to which rounding and all that is allowed for it are relative."""
+        return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
+
     def edges(self) -> NDArray[np.float64]:
         """Edges of the cells, shape (count + 1,), each rounded to the nearest float."""
         return _edges(self)
@@ -105,12 +110,12 @@ class CellAxis:
         low, high : how far the ends of each cell moved, (M,) or alike for all
         known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width
         """
-        width = float(self.width)
+        width, drift = float(self.width), DRIFT * self.scale
         if not known or not self.periodic:
-            first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
+            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
             return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
-        begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
+        begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1

@@ -17,7 +17,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import STATE_SLACK, TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.problem.checks import real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
@@ -85,11 +85,14 @@ class CertifiedTable(Table):
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
-    def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
-        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,)."""
+    def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
+        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,).
+
+        A state is in a set that is off it by no more than slack (ndim,).
+        """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
-        fewest_steps(states, self.cells, self.index[first : last + 1], self.pool, out)
+        fewest_steps(states, self.cells, slack, self.index[first : last + 1], self.pool, out)
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
@@ -99,15 +102,15 @@ class CertifiedTable(Table):
         """
         last = self.place(step, self.steps)
         if self.problem.stays:
-            return self._fewest(states, last, last) * (self.steps - step + 1)
-        return self._fewest(states, self.place(step, 0), last)
+            return self._fewest(states, last, last, self.proof.shell) * (self.steps - step + 1)
+        return self._fewest(states, self.place(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         place = self.place(start, within)
-        out = self._fewest(points, place, place) == 0
+        out = self._fewest(points, place, place, self.proof.rim) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             around = self._around(np.atleast_2d(points)[out])
-            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place) == 0
+            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place, self.proof.rim) == 0
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
 
@@ -129,14 +132,13 @@ class CertifiedTable(Table):
     def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
 
-        A box counts as wholly certified even if it exceeds the cells by STATE_SLACK plus the drift of three steps. A
+        A box counts as wholly certified even if it exceeds the cells by the shell plus the drift of three steps. A
         box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
         """
         cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
-        known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
-            axis=1
-        )
-        for spare, answer in zip((STATE_SLACK + 2 * DRIFT, -STATE_SLACK), out, strict=True):
+        shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
+        known = ((low > cells.lower - 2 * shell) & (high - cells.lower < cells.length + 2 * shell)).all(axis=1)
+        for spare, answer in zip((shell + 2 * drift, -shell), out, strict=True):
             first = np.floor((low - cells.lower + spare) / cells.width)
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
@@ -161,7 +163,8 @@ class CertifiedTable(Table):
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
+        fewest = self._fewest(self.grid.points(), self.place(start, 0), self.place(start, self.steps), self.proof.rim)
+        return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""

@@ -35,8 +35,8 @@ MUTATIONS = {
     ),
     "outward wall": (
         CELLS,
-        "np.ceil((high - DRIFT) / width)",
-        "np.floor((high - DRIFT) / width)",
+        "np.ceil((high - drift) / width)",
+        "np.floor((high - drift) / width)",
         "test_image_holds",
     ),
     "remainder of link 1": (LINKS, "return 3, l1 * w1 * w1 / 8.0", "return 3, 0.0", "test_hulls_hold_the_links"),
@@ -132,8 +132,8 @@ MUTATIONS = {
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", SENSED),
     "a prediction in the target": (
         IMAGES,
-        "STATE_SLACK + self.unsure[axis])",
-        "STATE_SLACK)",
+        "self.shell[axis] + self.unsure[axis])",
+        "self.shell[axis])",
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),

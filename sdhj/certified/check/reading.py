@@ -26,7 +26,7 @@ from sdhj.certified.check.bits import Array
 
 MOST_COUNTED = 1000  # parts, and levels of an input
 MOST_STEPS = 10**6
-LARGEST = 1e9  # of a number in the head
+LARGEST, SMALLEST = 1e120, 1e-120  # of a number in the head, and of one above 0: products are numbers, in any units
 MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
 MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer

@@ -30,10 +30,12 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_STEPS, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_STEPS, SMALLEST, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
 
+# Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
+ROUNDED = 1e-15  # a difference of two coordinates
 FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
 SIDE = 8  # of a block of cells, on axes along which they move alike
@@ -69,7 +71,9 @@ class Robot(Sets):
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
-        self.delta = real("delta", head["delta"], 1e-9)
+        self.delta = real("delta", head["delta"], SMALLEST)
+        self.scale = np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        self.near = NEAR * self.scale
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
@@ -128,7 +132,7 @@ class Robot(Sets):
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
             free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
-            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else free
+            alike = abs(n * width - most) <= STICKS_OUT * float(self.scale[axis]) if self.periodic[axis] else free
             wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 
@@ -214,7 +218,7 @@ class Robot(Sets):
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
         grid, cells = self.grid, self.cells_at(places)
-        at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
+        at = np.where(self.known, self.ends(cells, self.near), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
         swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
@@ -222,7 +226,7 @@ class Robot(Sets):
 
         def held(moved: Array) -> Array:
             stopped = np.clip(at + moved, *bars)
-            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * 1e-15)
+            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
         moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)
         least, most = moved  # of all that may be its end
@@ -240,9 +244,9 @@ class Robot(Sets):
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
-        h, grown = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:])
+        h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
         for _ in range(30):
-            room = box + OUTWARD * self.known * (grown + 1e-11)
+            room = box + OUTWARD * self.known * (grown + some)
             out = np.stack(self.velocity(j, room, times))
             far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
             if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
@@ -250,17 +254,17 @@ class Robot(Sets):
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
-        room = box + self.known * (far + OUTWARD * 1e-11)  # all that is reached from the box within the piece
+        room = box + self.known * (far + OUTWARD * some)  # all that is reached from the box within the piece
         out = np.stack(self.velocity(j, room, times))
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
-            face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
+            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]
             out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
         """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
-        fits, cells = np.ones(len(places), np.bool_), self.cells_at(places)
+        fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (_, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
@@ -268,7 +272,7 @@ class Robot(Sets):
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))
                 first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
-            fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
+            fits &= (first <= moved[0, :, axis] + sticks[axis]) & (moved[1, :, axis] <= last + sticks[axis])
         return fits
 
     def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
@@ -278,7 +282,7 @@ class Robot(Sets):
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)
             apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-            return np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
+            return np.all(apart * self.delay <= room * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
 
         return everywhere(near, boxes, self.known, NEAREST)
 
@@ -309,9 +313,9 @@ class Robot(Sets):
         for part in self.unsafe:
             own, left = list(part.axes), np.flatnonzero(out)
             if not part.moving:  # often the whole tube at once will do
-                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
+                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
-                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR
+                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near
                 when = times[0] - self.jitter, times[1] + self.jitter
                 good = self.outside(part, box[..., own], self.always if not part.moving else when, depth)
                 good |= ~there[left, piece]
@@ -340,14 +344,14 @@ class Robot(Sets):
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
             a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
-            left |= (b < grid.lower[axis] - NEAR) & self.safe[axis, 0]
-            left |= (a > grid.upper[axis] + NEAR) & self.safe[axis, 1]
+            left |= (b < grid.lower[axis] - self.near[axis]) & self.safe[axis, 0]
+            left |= (a > grid.upper[axis] + self.near[axis]) & self.safe[axis, 1]
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
         times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
-        box, out = self.ends(self.cells(numbers), NEAR + self.off), np.ones(len(numbers), np.bool_)
+        box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)
         for part in self.unsafe:
             out &= self.outside(part, box[..., list(part.axes)], times)
         if self.target is None:

@@ -93,7 +93,7 @@ MUTATIONS = {
     "a period nearly as it is": (ROBOTS_PY, "length / 2**40 if", "length if", "a period that is a guess"),
     "cells that move alike are alike": (
         ROBOTS_PY,
-        "abs(n * width - most) <= STICKS_OUT",
+        "abs(n * width - most) <= STICKS_OUT * float(self.scale[axis])",
         "True",
         "cells that are not alike",
     ),
@@ -156,12 +156,12 @@ MUTATIONS = {
         "self.velocity(j, face, times)[0][:, axis]",
         "less growth",
     ),
-    "states near a cell": (ROBOTS_PY, "self.ends(cells, NEAR)", "self.ends(cells)", "states near a cell"),
+    "states near a cell": (ROBOTS_PY, "self.ends(cells, self.near)", "self.ends(cells)", "states near a cell"),
     "what an image may stick out": (ROBOTS_PY, "STICKS_OUT = 2e-13", "STICKS_OUT = 2e-10", "states near a cell"),
-    "the lower end of an image": (ROBOTS_PY, "(first <= moved[0, :, axis] + STICKS_OUT)", "True", "a shorter move"),
+    "the lower end of an image": (ROBOTS_PY, "(first <= moved[0, :, axis] + sticks[axis])", "True", "a shorter move"),
     "the upper end of an image": (
         ROBOTS_PY,
-        "(moved[1, :, axis] <= last + STICKS_OUT)",
+        "(moved[1, :, axis] <= last + sticks[axis])",
         "True",
         "a move that ends too early",
     ),
@@ -276,13 +276,13 @@ MUTATIONS = {
     ),
     "states near a tube": (
         ROBOTS_PY,
-        "(whole[:, left] + OUTWARD * 2 * NEAR)",
+        "(whole[:, left] + OUTWARD * 2 * self.near)",
         "whole[:, left]",
         "a set nearer than rounding",
     ),
     "states near a part of a tube": (
         ROBOTS_PY,
-        "np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR",
+        "np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near",
         "np.moveaxis(swept[at[left], piece], 1, 0)",
         "a moving set nearer than rounding",
     ),
@@ -352,14 +352,14 @@ MUTATIONS = {
     ),
     "wholly past a lower end": (
         ROBOTS_PY,
-        "left |= (b < grid.lower[axis] - NEAR)",
-        "left |= (a < grid.lower[axis] - NEAR)",
+        "left |= (b < grid.lower[axis] - self.near[axis])",
+        "left |= (a < grid.lower[axis] - self.near[axis])",
         "a rock at a safe end",
     ),
     "wholly past an upper end": (
         ROBOTS_PY,
-        "left |= (a > grid.upper[axis] + NEAR)",
-        "left |= (b > grid.upper[axis] + NEAR)",
+        "left |= (a > grid.upper[axis] + self.near[axis])",
+        "left |= (b > grid.upper[axis] + self.near[axis])",
         "a rock at the upper safe end",
     ),
     "what is not clear": (
@@ -393,7 +393,7 @@ MUTATIONS = {
         "(self.time(step), self.time(step))",
         "a goal beside an uncertain clock",
     ),
-    "predictions in a goal": (ROBOTS_PY, "NEAR + self.off), np.ones", "NEAR), np.ones", "a goal beside an error"),
+    "predictions in a goal": (ROBOTS_PY, "self.near + self.off), np.ones", "self.near), np.ones", "a goal beside an error"),
     "sets that grow": (
         ROBOTS_PY,
         "if self.stays else (less & ~here)",
@@ -512,7 +512,7 @@ MUTATIONS = {
     "errors on each axis": (READING, "isinstance(values, list) and len(values) == count", "True", "head: error"),
     "errors of at least 0": (READING, "* ndim, ndim, 0.0)", "* ndim, ndim)", "head: an error below zero"),
     "some inputs": (ROBOTS_PY, "expect(1 <= self.count <= MOST_INPUTS", "expect(True", "head: no inputs"),
-    "whole steps": (ROBOTS_PY, "expect(is_whole(self.steps, 1)", "expect(True", "head: steps"),
+    "whole steps": (ROBOTS_PY, "expect(is_whole(self.steps, 1, MOST_STEPS)", "expect(True", "head: steps"),
     "some parts": (ROBOTS_PY, "expect(is_whole(self.parts, 1, MOST_COUNTED)", "expect(True", "head: parts"),
     "some cells": (
         READING,
