@@ -24,6 +24,7 @@ import numpy as np
 
 from sdhj.certified.check.bits import Array
 
+FEW_DIGITS = 14  # of a decimal that is no rounded number, such as that of pi
 MOST_COUNTED = 1000  # parts, and levels of an input
 MOST_STEPS = 10**6
 LARGEST, SMALLEST = 1e120, 1e-120  # of a number in the head, and of one above 0: products are numbers, in any units
@@ -39,8 +40,11 @@ PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing th
 
 
 def decimal(value: float) -> Fraction:
-    """The decimal that a number is written as."""
-    return Fraction(str(value))
+    """The decimal that a number is written as, times a power of two; the number itself if none has few digits."""
+    part, power = math.frexp(value)
+    scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
+    digits, text, by = min((len(re.sub("e.*|[-.]", "", text).strip("0")), text, by) for text, by in scaled)
+    return Fraction(text) * Fraction(2) ** by if digits <= FEW_DIGITS else Fraction(value)
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
