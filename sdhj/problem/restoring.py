@@ -79,7 +79,7 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
     pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
-    if not _near(head["inputs"], problem.inputs):
+    if not near(head["inputs"], problem.inputs):
         found.append(f"inputs are {head['inputs'].tolist()} there and {problem.inputs.tolist()} here")
     if (opaque := sorted(head["formulas"]["opaque"])) != sorted(problem.opaque):
         found.append(f"its black boxes are {opaque} there and {sorted(problem.opaque)} here")
@@ -91,12 +91,12 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
             found.append(f"the formula of {name} is another")
     for name in problem.opaque:
         kept, values = arrays.get(f"opaque/{name}", np.empty(0)), blackbox_values(problem, name)
-        if not _near(kept, values):
+        if not near(kept, values):
             found.append(f"the values of {name} differ by more than rounding")
     return "; ".join(found)
 
 
-def _near(one: FloatArray, other: FloatArray) -> bool:
+def near(one: FloatArray, other: FloatArray) -> bool:
     """Whether arrays agree to `CLOSE` of the largest number of their column."""
     most = np.abs(other).max(axis=0, initial=0.0)
     return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())
