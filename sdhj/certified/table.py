@@ -18,7 +18,7 @@ from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
-from sdhj.problem.checks import real_array, states_array
+from sdhj.problem.checks import number, real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
@@ -243,6 +243,33 @@ class CertifiedTable(Table):
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
+
+    def steps_of_rounding(self, rounding: float = 1e-14) -> int:
+        """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
+
+        `contains` counts closed cells. Of later states those count, too, that are off a cell by the shell, 1e-10 of the
+        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out of its cells by twice
+        `DRIFT`, 2e-13 of it, which is all that the checker lets in, and the robot's own state is rounded. A table that
+        holds for ever holds for so many steps in which all of that falls to one side, and again from every state that
+        `contains` says.
+
+        Parameters
+        ----------
+        rounding : float
+            What the robot, or what simulates it, rounds in a step, as a share of the largest coordinate.
+
+        Returns
+        -------
+        int
+            shell / (2 DRIFT + rounding), the least of all axes: some 476 for any robot but the arm.
+
+        Raises
+        ------
+        ValueError
+            If `rounding` is no number of at least 0.
+        """
+        each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
+        return int((self.proof.shell / each).min())
 
     def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
         """Why a state is not certified: which obligation of the proof each input fails, and what may help.

@@ -18,7 +18,11 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
     angles and cell are halved (`link_clear`).
 5.  *Goals*: the cells of S_k^0 are inside the target at t_k (`tip_inside`), and clear of everything at that instant.
 6.  *Rounding* is bounded once for all numbers that are let in (`separation`), and a state counts as in a cell up to
-    1e-10 from it (`moved`).
+    1e-10 from it (`moved`), in metres and radians; of other robots all that is allowed is a share of the coordinates.
+7.  *The file* describes what its head names: the digest of the problem is computed from what is read of it, names of
+    axes and sets included (`reading`), and an arm's recipe makes what the head describes (`recipe`). A forger may write
+    the digest of another problem as well: only who has the problem finds that, by `sdhj verify --problem` or
+    `sdhj.load(path, problem=...)`, which compare it with the file's.
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
