@@ -12,7 +12,6 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.restoring import arrays_of, described
 
-
 TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")
 
 
@@ -29,7 +28,7 @@ def digest(told: dict[str, Any], arrays: h5py.File) -> str:
 
 @contextmanager
 def forged(path: Any, *, named: bool = False) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """What the file tells and its arrays, both to be changed. Named: the head then names what it tells, if that can be."""
+    """What the file tells and its arrays, both to be changed. Named: the head then names what it tells, if it can."""
     first, _, text, *_ = path.read_bytes().split(b"\n", 3)
     told = json.loads(text)
     with h5py.File(path, "r+") as arrays:

@@ -199,7 +199,7 @@ def test_what_is_described_is_what_the_head_names(name, saved, tmp_path):
     sdhj.load(path, problem=given)
     with forged(path) as parts:
         forge(*parts)
-    with pytest.raises(sdhj.TableFileError, match="was changed after it was written|can(not)? be read"):
+    with pytest.raises(sdhj.TableFileError, match=r"was changed after it was written|can(not)? be read"):
         sdhj.load(path, problem=given)
     with pytest.raises(ValueError, match="its head must name the problem that it describes"):
         verify(path, given, progress=False)
@@ -212,7 +212,7 @@ def test_who_has_the_problem_finds_what_its_name_hides(name, saved, tmp_path):
     path = shutil.copy(saved(make), tmp_path / "forged.h5")
     with forged(path, named=True) as (told, arrays):
         forge(told, arrays)
-    with pytest.raises(sdhj.TableFileError, match="another problem|can(not)? be read"):
+    with pytest.raises(sdhj.TableFileError, match=r"another problem|can(not)? be read"):
         sdhj.load(path, problem=problem(make))
 
 
@@ -308,7 +308,7 @@ def test_a_recipe_of_another_arm_is_found(name, arm, tmp_path):
         ARMS[name](*parts)
     with pytest.raises(sdhj.TableFileError):
         sdhj.load(path)
-    with pytest.raises(ValueError, match="of the head must be|make no sense"):
+    with pytest.raises(ValueError, match=r"of the head must be|make no sense"):
         verify(path, samples=1, progress=False)
 
 

@@ -1,9 +1,10 @@
 """Cells of a certified set, axis by axis, in exact arithmetic.
 
 A certificate must not depend on how a machine rounds 0.3 * 0.1. So the numbers of a problem are read as the decimals
-they are written as (times a power of two, so that units of these make no difference), and cells, velocities and moves are `Fraction`s. Where cells are a whole fraction of what the
-disturbance moves the state in one interval, the image of a cell is a whole number of cells and nothing is lost to
-rounding it outward: `aligned_width` picks such cells. An image counts as in cells that it exceeds by `DRIFT`.
+they are written as (times a power of two, so that units of these make no difference), and cells, velocities and moves
+are `Fraction`s. Where cells are a whole fraction of what the disturbance moves the state in one interval, the image of
+a cell is a whole number of cells and nothing is lost to rounding it outward: `aligned_width` picks such cells. An image
+counts as in cells that it exceeds by `DRIFT`.
 
 A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, narrow against
 `DRIFT`; the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.

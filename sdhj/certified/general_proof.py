@@ -65,7 +65,9 @@ def lattice_of(
             np.cumsum(counted, axis=k, out=counted)
         sums.append(counted.ravel())
     laps = sizes * np.where(own.periodic, 2, 1)
-    return Boxes(np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW * scale, np.stack(sums))
+    return Boxes(
+        np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW * scale, np.stack(sums)
+    )
 
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
@@ -133,7 +135,9 @@ class GeneralProof(Images):
         """Which inputs are certified for states (M, ndim), bool (M, L); S_k^n and S_{k+1}^{n-1} as blocks of a pool."""
         out = np.empty((len(states), len(self.problem.inputs)), np.bool_)
         clear = self.clear[min(step, len(self.clear) - 1)]
-        certified_inputs(np.ascontiguousarray(states), self.cells, self.shell, self.moves(step), clear, following, pool, out)
+        certified_inputs(
+            np.ascontiguousarray(states), self.cells, self.shell, self.moves(step), clear, following, pool, out
+        )
         return out
 
     @property
@@ -167,7 +171,9 @@ class GeneralProof(Images):
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        return Placed(counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell)
+        return Placed(
+            counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell
+        )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""

@@ -248,10 +248,10 @@ class CertifiedTable(Table):
         """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
 
         `contains` counts closed cells. Of later states those count, too, that are off a cell by the shell, 1e-10 of the
-        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out of its cells by twice
-        `DRIFT`, 2e-13 of it, which is all that the checker lets in, and the robot's own state is rounded. A table that
-        holds for ever holds for so many steps in which all of that falls to one side, and again from every state that
-        `contains` says.
+        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out of its cells by
+        twice `DRIFT`, 2e-13 of it, which is all that the checker lets in, and the robot's own state is rounded. A
+        table that holds for ever holds for so many steps in which all of that falls to one side, and again from every
+        state that `contains` says.
 
         Parameters
         ----------

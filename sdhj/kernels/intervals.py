@@ -61,8 +61,8 @@ def widened(low, high, share, tiny, zero):
 def summed(a, b, c, d):
     """a + b and c + d, each moved outward only where it is not already beyond the exact sum.
 
-    What rounding took away is a number, of the sign that it says (Knuth's sum of two): so a sum that is exact stays, and
-    where a set ends with its border at the end of the grid, as |x - 9.25| - 0.25 does at 9.5, that is still in it.
+    What rounding took away is a number, and its sign is known (Knuth's sum of two). So a sum that is exact stays, and
+    where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, it is still in it.
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)

@@ -10,13 +10,15 @@ from sdhj.formulas.formula import Formula, restored
 from sdhj.formulas.text import CLOSE, FORMAT, alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
-from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, arrays_of, blackbox_values, described
+from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, blackbox_values
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
     """The tables that formulas look up, in the order of their numbers."""
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
+    for values in found.values():
+        values.setflags(write=False)  # so that formulas share them (`Lookup.of`)
     return [found[number] for number in range(len(found))]
 
 

@@ -415,7 +415,10 @@ class Controller:
                 f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
             )
         late = time - k * problem.delta
-        missed = abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time) or k != (last.step if last else -1) + 1
+        missed = (
+            abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
+            or k != (last.step if last else -1) + 1
+        )
         step, previous = 0 if problem.timeless else k, last.input if last else None
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         batch = self.batch(state[None], step)

@@ -1,8 +1,8 @@
 """Robots in other units: nothing that is allowed for rounding has a unit of its own.
 
-A robot is stated in units of `length`, for each axis, and of `time`; its tables are those of the same robot in metres and
-seconds. By powers of two every number is scaled exactly, so tables are equal bit for bit; by others, within a cell or a
-node.
+A robot is stated in units of length, for each axis, and of time; its tables are those of the same robot in metres and
+seconds. By powers of two every number is scaled exactly, so tables are equal bit for bit; by others, within a cell or
+a node.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,9 @@ def plane(units, stays=False, sensing=None, black=False):
     return sdhj.ReachAvoidProblem(
         axes(units, [-2, -2], [2, 2], [21, 21]),
         sdhj.Dynamics(inputs, inputs, np.eye(2), [0.1 * a / s, 0.1 * b / s]),
-        None if stays else sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 0.9, p[:, 1] / b - 0.7) - 0.5)),
+        None
+        if stays
+        else sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 0.9, p[:, 1] / b - 0.7) - 0.5)),
         [sdhj.UnsafeSet((0, 1), sdhj.BlackBox(post, slope=a / min(a, b), rate=0.0) if black else post, name="post")],
         0.25 * s,
         None if stays else 3,
@@ -82,7 +84,10 @@ def car(units):
     return sdhj.ReachAvoidProblem(
         axes(units, [-2, -2, -np.pi], [2, 2, np.pi], [11, 11, 8], periodic=[False, False, True]),
         sdhj.Dynamics(
-            [[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)], drift, [[1, 0], [0, 1], [0, 0]], [0.1 * a / s, 0.1 * b / s]
+            [[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)],
+            drift,
+            [[1, 0], [0, 1], [0, 0]],
+            [0.1 * a / s, 0.1 * b / s],
         ),
         sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 1.2, p[:, 1] / b - 0.8) - 0.6)),
         [sdhj.UnsafeSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a, p[:, 1] / b) - 0.3))],
@@ -142,7 +147,9 @@ ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solv
 @cache
 def solved(name, units, method):
     make, _, cells, _ = ROBOTS[name]
-    return sdhj.solve(make(units), sdhj.Certified(cells) if method == "certified" else method, progress=False, play=False)
+    return sdhj.solve(
+        make(units), sdhj.Certified(cells) if method == "certified" else method, progress=False, play=False
+    )
 
 
 def in_units(name, length, time=1.0):

@@ -17,7 +17,18 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    Sensing,
+    Sets,
+    array,
+    decimal,
+    expect,
+    is_whole,
+    real,
+    reals,
+    sizes,
+)
 from sdhj.certified.check.recipe import expect_recipe
 from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World

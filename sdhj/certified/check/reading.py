@@ -31,7 +31,7 @@ LARGEST, SMALLEST = 1e120, 1e-120  # of a number in the head, and of one above 0
 MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
 MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
-MOST_TABLE = 1 << 27  # bytes of a table
+MOST_TABLES = 1 << 30  # bytes of all tables together
 MOST_CHUNK = 1 << 24  # numbers that are unpacked at once, or all of the array
 MOST_ON_AN_AXIS = 10**6  # cells
 TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # of the problem
@@ -84,8 +84,8 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             head = dict(json.loads(stream.readline(MOST_TEXT)))
             with h5py.File(stream, "r") as arrays:
                 expect_room(sizes(arrays))
-                own = digest(head, arrays)
-                expect(head["digest"] == own, f"its head must name the problem that it describes, {own}", head["digest"])
+                own, named = digest(head, arrays), head["digest"]
+                expect(named == own, f"its head must name the problem that it describes, {own}", named)
                 yield head, arrays
         except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
             raise ValueError(
@@ -108,8 +108,9 @@ def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
         link = arrays.get(group, getlink=True)
         expect(link is None or isinstance(link, h5py.HardLink), f"{group} must be in the file itself", link)
         for name in arrays[group] if link else ():
-            values = array(arrays, f"{group}/{name}", np.float64, ..., most=MOST_TABLE)
-            held[f"{group}/{name}"] = [list(values.shape), hashlib.sha256(values.astype("<f8").tobytes()).hexdigest()]
+            values = array(arrays, f"{group}/{name}", np.float64, ..., most=MOST_TABLES)
+            own = hashlib.sha256(np.ascontiguousarray(values, "<f8").data.cast("B") if values.size else b"")
+            held[f"{group}/{name}"] = [list(values.shape), own.hexdigest()]
     return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
 
 
@@ -122,26 +123,28 @@ def sizes(arrays: h5py.File) -> int:
 
 def expect_room(needed: int) -> None:
     """ValueError where so many bytes are more than can still be had of the machine, this process or its group."""
-    free = min(free_memory())
-    expect(needed <= free, f"there must be memory for the check, which takes {needed / 1e9:.3g} GB", f"{free / 1e9:.3g}")
+    free, most = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
+    shown = f"{needed / 1e9:.3g} GB" if most < 300 else f"10^{most:.0f} bytes"
+    expect(needed <= free, f"there must be memory for the check, which takes {shown}", f"{free / 1e9:.3g}")
 
 
 def free_memory() -> Iterator[float]:
     """Bytes that are free, as far as the system says so."""
     yield math.inf
     with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
-        lines = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
-        yield 1024 * int(lines["MemAvailable"].split()[0])
+        found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
+        yield 1024 * int(found["MemAvailable"].split()[0])
     with suppress(OSError, LookupError, ValueError):
         limit, used = (Path(f"/sys/fs/cgroup/memory.{n}").read_text(encoding="ascii") for n in ("max", "current"))
-        kept = dict(line.split() for line in Path("/sys/fs/cgroup/memory.stat").read_text(encoding="ascii").splitlines())
+        lines = Path("/sys/fs/cgroup/memory.stat").read_text(encoding="ascii").splitlines()
+        kept = dict(line.split() for line in lines)
         yield int(limit) - int(used) + int(kept["inactive_file"])
     with suppress(OSError, LookupError, ValueError, ImportError):
         import resource  # where there is ulimit
 
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        yield math.inf if limit == resource.RLIM_INFINITY else limit - pages * resource.getpagesize()
+        yield math.inf if most == resource.RLIM_INFINITY else most - pages * resource.getpagesize()
 
 
 def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:

@@ -1,4 +1,4 @@
-"""Whether the recipe of a case study, of which an arm's claims are, makes the robot that the head of its file describes.
+"""Whether the recipe of a case study, of which an arm's claims are, makes the robot that its file describes.
 
 Numbers are compared with those of the recipe, and the formulas of the sets, at some states, with distances worked out
 here: the digest of a file is of what its head describes, and the proof of what its recipe says.
@@ -37,9 +37,10 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
     target, unsafe = functions.parts(head["sets"], 4)
     own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
     own += [lambda q, t: arm_to(q, q[:, 2:], scene) - (given["pursuer_radius"] + given["half_width"])] * chased(scene)
+    parts: list[Any] = [target, *unsafe]
     expect(target is not None and len(unsafe) == len(own), "sets of the head must be those of its recipe", len(unsafe))
-    states = np.random.default_rng(0).uniform(-upper, upper, (STATES, 4))
-    for part, value in zip((target, *unsafe), (lambda q, t: goal(q, t, scene), *own), strict=True):
+    states: Array = np.random.default_rng(0).uniform(-upper, upper, (STATES, 4))
+    for part, value in zip(parts, (lambda q, t: goal(q, t, scene), *own), strict=True):
         for t in np.linspace(0.0, given["delta"] * given["steps"], 5).tolist():
             least, most = part.function.bounds(*[states[:, list(part.axes)]] * 2, (t, t))
             same = near(least[:, 0], value(states, t)) and near(most[:, 0], value(states, t))

@@ -30,7 +30,20 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_STEPS, SMALLEST, Sensing, Sets, array, decimal, expect, is_whole, real, reals, sizes
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    MOST_STEPS,
+    SMALLEST,
+    Sensing,
+    Sets,
+    array,
+    decimal,
+    expect,
+    is_whole,
+    real,
+    reals,
+    sizes,
+)
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -100,7 +113,8 @@ class Robot(Sets):
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
         chosen = cells if samples is None else min(samples, cells)
         swept = min(places, chosen) * 16 * ndim * (parts + 20)
-        return sizes(arrays) + cells * (10 + 9 * 2 ** sum(map(bool, head["grid"]["periodic"]))) + chosen * 8 * (6 * ndim + 2) + swept
+        of_a_set = cells * (10 + 9 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        return sizes(arrays) + of_a_set + chosen * 8 * (6 * ndim + 2) + swept
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
@@ -401,8 +415,9 @@ class Robot(Sets):
         if self.sensing:
             yield Claim("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
-        chosen = np.zeros(size, np.bool_)
-        chosen[slice(None) if samples is None else np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
+        chosen = np.full(size, samples is None)
+        if samples is not None:
+            chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
         if samples is not None and balls.INSTALLED:

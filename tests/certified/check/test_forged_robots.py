@@ -393,7 +393,12 @@ MUTATIONS = {
         "(self.time(step), self.time(step))",
         "a goal beside an uncertain clock",
     ),
-    "predictions in a goal": (ROBOTS_PY, "self.near + self.off), np.ones", "self.near), np.ones", "a goal beside an error"),
+    "predictions in a goal": (
+        ROBOTS_PY,
+        "self.near + self.off), np.ones",
+        "self.near), np.ones",
+        "a goal beside an error",
+    ),
     "sets that grow": (
         ROBOTS_PY,
         "if self.stays else (less & ~here)",
