@@ -11,6 +11,8 @@ from sdhj.formulas.text import CLOSE, FORMAT, alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, blackbox_values
+from sdhj.problem.problem import arrays_of as arrays_of
+from sdhj.problem.problem import described as described
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 

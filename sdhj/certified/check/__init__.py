@@ -74,6 +74,8 @@ def verify(
     ValueError
         Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
         check; and for samples or a seed that make no sense.
+    MemoryError
+        Where more memory is needed than is free, before any is taken.
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)

@@ -122,10 +122,14 @@ def sizes(arrays: h5py.File) -> int:
 
 
 def expect_room(needed: int) -> None:
-    """ValueError where so many bytes are more than can still be had of the machine, this process or its group."""
-    free, most = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
-    shown = f"{needed / 1e9:.3g} GB" if most < 300 else f"10^{most:.0f} bytes"
-    expect(needed <= free, f"there must be memory for the check, which takes {shown}", f"{free / 1e9:.3g}")
+    """MemoryError where so many bytes are more than can still be had of the machine, this process or its group."""
+    free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
+    if needed > free:
+        shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
+        raise MemoryError(
+            f"to check the file takes {shown} of memory, and {free / 1e9:.3g} GB are free; check some of its cells with "
+            "samples=1000, or use a machine with more memory"
+        )
 
 
 def free_memory() -> Iterator[float]:

@@ -138,8 +138,8 @@ MUTATIONS = {
     "room to stay in": (ROBOTS_PY, "(~self.known | (OUTWARD * (room - box - far) > 0)).all()", "True", "less growth"),
     "all that is reached from the box": (
         ROBOTS_PY,
-        "(far + OUTWARD * 1e-11)  #",
-        "(OUTWARD * 1e-11)  #",
+        "(far + OUTWARD * some)  #",
+        "(OUTWARD * some)  #",
         "a speed that grows",
     ),
     "a closer tube": (ROBOTS_PY, "room = box + self.known * (far", "room = room + 0 * (far", "rail"),
@@ -443,10 +443,10 @@ MUTATIONS = {
     "black boxes are tried": (DESCRIBED, "expect(not wrong.size, what,", "expect(True, what,", "a slope of 0"),
     "values above what is stated": (DESCRIBED, " | (value > most + near)", "", "an enclosure that ends below"),
     "values below what is stated": (DESCRIBED, "(value < least - near) | ", "", "an enclosure that begins above"),
-    "a slope counts": (DESCRIBED, "slope * np.linalg.norm(half, axis=1, keepdims=True)", "0.0 * half[:, :1]", "hidden"),
+    "a slope counts": (DESCRIBED, "slope * np.linalg.norm(by, axis=1, keepdims=True)", "0.0 * by[:, :1]", "hidden"),
     "a rate counts": (
         DESCRIBED,
-        "far + np.array(rate) * (times[1] - times[0]) / 2",
+        "far + duration * (0.0 if rate is None else np.array(rate))",
         "far + 0.0",
         "hidden and moving",
     ),
