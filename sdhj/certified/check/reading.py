@@ -127,7 +127,7 @@ def expect_room(needed: int) -> None:
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
         raise MemoryError(
-            f"to check the file takes {shown} of memory, and {free / 1e9:.3g} GB are free; check some of its cells with "
+            f"to check the file takes {shown} of memory, and {free / 1e9:.3g} GB are free; check some cells with "
             "samples=1000, or use a machine with more memory"
         )
 
