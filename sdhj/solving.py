@@ -22,7 +22,7 @@ from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import Sets, recursion
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import PLAYER, Table
-from sdhj.table.files import arrays_in, opened, problem_of_file
+from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -198,6 +198,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (head, file):
-        problem = problem_of_file(path, head, arrays_in(file), problem)
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
+        require_entries(head, file)
+        problem = problem_of_file(path, head, arrays_in(file), problem)
         return kind.read(head, file, problem)

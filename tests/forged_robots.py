@@ -424,7 +424,7 @@ class Forgery:
         path.write_bytes(whole)
         if self.becomes:
             describe(path, self.becomes())
-        with forged(path) as (told, arrays):
+        with forged(path, named=True) as (told, arrays):
             self.forge(told, arrays)
         return path
 

@@ -10,7 +10,7 @@ with n - 1 to go. It knows the state and the input, as in the game that is solve
                in the cell, covered by cells of Lost_{k+1}^{n-1}.
 
 Each line is a sufficient condition for all states of a cell, so no state of a lost cell is won, whatever the controller
-does: in the first everything is bounded over the whole cell, with STATE_SLACK around it; in the second one v serves
+does: in the first everything is bounded over the whole cell, with the shell around it; in the second one v serves
 every state of the cell, and by induction all states of the image are lost. The target is asked about at n = 0 and then
 again in Lost^{n-1}. What has left over an unsafe end is lost, so of an image only the part between the ends is looked
 at, and nothing where all of it is past one by a cell. The adversary's other choices, and hits between two sampling

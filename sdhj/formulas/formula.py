@@ -267,7 +267,7 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
     """Raise ValueError where a function's values (M, *shape) at points (M, n) are not those of its formula.
 
-    NumPy may add in another order. Where values differ by more than `NEARLY` (1 + |value|), it is the formula's
+    NumPy may add in another order. Where values differ by more than `NEARLY` of the largest, it is the formula's
     intervals that they must be in, widened by 4 units in the last place and by their width; to compile those takes
     seconds, and few functions need them.
     """
@@ -276,7 +276,8 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
     with np.errstate(all="ignore"):
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
         own = formula(points, *parameters, finite=False).reshape(len(points), -1)
-        if (~np.isfinite(own) | (np.abs(own - values) <= NEARLY * (1.0 + np.abs(own)))).all():
+        largest = np.abs(np.where(np.isfinite(own), own, 0.0)).max(axis=0, initial=0.0)
+        if (~np.isfinite(own) | (np.abs(own - values) <= NEARLY * largest)).all():
             return
     ends = formula.bounds(points, points, *((t, t) for t in parameters))
     low, high = (end.reshape(len(points), -1) for end in ends)
@@ -392,12 +393,19 @@ class BlackBox:
         if self.slope is None or (time[0] != time[1] and self.rate is None):
             what = "a slope" if self.slope is None else "a rate"
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        value, half = np.asarray(self((low + high) / 2, sum(time) / 2)), (high - low) / 2
-        slope = np.broadcast_to(self.slope, (half.shape[1],) * 2) if self.shape else np.asarray(self.slope)
-        far = half @ slope.T if slope.ndim else slope * np.sqrt((half**2).sum(axis=1))
-        far = far + (time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))
-        far = far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
-        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
+        centre, middle = (low + high) / 2, sum(time) / 2
+        value = np.asarray(self(centre, middle))
+        slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
+
+        def change(by: FloatArray, duration: float) -> FloatArray:
+            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))
+            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))
+            return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
+
+        # How it is rounded nobody says: a millionth of a thousandth of what it is and may change by from zero on is
+        # ten million roundings of numbers of that size, in any units.
+        size = np.abs(value) + change(np.abs(centre), abs(middle))
+        far = change((high - low) / 2, (time[1] - time[0]) / 2) * (1 + 1e-9) + 1e-9 * size
         return value - far, value + far
 
     apart = bounds  # it is as its author says

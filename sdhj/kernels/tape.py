@@ -409,10 +409,10 @@ def _direct_bounds(op, room, i, j, k, last, count):
     c, out = room[2 * last : 2 * last + 2], room[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] + b[0, m], a[1, m] + b[1, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], b[0, m], a[1, m], b[1, m])
     elif op == SUB:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] - b[1, m], a[1, m] - b[0, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], -b[1, m], a[1, m], -b[0, m])
     elif op == MUL:
         for m in range(count):
             out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])

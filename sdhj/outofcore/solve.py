@@ -24,8 +24,7 @@ from sdhj.problem.checks import whole
 from sdhj.problem.cost import Cost, Meter, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
-from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.restoring import arrays_of
+from sdhj.problem.problem import ReachAvoidProblem, arrays_of
 from sdhj.solver.avoid import dangers, never_felt
 from sdhj.solver.games import KEPT, Axes, HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of

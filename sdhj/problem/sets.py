@@ -23,7 +23,7 @@ VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # factor inside sets of sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
-LARGEST = 1e9  # level-set value: beyond it, differences in single precision are only rounding, and overflow is near
+LARGEST = 1e15  # level-set value: beyond it squares of differences overflow in single precision
 
 
 @dataclass(frozen=True)

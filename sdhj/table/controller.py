@@ -22,7 +22,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
-CLOCK = 1e-9  # rounding of times, s
+CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
 
@@ -438,7 +438,10 @@ class Controller:
                 f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
             )
         late = time - k * problem.delta
-        missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
+        missed = (
+            abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
+            or k != (last.step if last else -1) + 1
+        )
         step, previous = 0 if problem.timeless else k, last.input if last else None
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         batch = self.batch(state[None], step)
