@@ -33,9 +33,9 @@ def tidal(**changes):
     """dx = u + sin(3 t) + (1 + u^2 / 4) v, dy = cos(2 t) - v / 2, |v| <= 0.1 + 0.3 |u| + 0.2 t."""
     parts = {
         "inputs": [[-1.0], [0.0], [2.0]],
-        "drift": lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2 * t)]),
-        "gain": lambda u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
-        "bounds": lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
+        "drift": lambda q, u, t: np.array([u[0] + np.sin(3 * t), np.cos(2 * t)]),
+        "gain": lambda q, u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
+        "bounds": lambda q, u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
     }
     return Dynamics(**parts | changes)
 
@@ -61,7 +61,7 @@ def turning(**changes):
         "inputs": [[0.0], [1.0]],
         "drift": drift,
         "gain": lambda points, t: points[:, :, None] * (1 + t),
-        "bounds": lambda u: [0.2 + abs(u[0]) / 2],
+        "bounds": lambda q, u: [0.2 + abs(u[0]) / 2],
     }
     return Dynamics(**parts | changes)
 
@@ -223,9 +223,9 @@ def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
     ("change", "said"),
     [
         ({"drift": lambda p: p[:, :1]}, r"drift must return shape \(M, 2\), got \(M, 1\)"),
-        ({"drift": lambda u: [1.0]}, r"drift under input 0 must return shape \(2,\), got \(1,\)"),
+        ({"drift": lambda q, u: [1.0]}, r"drift under input 0 must return shape \(2,\), got \(1,\)"),
         ({"gain": lambda p: p}, r"gain must return shape \(M, 2, 1\), got \(M, 2\)"),
-        ({"gain": lambda t: [t]}, r"gain must return shape \(2, 1\), got \(1,\)"),
+        ({"gain": lambda q, t: [t]}, r"gain must return shape \(2, 1\), got \(1,\)"),
         ({"bounds": lambda t: 0.1}, r"bounds must return the half-widths .* of v, shape \(D,\), got \(\)"),
         ({"bounds": lambda q, t: q[:, 0]}, r"bounds must return the half-widths .* shape \(M, D\), got \(M,\)"),
         ({"bounds": lambda t: ["a"]}, "bounds"),
@@ -284,15 +284,15 @@ def test_velocities_that_are_no_formula_or_come_twice_are_refused():
     ("change", "constant", "stateless", "timed", "alike"),
     [
         ({}, True, True, False, True),
-        ({"drift": lambda u: [u[0], 0.0]}, True, True, False, True),
-        ({"drift": lambda u, t: [u[0], t]}, False, True, True, True),
+        ({"drift": lambda q, u: [u[0], 0.0]}, True, True, False, True),
+        ({"drift": lambda q, u, t: [u[0], t]}, False, True, True, True),
         ({"drift": lambda points, u: points}, False, False, False, True),
         ({"gain": lambda points: points[:, :, None]}, False, False, False, True),
-        ({"gain": lambda u: [[u[0]], [1.0]]}, True, True, False, True),  # of one input
-        ({"gain": lambda u: [[u[0]], [1.0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, False, False),
+        ({"gain": lambda q, u: [[u[0]], [1.0]]}, True, True, False, True),  # of one input
+        ({"gain": lambda q, u: [[u[0]], [1.0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, False, False),
         ({"bounds": lambda t: [t]}, False, True, True, True),
-        ({"bounds": lambda u, t: [t]}, False, True, True, True),
-        ({"bounds": lambda u, t: [t * u[0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, True, False),
+        ({"bounds": lambda q, u, t: [t]}, False, True, True, True),
+        ({"bounds": lambda q, u, t: [t * u[0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, True, False),
         ({"bounds": lambda q: np.abs(q[:, :1])}, False, False, False, True),
         ({"drift": lambda points, u: points - points}, True, True, False, True),
         ({"drift": BlackBox(lambda q, u, t: q)}, False, False, True, True),
@@ -392,7 +392,7 @@ def test_velocities_in_time_reach_boxes_in_closed_form(step):
 
 
 def test_extremes_are_those_of_all_vertices():
-    dynamics, t = tidal(gain=[[1.0, -2.0], [0.5, 1.0]], bounds=lambda u, t: [0.1 + t, abs(u[0])]), 0.37
+    dynamics, t = tidal(gain=[[1.0, -2.0], [0.5, 1.0]], bounds=lambda q, u, t: [0.1 + t, abs(u[0])]), 0.37
     extremes = problem_of(dynamics).interval(1).extremes(t)
     for j, u in enumerate([-1.0, 0.0, 2.0]):
         drift = np.array([u + math.sin(3 * t), math.cos(2 * t)])
@@ -577,7 +577,7 @@ FIELDS = {
         lambda: turning(
             drift=lambda points, u, t: np.stack([t * points[:, 1] + u[0], 0 * points[:, 0]], axis=1),
             gain=np.eye(2),
-            bounds=lambda u, t: [0.2 + t, abs(u[0])],
+            bounds=lambda q, u, t: [0.2 + t, abs(u[0])],
         ),
         [(0,), (0, 1), (1,)],
     ),
@@ -630,7 +630,7 @@ def test_velocity_sets_in_time_are_counted_back_from_the_end():
     for tau in (0.0, 0.1, 0.3):
         now = interval.velocities(1, (0,), 0.9 - tau)
         np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
-    still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1])).interval(2)
+    still = problem_of(tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1])).interval(2)
     assert (
         toys.ends_of(still.velocity_field(1, (0,)))[1].tolist() == toys.ends_of(still.velocities(1, (0,)))[1].tolist()
     )
@@ -646,18 +646,18 @@ def digest(**changes):
 def test_the_digest_follows_time_and_input():
     base = digest()
     assert base == digest()
-    assert base != digest(drift=lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
-    assert base != digest(gain=lambda u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
-    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
-    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
+    assert base != digest(drift=lambda q, u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
+    assert base != digest(gain=lambda q, u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
+    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
+    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
     states = turning()
     assert problem_of(states).digest == problem_of(turning()).digest
-    assert problem_of(states).digest != problem_of(turning(bounds=lambda u: [0.2 + abs(u[0]) / 2.01])).digest
+    assert problem_of(states).digest != problem_of(turning(bounds=lambda q, u: [0.2 + abs(u[0]) / 2.01])).digest
 
 
 @pytest.mark.parametrize(
     ("dynamics", "timeless"),
-    [(tidal(), False), (turning(), False), (tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1]), True)],
+    [(tidal(), False), (turning(), False), (tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]), True)],
 )
 def test_what_depends_on_time_is_told_apart(dynamics, timeless):
     assert problem_of(dynamics).timeless is timeless

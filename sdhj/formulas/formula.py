@@ -4,7 +4,6 @@ Both are callable with points and parameters, and have `reads` (which coordinate
 over boxes. Of a formula everything is derived from its graph; of a black box its author declares it.
 """
 
-import inspect
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ from numba import config
 
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.parameters import check_places
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -52,12 +52,12 @@ class Formula:
         ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
         """
         if isinstance(function, BlackBox):
-            return replace(function, name=name)
+            return function.checked(name, names)
         if isinstance(function, Formula):
             if function.coordinates != coordinates or function.parameters != len(names):
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
-        _check_signature(name, function, "points", *names)
+        check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
@@ -284,21 +284,6 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
         )
 
 
-def _check_signature(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError if something is no function, or its signature does not accept the arguments."""
-    expected = f"{name} must be a function of ({', '.join(takes)})"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions have none
-        return
-    try:
-        signature.bind(*takes)
-    except TypeError:
-        raise ValueError(f"{expected}, got a function of {signature}") from None
-
-
 @dataclass(frozen=True, eq=False)
 class BlackBox:
     """A function that cannot be read as a formula, such as a network, with what its author declares of it.
@@ -357,6 +342,18 @@ class BlackBox:
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
         if self.reads is not None:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
+
+    def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
+        """The same by another name; ValueError where its functions take something else.
+
+        rest : what the function takes after the state; `takes`: what the enclosure takes after low and high
+        """
+        if not takes:
+            check_places(name, self.function, ("points",), rest)
+        if self.enclosure is not None:
+            times = takes or ("t0", "t1")
+            check_places(f"enclosure of {name}", self.enclosure, ("low", "high"), times)
+        return replace(self, name=name)
 
     @property
     def timed(self) -> bool:
@@ -450,14 +447,22 @@ def union(*functions: Any) -> Any:
     >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
     array([-0.5,  0.5])
     """
+    _check_sets("union", functions)
     return lambda points, t: reduce(np.minimum, [function(points, t) for function in functions])
 
 
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
+    _check_sets("intersection", functions)
     return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
     """The level-set function of all that is not in a set, from the set's: its negative."""
+    _check_sets("complement", (function,))
     return lambda points, t: -function(points, t)
+
+
+def _check_sets(name: str, functions: Sequence[Any]) -> None:
+    for function in functions:
+        check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

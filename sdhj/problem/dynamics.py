@@ -52,9 +52,10 @@ class Dynamics:
     -----
     Functions are read once, as formulas (`sdhj.formulas`), when a `ReachAvoidProblem` is made; the time t is in s, from
     step 0 on. The first parameter is the state, whatever it is called, and the others are known by the names u, v and
-    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`, `bounds(t)`. Without the state a function
-    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
-    grid before a velocity is evaluated.
+    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`. The state may not: it is an unused first
+    parameter where nothing depends on it, `drift(q, u, t)` with one value for all states, without the leading dimension
+    M, and no first parameter is called u, v or t. Only `bounds(t)` may be without it. Coordinates on periodic axes are
+    wrapped into the grid before a velocity is evaluated.
 
     Examples
     --------
@@ -137,9 +138,9 @@ class Dynamics:
             for j, u in enumerate(self.inputs):
                 t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
 
-                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u) -> Any:
+                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]) -> Any:
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
-                    return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
+                    return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
@@ -152,7 +153,8 @@ class Dynamics:
             given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
             function = partial(_called, given.function, arguments(name, given))
-            return replace(given, function=function, name=name, shape=shape or ())
+            given = given.checked(name, (), ("u", "t0", "t1"))
+            return replace(given, function=function, shape=shape or ())
         if isinstance(given, Formula):
             return given
         if not callable(given):
