@@ -141,7 +141,7 @@ def blown(*, gain=0.2, bound=0.5):
             levels,
             lambda q, u: u + 0.0 * q,
             lambda q: gain * q[:, :, None],
-            lambda u: np.stack([np.where(u[0] > 0, bound, 0.5)]),
+            lambda q, u: np.stack([np.where(u[0] > 0, bound, 0.5)]),
         ),
     )
 

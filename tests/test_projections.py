@@ -117,7 +117,7 @@ def test_an_axis_that_inputs_drive_at_some_time_stays():
     """At t = 0 no input drives anything, later x alone."""
     problem = ReachAvoidProblem(
         Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
-        Dynamics([[0.0], [1.0]], lambda u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
+        Dynamics([[0.0], [1.0]], lambda q, u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
         TargetSet((0,), lambda p, t: p[:, 0]),
         (),
         0.1,

@@ -11,7 +11,9 @@ NAMES = {"u": "the input", "v": "the disturbance", **dict.fromkeys(("t", "t0", "
 STATES = ("points", "q", "x", "p", "state", "states")  # what is called so is no input, disturbance or time
 
 
-def parameters_of(name: str, signature: inspect.Signature, known: Sequence[str]) -> list[inspect.Parameter]:
+def parameters_of(
+    name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
+) -> list[inspect.Parameter]:
     """The positional parameters of a function of the state and then of some that are `known`.
 
     ValueError, with both readings, where the first has the name of another; and where one of these names can only be
@@ -19,7 +21,8 @@ def parameters_of(name: str, signature: inspect.Signature, known: Sequence[str])
     """
     every = signature.parameters.values()
     places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if lost := [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.name in known]:
+    given = getattr(function, "keywords", {})  # by a partial
+    if lost := [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.name in known and p.name not in given]:
         raise ValueError(f"{name} of {signature} never gets {lost[0]}, which stands behind the *: leave the * out")
     if places and (first := places[0].name) in NAMES:
         rest = [p.name for p in places[1:] if p.name in known]
@@ -49,7 +52,7 @@ def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[
         signature = inspect.signature(function)
     except (TypeError, ValueError):  # some compiled functions have none
         return
-    places = parameters_of(name, signature, rest)
+    places = parameters_of(name, function, signature, rest)
     try:
         signature.bind(*takes)
     except TypeError:

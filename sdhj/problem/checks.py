@@ -159,7 +159,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
     if name == "bounds" and [p.name for p in places if p.name in NAMES or p.default is p.empty] == ["t"] and not lost:
         return ("t",)
-    places = parameters_of(name, signature, known[1:])
+    places = parameters_of(name, function, signature, known[1:])
     taken = [p.name for place, p in enumerate(places) if not place or p.name in known[1:] or p.default is p.empty]
     fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]
     if not fits or not set(taken[1:]) <= set(known[1:]) or (name == "bounds" and len(taken) == 1 and taken[0] not in STATES):
