@@ -26,11 +26,12 @@ def parameters_of(
         raise ValueError(f"{name} of {signature} never gets {lost[0]}, which stands behind the *: leave the * out")
     if places and (first := places[0].name) in NAMES:
         rest = [p.name for p in places[1:] if p.name in known]
-        state, other = (f"({', '.join(one)})" for one in (["q", *rest], ["q", *(k for k in known if k in (first, *rest))]))
+        both = [one for one in known if one in (first, *rest)]
+        state, other = (f"({', '.join(['q', *one])})" for one in (rest or known[:1], both or known))
         instead = f"write {other}, with the state before it"
         if first not in known:
-            what = "only a velocity depends on it" if first == "v" else "it does not depend on it"
-            instead = f"{what}: velocity(q, u, v)" if first == "v" else what
+            instead = f"write {other}, which does not depend on it"
+            instead = "only a velocity depends on it, as velocity(q, u, v)" if first == "v" else instead
         raise ValueError(
             f"{name} is a function of {signature}, and its first parameter is the state, whatever it is called; but "
             f"{first} is the name of {NAMES[first]}. If it is the state, write {state}; if it is {NAMES[first]}, "

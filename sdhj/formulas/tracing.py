@@ -213,8 +213,9 @@ def traced(
     try:
         for count in (rows, rows + 1) if again else (rows,):
             answer = _answer(name, function, count, arguments)
-            if per_point and shape != () and answer.ndim == len(shape or "D") and not leaves(answer.flat, "x"):
-                answer = np.broadcast_to(answer, (count, *answer.shape))  # one value for all points
+            alone = answer.ndim == 1 if shape is None else bool(shape) and answer.shape == tuple(shape)
+            if per_point and alone and not leaves(answer.flat, "x"):  # one value for all points
+                answer = np.broadcast_to(answer, (count, *answer.shape))
             one = answer.shape[1:] if per_point else answer.shape
             if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (count,)):
                 shown = tuple("M" if per_point and not k and n == count else n for k, n in enumerate(answer.shape))
