@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
@@ -25,6 +26,8 @@ from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
 
+WIDE = 1e-6  # of an interval at one point, beside 1 or its value: there is a jump
+BESIDE = 1e-7  # of a coordinate, beside 1: so far off is what is not on a line
 MOST_JUMPS = 4  # of one function that are taken apart
 ANGLE_ERROR = 2.0**-48  # more than angles and remainders are rounded by, as a share
 Ends = tuple[FloatArray, FloatArray]
@@ -63,7 +66,7 @@ class Formula:
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
-        return cls(tuple(outputs), coordinates, len(names), (), name, function)
+        return cls(sure_of_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, function)
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
@@ -257,6 +260,30 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
     return code, np.array([top]), results, found, value, places, numbers
 
 
+def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
+    """Nodes that were traced; ValueError where the sign of a zero decides in a whole region, see `zeros`."""
+    rng = np.random.default_rng(0)
+    scales = np.repeat([1.0, 10.0], zeros.POINTS // 2)
+    points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
+
+    def values(nodes: Sequence[Node]) -> FloatArray:
+        one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
+        return one(points, *given, finite=False).T
+
+    wide, times = np.full((1, coordinates), 1e6), [(-1e6, 1e6)] * parameters
+    for one in ordered(outputs):
+        if one.op == "arctan2" and (ys := zeros.signs(one.args[0], values)):
+            x = Formula(one.args[1:], coordinates, parameters)
+            ahead = x.bounds(-wide, wide, *times)[0].item() > 0  # then it is the zero of y
+            if not ahead and (ys != {1.0} or not zeros.signs(one.args[1], values) <= {1.0}):
+                raise NotTraced(
+                    f"{name} has an arctan2(y, x) whose y is 0 in a whole region, where the sign of this zero decides "
+                    "between pi and -pi, or 0 and pi, and formulas do not keep signs of zeros; keep y off 0, as "
+                    "np.maximum(y, 1e-9) does in place of np.maximum(y, 0.0), or x above 0, or wrap it in sdhj.BlackBox"
+                )
+    return tuple(zeros.unsigned(outputs))
+
+
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """A formula from its text."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
@@ -265,8 +292,25 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
     """Raise ValueError where a function's values (M, *shape) at points (M, n) are not in the formula's intervals there.
 
-    Those are widened by 4 units in the last place and by their width, as NumPy may add in another order.
+    Those are widened by 4 units in the last place and by their width, as NumPy may add in another order. Where an
+    interval is wide, as at the jump of an angle, the value has to be the formula's: there, or close by, where a jump
+    that is a line only has been left.
     """
+    values, low, good, differs = _compared(formula, function, points, parameters)
+    if (some := differs.any(axis=1)).any():
+        beside = np.random.default_rng(0).uniform(-BESIDE, BESIDE, points[some].shape) * (1.0 + np.abs(points[some]))
+        good[some] &= ~_compared(formula, function, points[some] + beside, parameters)[3]
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        raise ValueError(
+            f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
+            f"{low[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
+            "functions of the arguments alone, or wrap it in sdhj.BlackBox"
+        )
+
+
+def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
+    """Values (M, K), the formula's, whether they are in its intervals, and whether they differ in wide ones."""
     given = points.copy()
     given.setflags(write=False)
     ends = formula.bounds(points, points, *((t, t) for t in parameters))
@@ -275,13 +319,9 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
         good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
-    if not good.all():
-        row, column = np.argwhere(~good)[0]
-        raise ValueError(
-            f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
-            f"{low[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
-            "functions of the arguments alone, or wrap it in sdhj.BlackBox"
-        )
+        known = formula(points, *parameters, finite=False).reshape(len(points), -1)
+        least = WIDE * (1.0 + np.abs(known))
+        return values, known, good, (high - low > least) & (np.abs(values - known) > least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,15 +461,17 @@ def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
         ends = np.clip(a - laps[:, None], 0.0, 1.0) * b[0]
         ends = np.where(laps[1] - laps[0] > 1, np.array([[[0.0], [1.0]]]) * b[0], ends)
     else:
-        cut, side = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0), np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
-        y = np.array([[np.where(cut, 0.0, a[0]), a[1]], [a[0], np.where(cut, 0.0, a[1])]])[:, :, None]
-        places = np.stack(np.broadcast_arrays(side * y, b), axis=-1)
-        corners = side * ANGLE(places.reshape(-1, 2), finite=False).reshape(places.shape[:-1])
+        cut = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0)
+        below = np.where(cut & (a[0] == 0), -0.0, a[0]), np.where(cut, -0.0, a[1])
+        y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], below])[:, :, None]
+        x = np.array([np.where(b[0] == 0, -0.0, b[0]), b[1] + 0.0])  # a zero of either sign
+        places = np.stack(np.broadcast_arrays(y, x), axis=-1)
+        corners = ANGLE(places.reshape(-1, 2), finite=False).reshape(places.shape[:-1])
         ends = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
     return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ANGLE_ERROR + TINY)
 
 
-ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y and x; -pi is minus the angle of (0, x)
+ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y and x
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:

@@ -190,7 +190,7 @@ def _truths(op, room, i, j, k, last, count):
     a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
         for m in range(count):
-            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else 0.0 * a[m])
+            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
     elif op == LESS:
         for m in range(count):
             out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.derivative import linear
-from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
+from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, sure_of_zeros
 from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -130,13 +130,16 @@ class Dynamics:
             bounds = _constants("bounds", np.ones(bounds.shape), ndim)
         return VectorField(self.inputs, ndim, drift, gain, bounds)
 
-    def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
-        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it."""
+    def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
+        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it.
+
+        Each input has one of the `times`, and the first all.
+        """
         for name, formula in self._parts.items():
             function = getattr(self, name)
             takes = arguments(name, function)
-            for j, u in enumerate(self.inputs):
-                t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
+            for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
+                u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
 
                 def called(points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]) -> Any:
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
@@ -183,7 +186,8 @@ class Dynamics:
                 f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
-        self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        found = sure_of_zeros(name, outputs, ndim, parameters)
+        self._parts[name] = Formula(found, ndim, parameters, (count, *one), name)
         return self._parts[name]
 
 

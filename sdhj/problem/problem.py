@@ -117,7 +117,7 @@ class ReachAvoidProblem:
         ndim = self.grid.ndim
         if isinstance(given := self.dynamics, Dynamics):
             object.__setattr__(self, "dynamics", given.read(ndim))
-            given.compare(self.dynamics, _states(self.grid), self.delta)
+            given.compare(self.dynamics, _states(self.grid), _times(self))
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -628,18 +628,26 @@ def _states(grid: Grid) -> FloatArray:
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
-        inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
     return grid.wrapped(states)
 
 
+def _times(problem: "ReachAvoidProblem") -> list[float]:
+    """Times at which functions are compared, from the first to after the last; numbers, as the time is."""
+    return [share * problem.delta for share in (0.0, 0.7)] + [
+        share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
+    ]
+
+
 def _compare_set(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet") -> None:
     """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
-    states, delta = _states(problem.grid.subgrid(part.axes)), problem.delta
-    for formula, times in ((part.level_set, [(0.0,), (0.7 * delta,)]), (getattr(part, "swept", None), [(0.0, delta)])):
+    states, times = _states(problem.grid.subgrid(part.axes)), _times(problem)
+    spans = [(t, t + problem.delta) for t in times]
+    for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula) and formula.source is not None:
-            for when in times:
+            for when in each:
                 compare(formula, formula.source, states, *when)
             object.__setattr__(formula, "source", None)
 
