@@ -17,8 +17,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import Sets, recursion
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.solver.recursion import GridSets, Sets, recursion
+from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file
 from sdhj.table.table import LookupTable
@@ -96,6 +96,8 @@ def solve(
 def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     sets, steps, endless = cast(Any, method.sets(problem, progress)), problem.most_steps, problem.steps is None
+    if not isinstance(sets, GridSets):
+        check_sets(problem, stacklevel=3)
     total = None if endless else steps if sets.timeless else steps * (steps + 1) // 2
     with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
 

@@ -146,4 +146,4 @@ def test_a_bearing_on_a_grid_with_a_node_in_its_origin_is_solved(nodes):
         4,
     )
     for method in ("hji", sdhj.Certified([40, 40])):
-        assert sdhj.solve(problem, method, play=False, progress=False).fraction(start=0) > 0.2
+        assert sdhj.solve(problem, method, play=False, progress=False).fraction(start=0) > 0.1
