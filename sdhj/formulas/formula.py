@@ -21,7 +21,7 @@ from sdhj.formulas.parameters import check_places
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
@@ -74,7 +74,7 @@ class Formula:
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
-    @cached_property
+    @kept
     def entries(self) -> Any:
         """The results as an array of nodes, (*shape)."""
         return np.array(self.outputs, dtype=object).reshape(self.shape)
@@ -170,7 +170,7 @@ class Formula:
         pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
         return found, replace(self, outputs=tuple(chain(*pairs)), shape=(2 * len(found),)), rest
 
-    @cached_property
+    @kept
     def reads(self) -> FloatArray:
         """Which coordinates each result reads, (results, coordinates) bool."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
@@ -380,6 +380,8 @@ class BlackBox:
             array = np.asarray(0.0 if given is None else given, np.float64)
             if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
+            if np.ndim(given):
+                object.__setattr__(self, name, read_only(np.array(given, np.float64)))
         if self.reads is not None:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 

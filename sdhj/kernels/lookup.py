@@ -453,7 +453,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
     (step, within, steps, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
-    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
+    axes, lattice = (part(ints, ints, _STATIC).copy(), part(ints, ints, _MOVING).copy()), _lattice(ints, floats)
     shelf = Shelf(steps, index, tubes, masks, static, axes[0], moving, axes[1])
     order, times = part(ints, ints, _ORDER), part(ints, floats, LOOK_TIMES)
     ndim, inputs, count = states.shape[1], out[1].shape[1], times.size
@@ -496,7 +496,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
     states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
     """
-    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
+    axes, lattice = (part(ints, ints, _STATIC).copy(), part(ints, ints, _MOVING).copy()), _lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
     shelf = Shelf(0, *nothing, static, axes[0], moving, axes[1])
     room = _room(states.shape[1], out.shape[1], 0)

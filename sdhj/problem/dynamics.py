@@ -15,7 +15,7 @@ from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, sure_of_zero
 from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
 MOST_INPUTS = 256
@@ -86,7 +86,7 @@ class Dynamics:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
         if inputs.shape[0] > MOST_INPUTS:
             raise ValueError(f"{len(inputs)} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely")
-        object.__setattr__(self, "inputs", inputs)
+        object.__setattr__(self, "inputs", read_only(inputs))
         if (self.velocity is None) == (self.drift is None) or (self.velocity is not None and self.gain is not None):
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
@@ -95,13 +95,13 @@ class Dynamics:
             bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
-            object.__setattr__(self, "bounds", bounds)
+            object.__setattr__(self, "bounds", read_only(bounds))
         for name in KNOWN:
             given = getattr(self, name)
             if callable(given):
                 arguments(name, given)
             elif name in ("drift", "gain") and given is not None:
-                object.__setattr__(self, name, finite_array(name, given))
+                object.__setattr__(self, name, read_only(finite_array(name, given)))
             elif name == "velocity" and given is not None:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
@@ -239,7 +239,7 @@ class VectorField:
         fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
         return fixed and self.gain is not None and self.alike
 
-    @cached_property
+    @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Drift (L, ndim), gain (ndim, D) and bounds (D,) where they are constant."""
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
@@ -266,7 +266,7 @@ class VectorField:
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
-    @cached_property
+    @kept
     def pushes(self) -> FloatArray:
         """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
         if not isinstance(self.gain, Formula):
@@ -274,7 +274,7 @@ class VectorField:
         zero = constant(0.0)
         return ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
 
-    @cached_property
+    @kept
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)

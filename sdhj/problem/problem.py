@@ -19,7 +19,7 @@ import numpy as np
 from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import Lookup
 from sdhj.formulas.text import written
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.dynamics import Dynamics, VectorField
@@ -193,7 +193,7 @@ class ReachAvoidProblem:
         """Earliest start and latest end of the input of step k, s, including jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
-    @cached_property
+    @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
@@ -272,7 +272,7 @@ class ReachAvoidProblem:
         known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
         values = known.get(key)
         if values is None:
-            values = self._sampled(part, lambda points: part.level_set(points, t))
+            values = read_only(self._sampled(part, lambda points: part.level_set(points, t)))
         if not part.moving:
             known[key] = self._static[key] = values
         return values
@@ -383,14 +383,14 @@ class ReachAvoidProblem:
             named |= {f"unsafe {place}": part.level_set, f"swept {place}": part.swept}
         return {name: part for name, part in named.items() if part is not None}
 
-    @cached_property
+    @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
         """The formulas as lines, by name, and the tables that they look up."""
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
-    @cached_property
+    @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
         sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
