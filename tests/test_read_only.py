@@ -12,7 +12,16 @@ import sdhj
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 GRID = sdhj.Grid([-2, -2], [2, 2], [21, 21])
 START = np.array([0.3, 0.2])
-LEFT_OUT = ("played", "save", "losing", "explain", "rules", "value_array", "mask_array", "share")  # slow, or a table's own
+LEFT_OUT = (
+    "played",
+    "save",
+    "losing",
+    "explain",
+    "rules",
+    "value_array",
+    "mask_array",
+    "share",
+)  # slow, or a table's own
 
 
 def problem_of(**changes):
@@ -104,7 +113,13 @@ def says(table, tmp_path):
     table.save(tmp_path / "it.h5")
     loaded = sdhj.load(tmp_path / "it.h5")
     known = [batch.steps_to_go, batch.safe, batch.margins, batch.best, filtered.commands, table.contains(points)]
-    known += [loaded.problem.inputs, table.problem.inputs, table.fraction(), table.problem.digest, loaded.problem.digest]
+    known += [
+        loaded.problem.inputs,
+        table.problem.inputs,
+        table.fraction(),
+        table.problem.digest,
+        loaded.problem.digest,
+    ]
     return [np.array(one).tobytes() if isinstance(one, np.ndarray) else one for one in known]
 
 
@@ -173,11 +188,13 @@ def test_what_was_given_may_change(rng):
     digest = problem.digest
     for array in (inputs, drift, gain, bounds, slope):
         array[...] = 7.0
-    assert problem.inputs.tolist() == MOVES.tolist() == given.drift.tolist() and given.gain.tolist() == np.eye(2).tolist()
+    assert (
+        problem.inputs.tolist() == MOVES.tolist() == given.drift.tolist() and given.gain.tolist() == np.eye(2).tolist()
+    )
     assert problem_of(dynamics=given).digest == digest and (boxed.dynamics.drift.slope == 1.0).all()
     for array in (problem.inputs, given.inputs, given.drift, given.gain, given.bounds, problem.grid.weights):
         with pytest.raises(ValueError, match="read-only"):
-            array *= 0.9  # noqa: PLW2901
+            array *= 0.9
     u = problem.inputs[1]
     with pytest.raises(ValueError, match="read-only"):
         u *= 0.9
@@ -185,7 +202,7 @@ def test_what_was_given_may_change(rng):
 
 
 def test_no_kernel_is_compiled_twice_for_what_may_be_written():
-    """Signatures of all that these tests have compiled so far, without regard to what may be written: each is there once."""
+    """Signatures of all that this process has compiled, without regard to what may be written: each is there once."""
     numba = pytest.importorskip("numba")
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
@@ -195,7 +212,9 @@ def test_no_kernel_is_compiled_twice_for_what_may_be_written():
         controller.batch(START[None], 0), controller.filter(START, 0, wanted=MOVES[1]), table.contains(START[None])
     twice = {}
     modules = [module for name, module in sys.modules.items() if name.startswith("sdhj.kernels")]
-    for kernel in {id(one): one for module in modules for one in vars(module).values() if hasattr(one, "py_func")}.values():
+    for kernel in {
+        id(one): one for module in modules for one in vars(module).values() if hasattr(one, "py_func")
+    }.values():
         plain = [tuple(map(may_be_written, signature)) for signature in kernel.signatures]
         if len(plain) > len(set(plain)):
             twice[kernel.py_func.__qualname__] = kernel.signatures
@@ -211,5 +230,3 @@ def may_be_written(kind):
     if isinstance(kind, types.BaseTuple):
         return tuple(map(may_be_written, kind))
     return str(kind)
-
-

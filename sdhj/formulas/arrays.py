@@ -444,7 +444,11 @@ def _rint(a: Any) -> Any:
 
 
 COMPARED: dict[Any, Callable[..., Any]] = {
-    **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: np.logical_not(a == b)},
+    **{
+        np.greater: lambda a, b: b < a,
+        np.greater_equal: lambda a, b: b <= a,
+        np.not_equal: lambda a, b: np.logical_not(a == b),
+    },
     **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
 }
 MADE: dict[Any, Callable[..., Any]] = {

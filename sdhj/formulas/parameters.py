@@ -59,10 +59,12 @@ def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[
     except TypeError:
         raise ValueError(f"{expected}, got a function of {signature}") from None
     for place, (wanted, given) in enumerate(zip(takes, places, strict=False)):
-        other = given.name in NAMES or (place >= len(first) and (given.name in STATES or given.default is not given.empty))
+        other = given.name in NAMES or (
+            place >= len(first) and (given.name in STATES or given.default is not given.empty)
+        )
         if place and given.name != wanted and other:
             raise ValueError(
                 f"{expected}, got a function of {signature}, whose {given.name} would be {wanted}: the first parameter "
-                f"is the state, whatever it is called, and what stands in the place of {wanted} is {wanted}; call it so, "
-                "and let what has a default stand last"
+                f"is the state, whatever it is called, and what stands in the place of {wanted} is {wanted}; call it "
+                "so, and let what has a default stand last"
             )

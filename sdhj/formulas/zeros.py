@@ -50,7 +50,9 @@ def signs(one: Node, values: Values) -> set[float]:
     ways = _ways(one)
     found = values(ways) if len(ways) <= MOST_CHOSEN else np.ones((0, 1))
     zero = found == 0.0
-    doubtful = any(row.any() and any(e.op not in KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False))
+    doubtful = any(
+        row.any() and any(e.op not in KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False)
+    )
     return {1.0, -1.0} if doubtful else set(np.copysign(1.0, found[zero]).tolist())
 
 
@@ -64,7 +66,9 @@ def _ways(one: Node) -> list[Node]:
             ways = [ZERO, constant(1.0)]
         else:
             operands = product(*(found[arg] for arg in each.args))
-            ways = [interned(each.op, args, each.value) for args, _ in zip(operands, range(MOST_CHOSEN + 1), strict=False)]
+            ways = [
+                interned(each.op, args, each.value) for args, _ in zip(operands, range(MOST_CHOSEN + 1), strict=False)
+            ]
             if each.op == "floor":
                 ways.append(ZERO)
             if each.op == "gridded" and (each.value.values == 0.0).any():

@@ -162,6 +162,10 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     places = parameters_of(name, function, signature, known[1:])
     taken = [p.name for place, p in enumerate(places) if not place or p.name in known[1:] or p.default is p.empty]
     fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]
-    if not fits or not set(taken[1:]) <= set(known[1:]) or (name == "bounds" and len(taken) == 1 and taken[0] not in STATES):
+    if (
+        not fits
+        or not set(taken[1:]) <= set(known[1:])
+        or (name == "bounds" and len(taken) == 1 and taken[0] not in STATES)
+    ):
         raise ValueError(f"{expected}; these are the names that are known, got {signature}")
     return ("points", *taken[1:])

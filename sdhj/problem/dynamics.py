@@ -141,7 +141,9 @@ class Dynamics:
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
                 u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
 
-                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]) -> Any:
+                def called(
+                    points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
+                ) -> Any:
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
@@ -186,8 +188,8 @@ class Dynamics:
                 f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
-        found = sure_of_zeros(name, outputs, ndim, parameters)
-        self._parts[name] = Formula(found, ndim, parameters, (count, *one), name)
+        results = sure_of_zeros(name, outputs, ndim, parameters)
+        self._parts[name] = Formula(results, ndim, parameters, (count, *one), name)
         return self._parts[name]
 
 

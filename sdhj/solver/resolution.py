@@ -69,9 +69,11 @@ def check_sets(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
 
 
 def check_seams(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
-    """Warn of sets, the target too, that are cut off where a periodic axis closes, and of velocities that jump there."""
+    """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
     parts = [*([] if problem.stays else [problem.target]), *problem.unsafe]
-    found = [next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), "") for part in parts]
+    found = [
+        next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), "") for part in parts
+    ]
     found += [next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), "")]
     for message in filter(None, found):
         warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
@@ -89,9 +91,15 @@ def _seams(grid: Grid, most: int) -> "Iterator[tuple[int, FloatArray, FloatArray
     for axis in np.flatnonzero(grid.periodic).tolist():
         sides = [grid.nodes(k) if k != axis else np.zeros(1) for k in range(grid.ndim)]
         few = np.prod([len(side) for side in sides]) <= most
-        nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, grid.ndim) if few else np.zeros((0, 1))
+        nodes = (
+            np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, grid.ndim) if few else np.zeros((0, 1))
+        )
         drawn = [rng.choice(side, most) for side in sides]
-        more = np.where(rng.random((most, grid.ndim)) < 0.5, np.stack(drawn, axis=1), rng.uniform(grid.lower, grid.upper, (most, grid.ndim)))
+        more = np.where(
+            rng.random((most, grid.ndim)) < 0.5,
+            np.stack(drawn, axis=1),
+            rng.uniform(grid.lower, grid.upper, (most, grid.ndim)),
+        )
         points = np.concatenate([nodes, more]) if few else more
         before, after = points.copy(), points
         before[:, axis], after[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis]), grid.lower[axis]

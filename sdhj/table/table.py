@@ -214,7 +214,9 @@ class LookupTable(Table):
         """The table without the space that was not needed."""
         stored = int(self.index.max()) + 1
         tubes, masks = self.tubes[:stored], self.masks[:stored]
-        return replace(self, index=read_only(self.index), tubes=read_only(tubes), masks=read_only(masks), details=details)
+        return replace(
+            self, index=read_only(self.index), tubes=read_only(tubes), masks=read_only(masks), details=details
+        )
 
     # ---- at the nodes
 

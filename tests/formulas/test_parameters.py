@@ -97,7 +97,7 @@ def test_so_is_that_of_a_set_and_of_sets_together(name):
     ],
 )
 def test_what_stands_in_the_place_of_the_time_is_the_time(function, swept):
-    with pytest.raises(ValueError, match="must be a function of|never gets"):
+    with pytest.raises(ValueError, match=r"must be a function of|never gets"):
         UnsafeSet((0,), function, swept)
 
 

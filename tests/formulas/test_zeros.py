@@ -76,11 +76,11 @@ def checked(formula):
 
 @pytest.mark.parametrize("name", FLAT)
 def test_zeros_in_a_region_whose_sign_decides_are_refused(name):
-    for function in (FLAT[name], lambda p: FLAT[name](p) - 2.0):
-        with pytest.raises(ValueError, match=r"arctan2\(y, x\) whose y is 0 in a whole region, .*np.maximum\(y, 1e-9\)"):
-            sdhj.TargetSet((0, 1), lambda p, t: function(p))
-        with pytest.raises(ValueError, match=r"drift has an arctan2\(y, x\)"):
-            sdhj.Dynamics([[0.0]], lambda q, u: np.stack([function(q), q[:, 0]], axis=1)).read(2)
+    function = FLAT[name]
+    with pytest.raises(ValueError, match=r"arctan2\(y, x\) whose y is 0 in a whole region, .*np.maximum\(y, 1e-9\)"):
+        sdhj.TargetSet((0, 1), lambda p, t: function(p) - 2.0)
+    with pytest.raises(ValueError, match=r"drift has an arctan2\(y, x\)"):
+        sdhj.Dynamics([[0.0]], lambda q, u: np.stack([function(q), q[:, 0]], axis=1)).read(2)
 
 
 @pytest.mark.parametrize("name", FINE)
@@ -96,7 +96,10 @@ def test_all_others_agree_with_numpy_on_zeros_of_both_signs(name, rng):
     low[::3], high[::5] = states[::3], states[::5]
     for begin, end in ((low, high), (states, high), (low, states)):
         inside = rng.uniform(begin, end)
-        bounds = formula.apart(begin, end, (0.0, 0.0)), [one[:, 0] for one in checked(formula).bounds(begin, end, (0, 0))]
+        bounds = (
+            formula.apart(begin, end, (0.0, 0.0)),
+            [one[:, 0] for one in checked(formula).bounds(begin, end, (0, 0))],
+        )
         for (least, most), points in itertools.product(bounds, (states, inside, begin, end)):
             for signed in (points, np.where(points == 0, -0.0, points), points + 0.0):
                 values = function(signed)
@@ -112,7 +115,10 @@ def test_bounds_hold_either_sign_even_where_nobody_asked(name, rng):
     formula = Formula(tuple(sdhj.formulas.zeros.unsigned(outputs)), 2)
     low = np.concatenate([rng.uniform(-2, 2, (300, 2)), ZEROS])
     high = low + rng.uniform(0, 0.2, low.shape) * rng.integers(0, 2, low.shape)
-    for least, most in (formula.apart(low, high, (0, 0)), [one[:, 0] for one in checked(formula).bounds(low, high, (0, 0))]):
+    for least, most in (
+        formula.apart(low, high, (0, 0)),
+        [one[:, 0] for one in checked(formula).bounds(low, high, (0, 0))],
+    ):
         for points in (low, high, rng.uniform(low, high)):
             values = FLAT[name](points)
             assert ((least <= values + 1e-15) & (values - 1e-15 <= most))[np.isfinite(least)].all()
