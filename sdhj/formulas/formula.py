@@ -26,9 +26,10 @@ from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
 
-WIDE = 1e-6  # of an interval at one point, beside 1 or its value: there is a jump
+WIDE = 1e-6  # of an interval at one point, beside 1 and its value: there is a jump
 BESIDE = 1e-7  # of a coordinate, beside 1: so far off is what is not on a line
 MOST_JUMPS = 4  # of one function that are taken apart
+ROUNDED = 1e-12  # 4,500 units in the last place: what hundreds of operations in another order may differ by
 ANGLE_ERROR = 2.0**-48  # more than angles and remainders are rounded by, as a share
 Ends = tuple[FloatArray, FloatArray]
 _play, _play_bounds = tapes.play, tapes.play_bounds
@@ -290,13 +291,14 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a function's values (M, *shape) at points (M, n) are not in the formula's intervals there.
+    """Raise ValueError where a function's values (M, *shape) at points (M, n) are not those of its formula.
 
-    Those are widened by 4 units in the last place and by their width, as NumPy may add in another order. Where an
-    interval is wide, as at the jump of an angle, the value has to be the formula's: there, or close by, where a jump
-    that is a line only has been left.
+    NumPy may add in another order. Where values differ by more than `ROUNDED` (1 + |value|), it is the formula's
+    intervals that they must be in, widened by 4 units in the last place and by their width; to compile those takes
+    seconds, and few functions need them. Where an interval is wide, as at the jump of an angle, the values must agree
+    there or close by, where a jump that is a line only has been left.
     """
-    values, low, good, differs = _compared(formula, function, points, parameters)
+    values, own, good, differs = _compared(formula, function, points, parameters)
     if (some := differs.any(axis=1)).any():
         beside = np.random.default_rng(0).uniform(-BESIDE, BESIDE, points[some].shape) * (1.0 + np.abs(points[some]))
         good[some] &= ~_compared(formula, function, points[some] + beside, parameters)[3]
@@ -304,7 +306,7 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
         row, column = np.argwhere(~good)[0]
         raise ValueError(
             f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
-            f"{low[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
+            f"{own[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
             "functions of the arguments alone, or wrap it in sdhj.BlackBox"
         )
 
@@ -313,15 +315,17 @@ def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray
     """Values (M, K), the formula's, whether they are in its intervals, and whether they differ in wide ones."""
     given = points.copy()
     given.setflags(write=False)
-    ends = formula.bounds(points, points, *((t, t) for t in parameters))
-    low, high = (end.reshape(len(points), -1) for end in ends)
     with np.errstate(all="ignore"):
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
+        own = formula(points, *parameters, finite=False).reshape(len(points), -1)
+        apart = np.isfinite(own) & ~(np.abs(own - values) <= ROUNDED * (1.0 + np.abs(own)))
+        if not apart.any():
+            return values, own, ~apart, apart
+        ends = formula.bounds(points, points, *((t, t) for t in parameters))
+        low, high = (end.reshape(len(points), -1) for end in ends)
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
         good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
-        known = formula(points, *parameters, finite=False).reshape(len(points), -1)
-        least = WIDE * (1.0 + np.abs(known))
-        return values, known, good, (high - low > least) & (np.abs(values - known) > least)
+        return values, own, good, apart & (high - low > WIDE * (1.0 + np.abs(own)))
 
 
 @dataclass(frozen=True, eq=False)
