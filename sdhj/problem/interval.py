@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.kernels import FloatArray, kept
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
@@ -42,9 +42,12 @@ class Velocities:
     gain: FloatArray | None = None
     shape: tuple[int, ...] = ()
 
+    def __post_init__(self) -> None:
+        read_only((self.low, self.high, self.drift, self.gain))
+
     def kept(self) -> "Velocities":
-        """These velocities, which keep what is made of them for the kernels in `terms`, by the layout."""
-        self.__dict__.setdefault("terms", {})
+        """These velocities, which keep what is made of them for the kernels in `_terms`, by the layout."""
+        self.__dict__.setdefault("_terms", {})
         return self
 
     @property
