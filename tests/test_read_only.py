@@ -27,7 +27,7 @@ LEFT_OUT = (
 def problem_of(**changes):
     parts = {
         "grid": GRID,
-        "dynamics": sdhj.Dynamics(MOVES, lambda q, u: u - 0.1 * q, np.eye(2), [0.1, 0.1]),
+        "dynamics": sdhj.Dynamics(MOVES, lambda q, u: u - 0.1 * q, np.eye(2), [0.03, 0.03]),
         "target": sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1] - 0.8) - 0.6),
         "unsafe": [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.4, name="post")],
         "delta": 0.25,
@@ -38,9 +38,9 @@ def problem_of(**changes):
 
 CASES = {
     "hji": (problem_of, "hji"),
-    "lax": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, MOVES, np.eye(2), [0.1, 0.1])), "lax"),
+    "lax": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, MOVES, np.eye(2), [0.03, 0.03])), "lax"),
     "timed": (
-        lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, lambda q, u, t: u - 0.1 * q + 0.05 * t, np.eye(2), [0.1, 0.1])),
+        lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, lambda q, u, t: u - 0.1 * q + 0.05 * t, np.eye(2), [0.03, 0.03])),
         "hji",
     ),
     "certified": (problem_of, sdhj.Certified(cells=[80, 80])),
@@ -186,7 +186,7 @@ def test_what_is_kept_is_read_only(name):
 
 def test_what_was_given_may_change(rng):
     """What a problem was made of is copied: writing to it later changes nothing."""
-    inputs, drift, gain, bounds = MOVES.copy(), MOVES.copy(), np.eye(2), np.array([0.1, 0.1])
+    inputs, drift, gain, bounds = MOVES.copy(), MOVES.copy(), np.eye(2), np.array([0.03, 0.03])
     slope = np.ones((2, 2))
     given = sdhj.Dynamics(inputs, drift, gain, bounds)
     problem = problem_of(dynamics=given)
