@@ -11,6 +11,7 @@ import sdhj
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 GRID = sdhj.Grid([-2, -2], [2, 2], [21, 21])
+WITH_A_CURRENT = lambda q, u, t: u - 0.1 * q + 0.05 * t  # noqa: E731
 START = np.array([0.45, 0.45])
 LEFT_OUT = (
     "played",
@@ -39,10 +40,7 @@ def problem_of(**changes):
 CASES = {
     "hji": (problem_of, "hji"),
     "lax": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, MOVES, np.eye(2), [0.03, 0.03])), "lax"),
-    "timed": (
-        lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, lambda q, u, t: u - 0.1 * q + 0.05 * t, np.eye(2), [0.03, 0.03])),
-        "hji",
-    ),
+    "timed": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, WITH_A_CURRENT, np.eye(2), [0.03, 0.03])), "hji"),
     "certified": (problem_of, sdhj.Certified(cells=[80, 80])),
     "sensing": (lambda: problem_of(sensing=sdhj.Sensing(error=0.01, delay=0.02)), "hji"),
     "moving": (

@@ -30,6 +30,7 @@ SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are a
 SPANS = 50  # intervals at most in which something that moves is looked at
 IGNORED = "so the table ignores it"
 ASKED = "so whatever asks the nodes alone ignores it, as methods on the grid and pictures do"
+TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -201,10 +202,12 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """The warning for a level-set function that jumps at the set's boundary; else empty."""
     grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
+    rng = np.random.default_rng(0)
     for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
-        crossing = crossing[:: crossing.size // CROSSINGS + 1]
+        if crossing.size > CROSSINGS:
+            crossing = rng.choice(crossing, CROSSINGS, replace=False)
         if crossing.size:
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
@@ -275,3 +278,14 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness
+
+
+def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
+    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
+    if crossed > TURNS * sum(problem.grid.shape):
+        warnings.warn(
+            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
+            f"together have {sum(problem.grid.shape):,}; check the units of delta and of the velocities",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )

@@ -19,8 +19,10 @@ from sdhj.problem.checks import points_array, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.explaining import Explanation, explain
 
 CHUNK = 4096  # states that one thread takes at a time
+MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
@@ -121,6 +123,29 @@ class Table:
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
+    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
+        """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.
+
+        Parameters
+        ----------
+        q : (ndim,)
+            The state, in the units of the grid's axes.
+        step, within : int
+            As `start` and `within` of `contains`.
+
+        Returns
+        -------
+        Explanation
+            `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
+            or by how much it may end outside the tube with one step less to go.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `step` or `within` does not fit.
+        """
+        return explain(self, q, step, within)
+
     # ---- sets
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
@@ -141,7 +166,8 @@ class Table:
         ----------
         points : (M, ndim) array
             States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
-            input of the step starts, one delay after the measurement, and True holds whatever has been measured.
+            input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
+            measurement ask `Controller.admissible`.
         start : int
             k, the step at which the robot is there, from 0 to N.
         within : int, optional
@@ -213,10 +239,13 @@ class Table:
         settle(self, batch, rows, ends, scores, looks)
 
     def known(self, step: int) -> Tape:
-        """What compiled look-ups read of the problem at a step (`prepared`)."""
-        if step not in self._known:
-            self._known[step] = prepared(self.problem, step, self._axes, self._tapes, not self.proved)
-        return self._known[step]
+        """What compiled look-ups read of the problem at a step (`prepared`), with a copy of its maps."""
+        place = self.steps * (step == self.steps) if self.problem.timeless else step
+        if (found := self._known.get(place)) is None:
+            if sum(one.floats.nbytes for one in [*self._known.values()]) > MOST_KNOWN:
+                self._known.clear()
+            found = self._known[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
+        return found
 
     @cached_property
     def _known(self) -> dict[int, Tape]:
