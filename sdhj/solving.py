@@ -19,8 +19,8 @@ from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import Sets, recursion
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.solver.recursion import GridSets, Sets, recursion
+from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
 from sdhj.table.table import LookupTable
@@ -154,6 +154,8 @@ def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None, m
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
         sets = cast(Any, method.sets(problem, progress))
+        if not isinstance(sets, GridSets):
+            check_sets(problem, stacklevel=3)
         meter.tube()
 
         def done() -> None:

@@ -20,7 +20,7 @@ from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
 from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.links import Agent, joint_moves
@@ -81,6 +81,9 @@ class ArmProof(Proof):
         unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
+
+    def __post_init__(self) -> None:
+        read_only(tuple(self.motion))
 
     @property
     def shell(self) -> FloatArray:

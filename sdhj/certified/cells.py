@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -157,7 +158,7 @@ def _counted(cells: NDArray[np.float64]) -> IndexArray:
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count)]
-    return np.array([*inner, float(axis.lower + sum(axis.extent) / 2)])
+    return read_only(np.array([*inner, float(axis.lower + sum(axis.extent) / 2)]))
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:

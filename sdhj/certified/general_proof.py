@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import h5py
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
@@ -160,11 +160,11 @@ class GeneralProof(Images):
         strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, strides, *arrays, stored(file, "clear", "uint8", clear))
+        return cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
 
     # ---- the recursion; sets are (rows, W) uint64
 
-    @cached_property
+    @kept
     def layout(self) -> Placed:
         """Cells by place."""
         counts, own = self.cells.counts, self.strides > 0
@@ -185,6 +185,7 @@ class GeneralProof(Images):
         """Fill moves and clear: where every input takes every place, where it is safe from."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         self.fill(min(max(finest, 1), FINEST), progress, partial(self._strike, self._lattices(progress)))
+        read_only((self.low, self.high, self.clear))
 
     def _strike(self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
         """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
@@ -266,7 +267,7 @@ class GeneralProof(Images):
             out &= self.over_cells(problem.target, times) < 0
         return to_words(out.reshape(-1, self.axes[-1].count))
 
-    @cached_property
+    @kept
     def _clear_of_still(self) -> FloatArray:
         """Cells outside the unsafe sets that stand still."""
         out = np.ones([axis.count for axis in self.axes], np.bool_)

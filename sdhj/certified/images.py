@@ -29,7 +29,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
@@ -112,8 +112,8 @@ class Proof:
 
     def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear from the cells of states (M, ndim): bool (M, L)."""
-        nothing = np.empty(0, np.uint32)
-        return self.inputs(states, step, nothing, nothing, np.empty((0, 0), np.uint64))
+        nothing, none = read_only((np.empty(0, np.uint32), np.empty((0, 0), np.uint64)))
+        return self.inputs(states, step, nothing, nothing, none)
 
     @property
     def rows(self) -> int:
@@ -130,12 +130,12 @@ class Proof:
         """Whether sets lose cells with every step to go."""
         return self.problem.stays
 
-    @cached_property
+    @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code."""
         return cells_of(self.axes, self.rows)
 
-    @cached_property
+    @kept
     def shell(self) -> FloatArray:
         """How far off a cell a state counts as in it while a run lasts, (ndim,): `STATE_SLACK` of the axes' scales.
 
@@ -143,7 +143,7 @@ class Proof:
         """
         return STATE_SLACK * np.array([axis.scale for axis in self.axes])
 
-    @cached_property
+    @kept
     def rim(self) -> FloatArray:
         """How far off a cell a state may seem to be that is on its border, (ndim,).
 
@@ -152,7 +152,7 @@ class Proof:
         """
         return ROUNDED_OFF * np.array([axis.scale for axis in self.axes])
 
-    @cached_property
+    @kept
     def unsure(self) -> FloatArray:
         """By how much a prediction may be off, (ndim,)."""
         return unsure(self.problem)
@@ -206,6 +206,9 @@ class Images(Proof):
     low: FloatArray
     high: FloatArray
 
+    def __post_init__(self) -> None:
+        read_only(self.strides)
+
     @cached_property
     def bounds(self) -> Bounds:
         return Bounds(self.problem)
@@ -214,7 +217,7 @@ class Images(Proof):
     def _always(self) -> tuple[float, float]:
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
-    @cached_property
+    @kept
     def past(self) -> FloatArray:
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
         return np.stack(self.problem.grid.faces("safe"))
@@ -229,7 +232,7 @@ class Images(Proof):
         moves, place = self.moves(step), int(cell @ self.strides)
         return cell + moves.low[j, place], cell + moves.high[j, place]
 
-    @cached_property
+    @kept
     def reach(self) -> FloatArray:
         """How far each input leads from any place, or all of them if that is fewer words: (starts, some, 2, ndim)."""
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)

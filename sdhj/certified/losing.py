@@ -29,7 +29,7 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.images import Changes, Images, moves_of, place_axes
 from sdhj.formulas.graph import is_constant
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import to_words
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -66,13 +66,13 @@ class LosingProof(Images):
         room = (starts, count * len(vertices), *rest)
         require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *room), np.int16)
-        return cls(problem, axes, parts, strides, low, high, vertices)
+        return cls(problem, axes, parts, strides, low, high, read_only(vertices))
 
     @cached_property
     def bounds(self) -> Bounds:
         return Bounds(self.problem, self.vertices)
 
-    @cached_property
+    @kept
     def past(self) -> FloatArray:
         """What leaves over an unsafe end is lost."""
         return np.stack(self.problem.grid.faces("unsafe"))
@@ -80,8 +80,9 @@ class LosingProof(Images):
     def prepare(self, progress: bool | None) -> None:
         """Fill the moves."""
         self.fill(1, progress, lambda *_: None)
+        read_only((self.low, self.high))
 
-    @cached_property
+    @kept
     def inside(self) -> list[FloatArray]:
         """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
         moving = [part for part in self.problem.unsafe if part.moving]

@@ -16,7 +16,7 @@ from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.problem.checks import number, real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
@@ -56,6 +56,9 @@ class CertifiedTable(Table):
     details: Mapping[str, Any]
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        read_only((self.index, self.pool))
 
     @property
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
@@ -223,7 +226,7 @@ class CertifiedTable(Table):
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
         return float(np.sum(self._measures[self.index[self.place(start, within)]] * shares))
 
-    @cached_property
+    @kept
     def _measures(self) -> FloatArray:
         """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))

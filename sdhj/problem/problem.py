@@ -19,7 +19,7 @@ import numpy as np
 from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import MOST_TABLES, Lookup
 from sdhj.formulas.text import FORMAT, written
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.dynamics import Dynamics, VectorField
@@ -120,7 +120,7 @@ class ReachAvoidProblem:
         ndim = self.grid.ndim
         if isinstance(given := self.dynamics, Dynamics):
             object.__setattr__(self, "dynamics", given.read(ndim))
-            given.compare(self.dynamics, _states(self.grid), self.delta)
+            given.compare(self.dynamics, _states(self.grid), _times(self))
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -201,7 +201,7 @@ class ReachAvoidProblem:
         """Earliest start and latest end of the input of step k, s, including jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
-    @cached_property
+    @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
@@ -280,7 +280,7 @@ class ReachAvoidProblem:
         known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
         values = known.get(key)
         if values is None:
-            values = self._sampled(part, lambda points: part.level_set(points, t))
+            values = read_only(self._sampled(part, lambda points: part.level_set(points, t)))
         if not part.moving:
             known[key] = self._static[key] = values
         return values
@@ -391,14 +391,14 @@ class ReachAvoidProblem:
             named |= {f"unsafe {place}": part.level_set, f"swept {place}": part.swept}
         return {name: part for name, part in named.items() if part is not None}
 
-    @cached_property
+    @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
         """The formulas as lines, by name, and the tables that they look up."""
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
-    @cached_property
+    @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
         sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
@@ -695,18 +695,26 @@ def _states(grid: Grid) -> FloatArray:
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
-        inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
     return grid.wrapped(states)
 
 
+def _times(problem: "ReachAvoidProblem") -> list[float]:
+    """Times at which functions are compared, from the first to after the last; numbers, as the time is."""
+    return [share * problem.delta for share in (0.0, 0.7)] + [
+        share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
+    ]
+
+
 def _compare_set(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet") -> None:
     """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
-    states, delta = _states(problem.grid.subgrid(part.axes)), problem.delta
-    for formula, times in ((part.level_set, [(0.0,), (0.7 * delta,)]), (getattr(part, "swept", None), [(0.0, delta)])):
+    states, times = _states(problem.grid.subgrid(part.axes)), _times(problem)
+    spans = [(t, t + problem.delta) for t in times]
+    for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula) and formula.source is not None:
-            for when in times:
+            for when in each:
                 compare(formula, formula.source, states, *when)
             object.__setattr__(formula, "source", None)
 

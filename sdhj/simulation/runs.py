@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
 from sdhj.problem.memory import require
@@ -69,6 +69,9 @@ class Trajectory:
     steps_to_go: FloatArray
     disturbances: FloatArray
     outcome: str
+
+    def __post_init__(self) -> None:
+        read_only((self.times, self.states, self.inputs, self.steps_to_go, self.disturbances))
 
     @property
     def samples(self) -> FloatArray:
@@ -120,6 +123,9 @@ class Report:
     steps: FloatArray = field(repr=False)
     seconds: float
     stays: bool = False
+
+    def __post_init__(self) -> None:
+        read_only((self.starts, self.outcomes, self.steps))
 
     def rate(self, outcome: str) -> float:
         """The share of the runs that had this outcome."""

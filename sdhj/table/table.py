@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
 from sdhj.kernels.tape import RESULTS
 from sdhj.problem.checks import axis_numbers, sealed
@@ -73,6 +73,9 @@ class AvoidTubes:
     static: FloatArray
     moving_axes: tuple[int, ...]
     moving: FloatArray
+
+    def __post_init__(self) -> None:
+        read_only((self.static, self.moving))
 
 
 def entries(steps: int) -> FloatArray:
@@ -230,9 +233,11 @@ class LookupTable(Table):
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table without the space that was not needed."""
         stored = int(self.index.max()) + 1
-        if details.get("endless") and self.problem.stays:
-            return replace(self, details=details)
-        return replace(self, tubes=self.tubes[:stored], masks=self.masks[:stored], details=details)
+        whole = details.get("endless") and self.problem.stays
+        tubes, masks = (self.tubes, self.masks) if whole else (self.tubes[:stored], self.masks[:stored])
+        return replace(
+            self, index=read_only(self.index), tubes=read_only(tubes), masks=read_only(masks), details=details
+        )
 
     # ---- at the nodes
 
@@ -307,12 +312,12 @@ class LookupTable(Table):
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
         return bool(decide(batch.states, rows, when, tuple(self.known(batch.step)), self._stored, ends, scores, out))
 
-    @cached_property
+    @kept
     def _tapes(self) -> Any:
         sets = (*self.problem.unsafe, self.problem.target)
         return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
 
-    @cached_property
+    @kept
     def _axes(self) -> Any:
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
@@ -355,4 +360,4 @@ class LookupTable(Table):
                 raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(file, f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, head["method"], index, tubes, masks, AvoidTubes(*avoid), head["details"])
+        return cls(problem, head["method"], *read_only((index, tubes, masks)), AvoidTubes(*avoid), head["details"])

@@ -189,8 +189,9 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
     if side is not None:
-        x = x[0] + 0.0, x[1] + 0.0  # not minus zero
-        y = (np.where(jump, 0.0, y[0]), y[1] + 0.0) if side == 0 else (y[0], np.where(jump, -0.0, y[1]))
+        x = np.where(x[0] == 0, -0.0, x[0]), x[1] + 0.0  # a zero of either sign
+        above, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
+        y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))
         jump = np.array(False)
     low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))

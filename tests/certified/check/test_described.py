@@ -27,7 +27,7 @@ def flow(q, u, v, t):
 ROBOTS = {
     "a disk that passes": {},
     "not linear in the adversary": {"drift": None, "gain": None, "velocity": flow},
-    "bounds that depend on time": {"bounds": lambda u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
+    "bounds that depend on time": {"bounds": lambda q, u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
     "a wind from a table": {"drift": lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1)},
     "a black box": {
         "drift": sdhj.BlackBox(
