@@ -71,7 +71,12 @@ def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
-    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it."""
+    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it.
+
+    Of a black box nothing is known off the grid.
+    """
+    if problem.opaque:
+        return False
     states, depends = _states(problem), False
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
