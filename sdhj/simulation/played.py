@@ -122,13 +122,8 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
                 f'ends="wall" or "safe" for {grid.names[axis]}, or a longer axis: only the adversary moves the robot '
                 "along it, and it wins by pushing the state past an unsafe end"
             )
-    values, bends = table.values(), []
-    for axis in range(grid.ndim):
-        crossed = np.diff(values <= 0, 1, axis)
-        near = crossed.take(range(crossed.shape[axis] - 1), axis) | crossed.take(range(1, crossed.shape[axis]), axis)
-        bends.append(float(np.abs(np.diff(values, 2, axis))[near].mean()) if near.any() else 0.0)
-    said.append(f"more nodes along {grid.names[int(np.argmax(bends))]}, where the tube bends most between nodes")
-    return f'What helps: {"; ".join(said)}; or method="certified", which proves what it promises'
+    said.append('method="certified", which proves what it promises')
+    return f"What helps: {'; or '.join(said)}"
 
 
 def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:

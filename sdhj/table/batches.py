@@ -131,8 +131,7 @@ class Table:
         Returns
         -------
         sdhj.simulation.played.Played
-            `print` shows how many runs were lost, in which way, and what would help: more nodes on a certain axis, for
-            example.
+            `print` shows how many runs were lost, in which way, and what would help.
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
