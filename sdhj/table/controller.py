@@ -17,7 +17,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import ONLY_LOOK
-from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
+from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
@@ -487,7 +487,7 @@ class Controller:
         states = states_array("states", q, self.problem.grid.ndim)
         inputs, rows = self.problem.inputs, np.arange(len(states))
         commands, index = _commands(inputs, wanted, len(rows))
-        distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
+        distances = np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None]))  # (M, L), squares
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
         batch = self.table.answers(states, step, self.table.steps - step, distances)
@@ -506,6 +506,8 @@ class Controller:
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
+        if self.table.proved and isinstance(self.rule, str):
+            return self.table.chosen(batch, self.rule)
         scores = np.zeros(batch.safe.shape)
         scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
         return self.table.preferred(batch, scores)
@@ -519,7 +521,7 @@ class Controller:
 
     def _scores(self, candidates: Candidates) -> FloatArray:
         if callable(self.rule):
-            answer = self.rule(replace(candidates, batch=Batch(*map(sealed, candidates.batch))))
+            answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:
             answer = RULES[self.rule](candidates)
         scores, shape = real_array(f"the answer of rule {self.rule!r}", answer), candidates.rows.shape

@@ -35,6 +35,7 @@ from typing import Any
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
+from sdhj.certified.check.exported import claims
 from sdhj.certified.check.reading import expect, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
@@ -48,6 +49,7 @@ def verify(
     samples: int | None = None,
     seed: int = 0,
     progress: bool | None = None,
+    exported: str | os.PathLike[str] | None = None,
 ) -> Verdict:
     """Check the certified sets in an HDF5 file.
 
@@ -64,6 +66,8 @@ def verify(
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
+    exported : path, optional
+        `sdhj_table.bin`, exported of these sets: that every word of it is within what is proved of them (`exported`).
 
     Raises
     ------
@@ -89,4 +93,7 @@ def verify(
     if sets is None:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
     silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    return Verdict(tuple(sets.claims(samples, seed, silent)))
+    found = list(sets.claims(samples, seed, silent))
+    if exported is not None:
+        found += claims(exported, sets, head, silent)
+    return Verdict(tuple(found))
