@@ -1,9 +1,9 @@
-"""What is compiled is kept on disk, and never run when it is old.
+"""How kernels are compiled; what is compiled is kept on disk, and never run when it is old.
 
 Numba throws a cached kernel away when its own source file changes, and only then: an edit to a helper or a constant in
-another file goes unseen. `sdhj.kernels.compiling.kernel` watches the whole folder of kernels and nothing else, so all
-that is compiled lies there (the independent checker, which imports nothing of the package, has a decorator of its own
-for its folder).
+another file goes unseen. `sdhj.kernels.compiling.kernel` watches what a file of the folder of kernels imports from that
+folder and nothing else, so all that is compiled lies there (the independent checker, which imports nothing of the
+package, has a decorator of its own for its folder).
 """
 
 import ast
@@ -12,11 +12,13 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numba
 import numpy as np
@@ -128,27 +130,97 @@ SMALL = {
 }
 
 
-@pytest.mark.slow
-def test_a_change_to_any_file_of_the_package_is_seen(tmp_path: Path) -> None:
-    """A helper or a constant of another file; what has not changed is read from the disk in the next process."""
-    package = tmp_path / "small"
+def small_package(folder: Path) -> Path:
+    package = folder / "small"
     package.mkdir()
     shutil.copy(PACKAGE / "kernels" / "compiling.py", package)
     for name, text in SMALL.items():
         (package / name).write_text(text, encoding="utf-8")
-    code = "from small.apart import twice; print(twice(1), len(twice.stats.cache_hits), len(twice.stats.cache_misses))"
+    return package
+
+
+ANSWERS = "from small.apart import twice; print(twice(1), len(twice.stats.cache_hits), len(twice.stats.cache_misses))"
+
+
+@pytest.mark.slow
+def test_a_change_to_a_file_that_is_imported_is_seen(tmp_path: Path) -> None:
+    """A helper or a constant of another file; what has not changed is read from the disk in the next process.
+
+    So is what has been changed back, and what does not import the file that is changed.
+    """
+    package = small_package(tmp_path)
 
     def compiled_once_then_read(answer: int) -> None:
-        assert run(code, tmp_path).split() == [str(answer), "0", "1"]
-        assert run(code, tmp_path).split() == [str(answer), "1", "0"]
+        assert run(ANSWERS, tmp_path).split() == [str(answer), "0", "1"]
+        assert run(ANSWERS, tmp_path).split() == [str(answer), "1", "0"]
 
     compiled_once_then_read(15)
     edit(package / "helper.py", "x + 1", "x + 10")
     compiled_once_then_read(105)
+    edit(package / "helper.py", "x + 10", "x + 1")
+    assert run(ANSWERS, tmp_path).split() == ["15", "1", "0"]
     edit(package / "helper.py", "STEP = 1", "STEP = 3")
-    compiled_once_then_read(315)
+    compiled_once_then_read(45)
     edit(package / "helper.py", "x * 5", "x * 2")
-    compiled_once_then_read(126)
+    compiled_once_then_read(18)
+    (package / "other.py").write_text(f"{HEAD}from small.helper import STEP\n", encoding="utf-8")
+    assert run(ANSWERS, tmp_path).split() == ["18", "1", "0"]
+    edit(package / "compiling.py", "PATIENCE = 60.0", "PATIENCE = 61.0")
+    compiled_once_then_read(18)
+
+
+def imports(file: Path) -> set[Path]:
+    """The files of the folder of kernels that one of them imports, by Python's own parser."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        names = [one.name for one in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            names = [str(node.module), *(f"{node.module}.{name}" for name in names)]
+        paths = [PACKAGE.parent / f"{name.replace('.', '/')}{end}" for name in names for end in (".py", "/__init__.py")]
+        found |= {path for path in paths if path.is_file() and path.is_relative_to(PACKAGE / "kernels")}
+    return found
+
+
+def test_a_kernel_belongs_to_the_files_that_it_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A comment in a file changes the digests of those that import it, and no others."""
+    before, folder = compiling.sources(), PACKAGE / "kernels"
+    files = sorted(folder.rglob("*.py"))
+    assert {Path(file) for file in before} == set(files)
+    needs = {file: {file, folder / "compiling.py"} | imports(file) for file in files}
+    for _ in files:  # what these import, and so on
+        needs = {file: needed.union(*map(needs.__getitem__, needed)) for file, needed in needs.items()}
+    read = Path.read_bytes
+    for changed in files:
+        monkeypatch.setattr(
+            Path, "read_bytes", lambda self, changed=changed: read(self) + b"# a comment\n" * (self == changed)
+        )
+        after = compiling.sources.__wrapped__()
+        told = {file for file in files if before[str(file)] != after[str(file)]}
+        assert told == {file for file in files if changed in needs[file]}
+    arm = ["stages.py", "boxes.py", "union.py", "interpolation.py", "tape.py", "lookup.py"]
+    assert all(folder / "links.py" not in needs[folder / name] for name in arm)
+
+
+def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the time at which they were last used, and beyond a size the oldest; what is no version of a kernel stays."""
+    now = time.time()
+    for days in (0, 1, 2, 29, 31, 400):
+        path = tmp_path / f"lookup.decide-427.py311.{days}.code"
+        path.write_bytes(b"0" * 10)
+        os.utime(path, (now - days * 86400,) * 2)
+    (tmp_path / "mine.txt").touch()
+    os.utime(tmp_path / "mine.txt", (0, 0))
+
+    def left() -> list[str]:
+        return sorted(path.suffixes[-2][1:] for path in tmp_path.glob("*.code"))
+
+    compiling._clear.__wrapped__(tmp_path)
+    assert left() == ["0", "1", "2", "29"]
+    monkeypatch.setattr(compiling, "MOST_BYTES", 25)
+    compiling._clear.__wrapped__(tmp_path)
+    assert left() == ["0", "1"] and (tmp_path / "mine.txt").exists()
+    compiling._clear.__wrapped__(tmp_path / "nowhere")
 
 
 def test_an_edit_elsewhere_compiles_nothing(tmp_path: Path) -> None:
@@ -199,8 +271,11 @@ print(len(stage.stats.cache_hits), len(stage.stats.cache_misses))
     assert run(code, tmp_path).split() == ["1", "0"]
 
 
+@pytest.mark.parametrize("linked", [True, False])
 @pytest.mark.parametrize("inside", [SimpleNamespace(), SimpleNamespace(_cache=None), SimpleNamespace(_cache=print)])
-def test_kernel_does_without_what_numba_may_change(monkeypatch: pytest.MonkeyPatch, inside: SimpleNamespace) -> None:
+def test_kernel_does_without_what_numba_may_change(
+    monkeypatch: pytest.MonkeyPatch, inside: SimpleNamespace, linked: bool
+) -> None:
     """The stamp is a private part of Numba's: in a version without it, and uncompiled, a kernel is a kernel still."""
     asked: list[dict[str, object]] = []
 
@@ -209,8 +284,9 @@ def test_kernel_does_without_what_numba_may_change(monkeypatch: pytest.MonkeyPat
         return lambda function: inside
 
     monkeypatch.setattr(compiling, "njit", njit)
+    monkeypatch.setattr(compiling, "LINKED", linked)
     assert compiling.kernel(parallel=True)(len).dispatcher is inside
-    assert asked == [{"cache": True, "parallel": True}]
+    assert asked == [{"cache": True, "parallel": True} | ({"pipeline_class": compiling.Whole} if linked else {})]
 
 
 @pytest.mark.slow
@@ -235,6 +311,97 @@ print("end")
     quiet = tmp_path / "quiet"
     quiet.mkdir()
     assert run(code.format(progress=None).replace("=True", "=False"), quiet).split() == ["end"]
+
+
+# ---- kernels that Python calls, and that kernels call
+
+
+def pair(**options: object) -> tuple[Any, Any]:
+    """A kernel that refuses what is negative, and one that calls it twice."""
+
+    @kernel(**options)
+    def root(x):
+        if x < 0.0:
+            raise ValueError("negative")
+        return np.sqrt(x)
+
+    @kernel(**options)
+    def roots(x):
+        return root(x) + root(4.0 * x)
+
+    return root, roots
+
+
+def refused(called: Any) -> None:
+    with pytest.raises(ValueError, match="negative"):
+        called(-1.0)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("linked", [True, False])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_kernel_is_called_from_both_sides(monkeypatch: pytest.MonkeyPatch, first: int, linked: bool) -> None:
+    """In either order; and where Numba does not have what linking needs, by which nothing but the time changes."""
+    monkeypatch.setattr(compiling, "LINKED", compiling.LINKED and linked)
+    both = pair()
+    for called in (both[first], both[1 - first], *both):
+        assert called(4.0) == (2.0 if called is both[0] else 6.0)
+        refused(called)
+    assert len(both[0].overloads) == len(both[1].overloads) == 1
+
+
+@pytest.mark.skipif(not compiling.LINKED or numba.config.DISABLE_JIT, reason="each kernel is compiled by itself")
+def test_what_kernels_call_is_not_made_machine_code() -> None:
+    """Neither a kernel nor what Numba has of NumPy; a function by numba.njit is, which Python may call at any time."""
+
+    @numba.njit
+    def mine(x):
+        return x + 1.0
+
+    @kernel()
+    def inside(x):
+        return mine(x)
+
+    @kernel()
+    def outside(x):
+        return inside(np.zeros(3) + x).sum()
+
+    assert outside(1.0) == 6.0
+    assert not inside.overloads and len(inside.within.overloads) == 1
+    assert all(
+        isinstance(one.library, compiling.Linked) and not one.library.whole for one in inside.within.overloads.values()
+    )
+    assert mine(np.zeros(3)).sum() == 3.0 and len(mine.overloads) == 1
+    assert inside(np.zeros(3)).sum() == 3.0
+    numba.njit(lambda x: inside(x) + inside(2.0))(1.0)  # what others compile calls kernels, too
+
+
+BOTH = """
+from sdhj.kernels.compiling import kernel
+@kernel()
+def root(x):
+    if x < 0.0:
+        raise ValueError("negative")
+    return x ** 0.5
+@kernel(parallel=True)
+def roots(x):
+    out = x + 0.0
+    for i in prange(x.size):
+        out[i] = root(x[i])
+    return out
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["root(4.0)", "roots(np.ones(5) * 4.0)[4]"])
+def test_processes_find_what_others_left(tmp_path: Path, first: str) -> None:
+    """One of the two kernels on disk and the other not, in a process that calls both, in a loop that threads share."""
+    (tmp_path / "both.py").write_text("import numpy as np\nfrom numba import prange\n" + BOTH, encoding="utf-8")
+    code = "import numpy as np; from both import root, roots; print({})"
+    assert run(code.format(first), tmp_path).split() == ["2.0"]
+    both = "root(4.0), roots(np.ones(5) * 4.0)[4], len(root.stats.cache_hits) + len(roots.stats.cache_hits)"
+    for read in ("1", "2"):
+        assert run(code.format(both), tmp_path).split() == ["2.0", "2.0", read]
 
 
 # ---- the cache is optional

@@ -1,7 +1,22 @@
-"""Compiling kernels, and saying so: the first use takes up to a minute in which nothing else happens."""
+"""Compiling kernels, and saying so: the first use takes up to half a minute in which nothing else happens.
+
+How a kernel is compiled. Numba makes of each function, by itself, code that LLVM has optimised, machine code, and
+wrappers for callers in Python and C; where another function calls it, its code is linked into that one and optimised
+again. Of some two hundred functions here Python calls a dozen. So a kernel is two functions to Numba (`Kernel`):
+
+- the one that Python calls is compiled as ever, and kept on disk (`Whole`, `MachineCode`);
+- the one that compiled code calls, `within`, has no wrappers, is only translated into LLVM's language (`Linked`), and
+  is optimised once, as a part of each whole kernel that it is linked into. So is all else that is compiled on the way:
+  NumPy's functions, loops that threads share. It is never kept on disk by itself.
+
+A kernel that is called from both sides is compiled twice, so its code depends on sources and types alone: not on which
+side called first, nor on what other processes left on disk. All this rests on parts of Numba that it does not promise;
+where a version lacks one (`LINKED` is False), every kernel is compiled as Numba does: slower, to the same results.
+"""
 
 import os
 import pickle
+import re
 import sys
 import threading
 import time
@@ -15,10 +30,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import get_num_threads, njit, set_num_threads, threading_layer  # type: ignore[attr-defined]
+from numba import get_num_threads, njit, set_num_threads, threading_layer, types  # type: ignore[attr-defined]
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, install_listener
 from numba.core.options import DefaultOptions
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.extending import overload
 from tqdm import tqdm
 
@@ -27,16 +45,26 @@ try:
 except ImportError:  # on Windows
     fcntl = None  # type: ignore[assignment]
 
-LINE = "compiling for this machine, up to a minute; later runs read it from a cache"
+LINE = "compiling for this machine, up to half a minute; later runs read it from a cache"
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 GLANCE = 0.05  # s between two looks at how many cores are free
+DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
+MOST_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
 PROC = Path("/proc")  # where Linux says so
 _listening: list[Listener] = []
 # Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
 # share, and many loops here are shorter. Without the counts the compiler also refuses whatever would allocate.
 # The option is not among Numba's documented ones: a version without it counts, and takes twice as long.
 UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # of a function that only compiled code calls
+LOOP = "__numba_parfor"  # how Numba names what threads do of a loop; were it another name, that would be made whole
+# Whether this version of Numba has what `Whole` and `Linked` use of its insides.
+LINKED = all(
+    hasattr(JITCodeLibrary, name)
+    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals", "_finalized")
+) and hasattr(CompileResult, "_find_referenced_environments")
+LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "set_env"))
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -45,27 +73,92 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
     least : with parallel=True, how many numbers the largest array must have for loops to be shared out to threads.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file, and with damaged code. Here any change to a file of this folder throws what is kept away,
-    and so does damage; kernels import nothing from outside it. Functions compiled in other packages or notebooks may
-    use it too: changes to their own file count as ever. Where nothing can be kept, the kernel is compiled in every
-    process.
+    constant of another file, and with damaged code. Here what is kept belongs to that file and to those of this folder
+    that it imports (`sources`); other versions lie beside it. Kernels import nothing from outside the folder. Functions
+    compiled in other packages or notebooks may use it too: changes to their own file count as ever, and any to a file
+    of this folder. Where nothing can be kept, the kernel is compiled in every process.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
+        whole = {"pipeline_class": Whole, **options} if LINKED else options
         try:
-            dispatcher = njit(cache=True, **options)(function)
+            dispatcher: Any = njit(cache=True, **whole)(function)
         except RuntimeError as error:  # no folder for it can be written
             _say_uncached(str(error))
-            dispatcher = njit(**options)(function)
+            dispatcher = njit(**whole)(function)
+        if LINKED and isinstance(dispatcher, CPUDispatcher):  # and not the function, where nothing is compiled
+            dispatcher.__class__ = Kernel
+            dispatcher.within = njit(**WITHIN, **options)(function)  # type: ignore[attr-defined]
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
         if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
-            found._cache_file = code = MachineCode(found._cache_file)
+            found._cache_file = code = MachineCode(found._cache_file, function.__code__.co_filename)
             found._guard_against_spurious_io_errors = _cache_is_optional
             dispatcher.compile = code.by_one_process(dispatcher.compile)
         return Shared(dispatcher, least) if options.get("parallel") else dispatcher
 
     return compiled
+
+
+class Kernel(CPUDispatcher):
+    """A function that Python calls; compiled code that names it calls `within`, the same function compiled for that."""
+
+    within: Any = None  # of a copy in another process
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.within or self)
+
+
+class Whole(Compiler):
+    """Compiles a function that Python calls: what it calls is `Linked` with it, and the whole is optimised."""
+
+    def compile_extra(self, func: Any) -> Any:
+        codegen = self.state.targetctx.codegen()
+        self.state.library = codegen.create_library(func.__qualname__)
+        self.state.library.enable_object_caching()
+        before, codegen._library_class = codegen._library_class, Linked  # one thread at a time compiles
+        try:
+            found = super().compile_extra(func)
+        finally:
+            codegen._library_class = before
+        for environment in found._find_referenced_environments():  # as Numba does when it reads it from the disk
+            codegen.set_env(environment.env_name, environment)
+        return found
+
+
+class Linked(JITCodeLibrary):
+    """The code of a function that is called by what is being compiled: no machine code is made of it.
+
+    Of a function that Python can call too, because it is compiled by `numba.njit` elsewhere, it is, as ever.
+    """
+
+    whole = False
+
+    def _optimize_final_module(self) -> None:
+        if self.whole:
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        if self.whole:
+            super()._finalize_final_module()
+        else:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Where the wrapper for Python is, 0 where there is none; the first that Numba asks of what is compiled."""
+        if not self._finalized:
+            defined = (function.name for function in self._final_module.functions if not function.is_declaration)
+            self.whole = name in defined and not self.name.startswith(LOOP)
+        return super().get_pointer_to_function(name) if self.whole else 0
+
+    @property
+    def codegen(self) -> Any:
+        return self._codegen if self.whole else self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """There is no machine code that could be told; `Whole` does it where there is."""
 
 
 class MachineCode:
@@ -74,33 +167,40 @@ class MachineCode:
     Takes the place of the files of Numba's cache: damaged code ends the process, a damaged index every later one.
     """
 
-    def __init__(self, files: Any) -> None:
+    def __init__(self, files: Any, source: str) -> None:
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
-        self.stamp = repr((numba.__version__, files._source_stamp, kernels_digest())).encode()
+        known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
+        stamp = known or (files._source_stamp, sorted(sources().values()))
+        self.stamp = repr((numba.__version__, stamp)).encode()
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
-        return Path(f"{self.start}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}.code")
+        return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """What was kept under a key; None where that is nothing, old or damaged."""
+        """What was kept under a key; None where that is nothing or damaged."""
+        path = self._path(key)
         try:
-            whole = self._path(key).read_bytes()
+            whole = path.read_bytes()
         except FileNotFoundError:
             return None
         if whole[:64] != blake2b(self.stamp + whole[64:]).digest():
             return None
+        with suppress(OSError):
+            os.utime(path)  # so that it is not old
         kept, data = pickle.loads(whole[64:])
         return data if kept == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep it, in place of what was kept under that key before."""
-        code, temporary = self.dump((key, data)), Path(f"{self.start}.{uuid.uuid4().hex}")
+        """Keep it, and clear what has not been used for long (once in a process)."""
+        path, code = self._path(key), self.dump((key, data))
+        temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
         try:
             temporary.write_bytes(blake2b(self.stamp + code).digest() + code)
-            os.replace(temporary, self._path(key))
+            os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
+        _clear(path.parent)
 
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """A dispatcher's `compile`, for which other processes wait: they then find what it kept.
@@ -235,7 +335,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
     """
 
-    inside: Any = {"forceinline": True, **options}
+    inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
@@ -258,7 +358,8 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
-    overload(call, strict=False, jit_options={"forceinline": True})(compiled)
+    inside: Any = {"forceinline": True, **WITHIN}
+    overload(call, strict=False, jit_options=inside)(compiled)
     return call
 
 
@@ -268,13 +369,55 @@ def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
 
 
 @cache
-def kernels_digest() -> str:
-    """A digest of all source files of this folder, names included."""
-    folder, digest = Path(__file__).parent, blake2b(digest_size=16)
-    for file in sorted(folder.rglob("*.py")):
-        text = file.read_bytes()
-        digest.update(f"{file.relative_to(folder).as_posix()} {len(text)} ".encode() + text)
-    return digest.hexdigest()
+def sources() -> dict[str, str]:
+    """For each source file of this folder a digest of it and those of the folder that it imports, and what they import.
+
+    As they are when the first kernel is defined. What is imported stands at the top of a file and is named in full.
+    """
+    folder, package = Path(__file__).parent, __name__.rpartition(".")[0]
+    files = {file: file.read_bytes() for file in sorted(folder.rglob("*.py"))}
+    named = {
+        ".".join([*filter(None, [package]), *file.relative_to(folder).with_suffix("").parts]): file for file in files
+    }
+    named |= {name.removesuffix("__init__").rstrip("."): file for name, file in named.items()}
+    needs = {
+        file: {Path(__file__), file} | {named[name] for name in _imported(files[file]) if name in named}
+        for file in files
+    }
+    found = {}
+    for file in files:
+        digest, needed = blake2b(digest_size=16), needs[file]
+        while len(more := needed.union(*map(needs.__getitem__, needed))) > len(needed):
+            needed = more
+        for one in sorted(needed):
+            digest.update(f"{one.relative_to(folder).as_posix()} {len(files[one])} ".encode() + files[one])
+        found[str(file)] = digest.hexdigest()
+    return found
+
+
+def _imported(source: bytes) -> Iterator[str]:
+    """Names of the modules that a file imports at its top, and of all else that may be one."""
+    text = source.decode(errors="replace")
+    for module, names in re.findall(r"^from ([\w.]+) import (\([^)]*\)|.*)", text, re.MULTILINE):
+        yield module
+        yield from (f"{module}.{name}" for name in re.findall(r"\w+", names))
+    for names in re.findall(r"^import (.*)", text, re.MULTILINE):
+        yield from re.findall(r"[\w.]+", names)
+
+
+@cache
+def _clear(folder: Path) -> None:
+    """Remove versions of kernels that nobody has used for `DAYS`, and of those the oldest beyond `MOST_BYTES`."""
+    known = []
+    for path in folder.glob("*.code"):
+        with suppress(OSError):  # another process may be at it
+            known.append((path.stat().st_mtime, path.stat().st_size, path))
+    total = 0
+    for used, size, path in sorted(known, reverse=True):
+        total += size
+        if time.time() - used > DAYS * 86400 or total > MOST_BYTES:
+            with suppress(OSError):
+                path.unlink()
 
 
 class _Announcer(Listener):
