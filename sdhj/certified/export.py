@@ -31,16 +31,16 @@ from sdhj.kernels.packed import STATE_SLACK
 from sdhj.kernels.words import INPUTS, NOTHING, cells_of_blocks, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.table.batches import threads
-from sdhj.table.controller import RULES, predicted
+from sdhj.table.controller import RULES, predicted, squares
 from sdhj.table.files import replaced_whole, writable_file
 
 FIELDS = ("steps", "select", "safe", "filter", "clear")  # of a word, in this order
-SIDES = {1: 256, 2: 16, 3: 6, 4: 4, 5: 3, 6: 3}  # cells of a block along each axis
+BLOCK_SIDES = {1: 256, 2: 16, 3: 6, 4: 4, 5: 3, 6: 3}  # cells of a block along each axis
 CELLS_AT_ONCE = 1 << 18
 NO_INPUT, ARRIVED = 65535, 65534
-MOST_INPUTS = 65533
+MOST_EXPORTED = 65533
 TESTS = 1000
-DRAWN = 1 << 17  # cells, to see which inputs are frequent
+DRAWN_CELLS = 1 << 17  # cells, to see which inputs are frequent
 STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5, "LEFT_OUT": -8}
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-shared", "-fPIC")
 HEADER = Path(__file__).with_name("sdhj.h")
@@ -102,8 +102,8 @@ def export_c(
         option("only", one, FIELDS)
     if not fields:
         raise ValueError(f"only must name some of {', '.join(FIELDS)}")
-    if len(problem.inputs) > MOST_INPUTS:
-        raise ValueError(f"at most {MOST_INPUTS:,} inputs are exported, got {len(problem.inputs):,}")
+    if len(problem.inputs) > MOST_EXPORTED:
+        raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(problem.inputs):,}")
     norms = np.square(problem.inputs).sum(axis=1)
     brake = int(norms.argmin()) if brake is None else whole("brake", brake, least=0, most=len(problem.inputs) - 1)
     folder = Path(folder)
@@ -123,7 +123,7 @@ def export_c(
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     """All inputs, those first that are proved in most of some cells."""
     rng, left = np.random.default_rng(0), table.steps
-    cells = np.stack([rng.integers(0, count, DRAWN) for count in table.shape], axis=1)
+    cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
     safe = table.inputs_of(cells, np.where(ahead <= left, np.maximum(ahead, left if table.problem.stays else 1), 0), 0)
     return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
@@ -188,7 +188,7 @@ class Packer:
 def slabs(table: CertifiedTable) -> tuple[FloatArray, int, list[tuple[int, int, int]]]:
     """The sides of a block, the blocks of a start, and the work: a step, and the first block and how many."""
     counts = np.array(table.shape)
-    sides = np.minimum(counts, SIDES[len(counts)])
+    sides = np.minimum(counts, BLOCK_SIDES[len(counts)])
     blocks, each = int(prod((-(-counts // sides)).tolist())), max(1, CELLS_AT_ONCE // int(sides.prod()))
     starts = range(1 if table.problem.timeless else table.steps + 1)
     return sides, blocks, [(k, b, min(each, blocks - b)) for k in starts for b in range(0, blocks, each)]
@@ -267,11 +267,6 @@ def file_of(
     rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
     rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + body
     return head + struct.pack("<I", zlib.crc32(head + rest)) + rest
-
-
-def squares(inputs: FloatArray, commands: FloatArray) -> FloatArray:
-    """Squares of distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
-    return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 
 # ---- states with their answers

@@ -457,23 +457,23 @@ static inline sdhj_status sdhj_filter_at(const sdhj_table *t, uint32_t step, con
     if (!sdhj_between(command[k], -1.7976931348623157e308, 1.7976931348623157e308)) return SDHJ_BAD_ARGUMENT;
   status = sdhj_least_ahead(t, step, place, &least);
   if (status == SDHJ_LAST_STEP) return status;
-  for (i = 0; i < t->count_of_inputs; i++) {
-    double distance = 0.0;
-    int proved = 0;
-    memcpy(cell, place->first, sizeof cell);
-    do proved |= sdhj_has(sdhj_word(t, step, cell) + sdhj_offset(t, SDHJ_FILTER), i);
-    while (sdhj_next(t, place, cell));
-    if (!proved) continue;
-    for (k = 0; k < t->components; k++) {
-      const double *none = command;
-      const double want = none != NULL ? command[k] : sdhj_f64(t->inputs + ((size_t)wanted * t->components + k) * 8u);
-      const double apart = sdhj_f64(t->inputs + ((size_t)i * t->components + k) * 8u) - want;
-      volatile double square = apart * apart;
-      distance += square;
+  memcpy(cell, place->first, sizeof cell);
+  do {
+    const uint8_t *proved = sdhj_word(t, step, cell) + sdhj_offset(t, SDHJ_FILTER);
+    for (i = 0; i < t->count_of_inputs; i++) {
+      double distance = 0.0;
+      if (!sdhj_has(proved, i)) continue;
+      for (k = 0; k < t->components; k++) {
+        const uint8_t *own = t->inputs + (size_t)k * 8u;
+        const double want = command != NULL ? command[k] : sdhj_f64(own + (size_t)wanted * t->components * 8u);
+        const double apart = sdhj_f64(own + (size_t)i * t->components * 8u) - want;
+        volatile double square = apart * apart;
+        distance += square;
+      }
+      if (command == NULL && i == wanted) distance = -1.0;
+      if (nearest < -1.5 || distance < nearest || (distance <= nearest && i < *input)) nearest = distance, *input = i;
     }
-    if (command == NULL && i == wanted) distance = -1.0;
-    if (nearest < -1.5 || distance < nearest) nearest = distance, *input = i;
-  }
+  } while (sdhj_next(t, place, cell));
   return nearest > -1.5 ? SDHJ_OK : status == SDHJ_IN_TARGET ? status : SDHJ_NOT_PROVED;
 }
 

@@ -30,7 +30,7 @@ from sdhj.certified.check.rows import Stored, words_hold
 
 MAGIC, HEAD = b"sdhjcell", 560
 FIELDS = ("steps", "select", "safe", "filter", "clear")
-NONE, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
+UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
@@ -124,7 +124,7 @@ def claims(path: str | os.PathLike[str], sets: Any, head: Any, silent: bool) -> 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
     """In what the exported table is of another one than the sets of a file."""
-    stays, world = all(one["kind"] != "target" for one in head["sets"]), sets.edges
+    world = sets.edges
     periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
@@ -144,7 +144,6 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         "delay": (0.0, float(head.get("sensing", {}).get("delay", 0.0))),
         "problem": (words.problem, head["digest"]),
     }
-    del stays
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
 
 
@@ -166,7 +165,7 @@ def of_steps(words: Words, ids: Array, fewest: Array, left: int, stays: bool) ->
     """Claims that cells are in sets: how many are made, and the cells of which they are not so."""
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
-        made = steps != NONE
+        made = steps != UNPROVED
         bad = (steps > left) | ((steps != left) & stays) | (fewest > steps)
         yield "steps", int(made.sum()), np.flatnonzero(made & bad)
     if "select" in words.fields:
