@@ -390,10 +390,10 @@ def export_command(
     read = load(table, problem=None if problem is None else user_problem(problem))
     fields = tuple(only.split(",")) if only else FIELDS
     done = export_c(cast(Any, read), output, rule=rule, only=fields, brake=brake)
-    click.echo(f"{output}: sdhj_table.bin, {done.nbytes:,} bytes of flash; sdhj.h, sdhj_robot.h: some 5 kB of code")
+    click.echo(f"{output}: sdhj_table.bin, {done.nbytes:,} bytes of flash; sdhj.h, sdhj_robot.h: 5 kB of code")
     click.echo(
-        f"  stack: some {STACK} bytes; a look-up loads 4 numbers of a cell, and of {2**read.grid.ndim} cells, twice, where a "
-        "state is on edges of all axes"
+        f"  stack: some {STACK} bytes; a look-up loads 4 numbers of a cell, of {2**read.grid.ndim} cells, twice, on "
+        "edges of all axes"
     )
     if check_it and not checked(table, problem, exported=output / "sdhj_table.bin"):
         context.exit(1)

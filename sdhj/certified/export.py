@@ -31,7 +31,7 @@ from sdhj.kernels.packed import STATE_SLACK
 from sdhj.kernels.words import INPUTS, NOTHING, cells_of_blocks, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.table.batches import threads
-from sdhj.table.controller import RULES, predicted, squares
+from sdhj.table.controller import RULES, predicted, squared_distances
 from sdhj.table.files import replaced_whole, writable_file
 
 FIELDS = ("steps", "select", "safe", "filter", "clear")  # of a word, in this order
@@ -43,7 +43,7 @@ TESTS = 1000
 DRAWN_CELLS = 1 << 17  # cells, to see which inputs are frequent
 STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5, "LEFT_OUT": -8}
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-shared", "-fPIC")
-HEADER = Path(__file__).with_name("sdhj.h")
+HEADER = Path(__file__).with_name("sdhj").with_suffix(".h")
 
 
 def export_c(
@@ -109,9 +109,9 @@ def export_c(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     writable_file(folder / "sdhj_table.bin")
-    data = packed(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
+    data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
     robot = header_of(table, data, fields, rule, brake)
-    for name, text in (("sdhj_table.bin", data), ("sdhj.h", HEADER.read_bytes()), ("sdhj_robot.h", robot.encode())):
+    for name, text in (("sdhj_table.bin", data), (HEADER.name, HEADER.read_bytes()), ("sdhj_robot.h", robot.encode())):
         with replaced_whole(folder / name) as temporary:
             temporary.write_bytes(text)
     return Exported(folder, table)
@@ -194,7 +194,7 @@ def slabs(table: CertifiedTable) -> tuple[FloatArray, int, list[tuple[int, int, 
     return sides, blocks, [(k, b, min(each, blocks - b)) for k in starts for b in range(0, blocks, each)]
 
 
-def packed(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
+def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
     """The bytes of `sdhj_table.bin`."""
     sides, blocks, work = slabs(table)
     counts, cells, ndim = np.array(table.shape), int(sides.prod()), len(table.axes)
@@ -229,7 +229,7 @@ def file_of(
 ) -> bytes:
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
-    order = np.argsort(squares(inputs, inputs[brake][None])[0], kind="stable")
+    order = np.argsort(squared_distances(inputs, inputs[brake][None])[0], kind="stable")
     order = np.array([brake, *order[order != brake]])
     index = np.array(packer.index, "<u4").view(np.uint8).reshape(-1, 4)[:, :index_bytes]
     lengths = [len(body) for body in packer.bodies]
@@ -304,7 +304,7 @@ def told(
     to_go, safe, chosen = table.words.look(table, states, step, left if problem.stays else min(1, left), rule)
     proved = table.words.look(table, states, step, left, None)[1]
     clear = table.words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
-    apart = squares(problem.inputs, problem.inputs[wanted])
+    apart = squared_distances(problem.inputs, problem.inputs[wanted])
     apart[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, apart, np.inf).argmin(axis=1)
     where, out = located(table, states), []

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.words import FREE, INPUTS, NOTHING, keep, look
+from sdhj.kernels.words import FREE, INPUTS, NOTHING, keep, look_up
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
 from sdhj.table.controller import RULES, Candidates
 
-SLOTS = 1 << 10  # for words, at first
+FIRST_SLOTS = 1 << 10  # for words, at first
 MOST_SLOTS = 1 << 23  # where half of so many are used, all are forgotten
 Rule = str | tuple[int, ...] | None  # a built-in one; all inputs, the first proved one of which is taken; none
 CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
@@ -153,24 +153,24 @@ class Layer:
 
     def __init__(self, width: int) -> None:
         self.lock = threading.Lock()
-        self.empty(SLOTS, width)
+        self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
     def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
-        """Fill in `out` of `sdhj.kernels.words.look`."""
+        """Fill in `out` of `sdhj.kernels.words.look_up`."""
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)
         with self.lock:
-            lacks = look(states, table.cells, self.keys, self.words, within, most, out, missing)
+            lacks = look_up(states, table.cells, self.keys, self.words, within, most, out, missing)
         if lacks:
             numbers = np.unique(missing[:lacks])
             cells = np.stack(np.unravel_index(numbers, table.shape), axis=1)
             made = words_of(table, cells, start, within, rule)
             with self.lock:
                 self.keep(numbers, made)
-                look(states, table.cells, self.keys, self.words, within, most, out, missing[:0])
+                look_up(states, table.cells, self.keys, self.words, within, most, out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
         """Keep words, and make room for them."""
@@ -180,6 +180,6 @@ class Layer:
         if slots > self.keys.size:
             held = self.keys != FREE
             old = (self.keys[held], self.words[held]) if slots <= MOST_SLOTS else (numbers[:0], made[:0])
-            self.empty(max(SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
+            self.empty(max(FIRST_SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
             self.used += keep(*old, self.keys, self.words)
         self.used += keep(numbers, made, self.keys, self.words)

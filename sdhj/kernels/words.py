@@ -34,7 +34,7 @@ def slot_of(number, keys):
 
 
 @kernel(nogil=True)
-def look(states, cells, keys, words, within, most, out, missing):
+def look_up(states, cells, keys, words, within, most, out, missing):
     """What the words of the cells within STATE_SLACK of each state say, (M, ndim); how many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are

@@ -482,15 +482,15 @@ class Controller:
             At the last step, or if an argument does not fit.
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
-        if self.table.proved and type(wanted) is int and (answer := self._filtered(q, step, wanted)):
-            return answer
+        if self.table.proved and type(wanted) is int and (found := self._filtered(q, step, wanted)):
+            return found
         q, wanted = real_array("states", q), plain_array("wanted", wanted)
         if single := q.ndim == 1:
             q, wanted = q[None], wanted[None]
         states = states_array("states", q, self.problem.grid.ndim)
         inputs, rows = self.problem.inputs, np.arange(len(states))
         commands, index = _commands(inputs, wanted, len(rows))
-        distances = squares(inputs, commands)  # (M, L)
+        distances = squared_distances(inputs, commands)  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
         batch = self.table.answers(states, step, self.table.steps - step, distances)
@@ -508,7 +508,7 @@ class Controller:
         if np.ndim(q) != 1 or not 0 <= wanted < len(inputs):
             return None
         if wanted not in self._apart:
-            self._apart[wanted] = squares(inputs, inputs[wanted][None])
+            self._apart[wanted] = squared_distances(inputs, inputs[wanted][None])
             self._apart[wanted][0, wanted] = -1.0
         batch = self._query(q, step, self.table.steps - step, self._apart[wanted])
         chosen = batch.best[0]
@@ -613,7 +613,7 @@ def _sides(ndim: int) -> FloatArray:
     return np.array(list(product((False, True), repeat=ndim)))
 
 
-def squares(inputs: FloatArray, commands: FloatArray) -> FloatArray:
+def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
     """Squares of the distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
     return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 

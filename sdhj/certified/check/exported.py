@@ -230,14 +230,14 @@ def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, l
     erode_all(sets.pool, sets.ends(2, still)[0], sets.ends(3, still)[0], eroded)
     ends = [sets.ends(axis, [pair[axis] for pair in sets.scene.inputs()]) for axis in (0, 1)]
     stored = Stored(sets.pairs, sets.index, sets.pool, eroded, sets.allowed, *ends)
-    made, failed = np.zeros((2, rows, 4), np.int64)
+    counts, failed = np.zeros((2, rows, 4), np.int64)
     with tqdm(total=rows, desc="exported", unit="row", disable=silent) as bar:
         numbers = np.arange(rows)
         for done in shared(
-            rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, made[at], failed[at])
+            rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, counts[at], failed[at])
         ):
             bar.update(done)
     for kind, name in enumerate(kinds):
         if name in words.fields:
             bad = np.flatnonzero(failed[:, kind])
-            yield name, int(made[:, kind].sum()), [f"{failed[row, kind]} inputs of cells of row {row}" for row in bad]
+            yield name, int(counts[:, kind].sum()), [f"{failed[row, kind]} inputs of cells of row {row}" for row in bad]
