@@ -1,7 +1,17 @@
 """Maps and polygons: against brute-force distances, what they claim of slope and bounds, files good and bad."""
 
+import io
+import math
+import os
+import shutil
+import socket
+import subprocess
 import sys
-from collections.abc import Callable
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,8 +25,10 @@ from PIL import Image
 import sdhj
 from sdhj import UnsafeSet
 from sdhj.certified import Certified
+from sdhj.certified.check import described, verify
+from sdhj.formulas import graph
 from sdhj.formulas.graph import ordered
-from sdhj.problem.maps import clearance
+from sdhj.problem.maps import BYTES_A_PIXEL, clearance
 
 GREY = {"free": 254, "occupied": 0, "unknown": 205}
 YAML = """image: map.pgm
@@ -48,6 +60,29 @@ def binary_pgm(pixels: np.ndarray, most: int = 255) -> bytes:
 def plain_pgm(pixels: np.ndarray) -> bytes:
     rows = "\n".join(" ".join(map(str, row)) for row in pixels)
     return f"P2\n# made by a test\n{pixels.shape[1]} {pixels.shape[0]}\n255\n{rows}\n".encode()
+
+
+def png(width: int, height: int, data: bytes, *more: tuple[bytes, bytes]) -> bytes:
+    """A PNG in grey of that data, with more chunks before it."""
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    chunks = [(b"IHDR", header), *more, (b"IDAT", zlib.compress(data)), (b"IEND", b"")]
+    whole = (
+        len(held).to_bytes(4, "big") + kind + held + zlib.crc32(kind + held).to_bytes(4, "big") for kind, held in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(whole)
+
+
+LONGEST = 1.0  # s of this process, in which what is hostile is refused
+
+
+@contextmanager
+def refused_soon(said: str) -> Iterator[None]:
+    """A ValueError of one short line, before much time or memory is taken."""
+    began = time.process_time()
+    with pytest.raises(ValueError, match=said) as refused:
+        yield
+    assert time.process_time() - began < LONGEST
+    assert str(refused.value).isprintable() and len(str(refused.value)) < 1000
 
 
 @pytest.fixture
@@ -200,13 +235,17 @@ def test_the_unknown_that_counts_as_free_is_told(written: Callable[..., Path]) -
         ({"resolution": None, "negate": None}, r"map\.yaml.*it lacks resolution, negate"),
         ({"resolution": "-0.05"}, r"map\.yaml.*resolution must be greater than 0"),
         ({"resolution": "fine"}, r"map\.yaml.*resolution must be a number"),
-        ({"origin": "[0, 0]"}, r"map\.yaml.*origin must have shape \(3,\)"),
-        ({"origin": "[0, 0, north]"}, r"map\.yaml.*origin must be real numbers"),
+        ({"resolution": ".inf"}, r"map\.yaml.*resolution must be a number, got '\.inf'"),
+        ({"resolution": "true"}, r"map\.yaml.*resolution must be a number"),
+        ({"resolution": "1e999"}, r"map\.yaml.*resolution must be finite"),
+        ({"origin": "[0, 0]"}, r"map\.yaml.*origin must be three numbers, got \['0', '0'\]"),
+        ({"origin": "[0, 0, north]"}, r"map\.yaml.*origin\[2\] must be a number, got 'north'"),
+        ({"origin": "{x: 0}"}, r"map\.yaml.*origin must be three numbers"),
         ({"mode": "raw"}, r"map\.yaml.*mode must be one of trinary, scale, got 'raw'"),
-        ({"negate": "2"}, r"map\.yaml.*negate must be a whole number from 0 to 1"),
-        ({"negate": "[]"}, r"map\.yaml.*"),
+        ({"negate": "2"}, r"map\.yaml.*negate must be one of 0, 1, .*got '2'"),
+        ({"negate": "[]"}, r"map\.yaml.*negate must be one of"),
         ({"free_thresh": "0.7"}, r"map\.yaml.*occupied_thresh must be at least 0\.7"),
-        ({"image": "3"}, r"map\.yaml.*image must be the name of a file"),
+        ({"image": "[map.pgm]"}, r"map\.yaml.*image must be the name of a file"),
         ({"image": "none.pgm"}, r"none\.pgm is not a picture.*No such file"),
         ({"image": "map.yaml"}, r"map\.yaml is not a picture of a map, such as a PGM or PNG"),
         ({"image": "[1, 2"}, r"map\.yaml is not the YAML file"),
@@ -217,10 +256,280 @@ def test_bad_files_are_named(written: Callable[..., Path], changes: dict[str, st
         UnsafeSet.from_map(written(**changes))
 
 
-@pytest.mark.parametrize("picture", [b"", b"P5\n4 4\n255\n12", b"P2\n2 2\n255\n1 2 three 4\n", b"P2\n2 2\n255\n1 2\n"])
-def test_bad_pictures_are_named(written: Callable[..., Path], picture: bytes) -> None:
-    with pytest.raises(ValueError, match=r"map\.pgm is not a picture of a map, such as a PGM or PNG file: \S"):
+@pytest.mark.parametrize("negate", ["0", "false", "No", "off", "'0'"])
+@pytest.mark.parametrize("side", ["1e-1", "0.1", "'0.1'", "!!python/name:os.system 0.1", "&a .1"])
+def test_numbers_are_those_of_today_s_yaml(written: Callable[..., Path], negate: str, side: str) -> None:
+    """To YAML 1.1, which PyYAML reads, 1e-1 is a word."""
+    points = np.array([[0.55, -0.05], [0.5, 0.5], [-1.0, 0.3]])
+    expected = UnsafeSet.from_map(written(resolution="0.1")).level_set(points, 0.0)
+    found = UnsafeSet.from_map(written(resolution=side, negate=negate)).level_set(points, 0.0)
+    np.testing.assert_array_equal(found, expected)
+
+
+PIXELS = flat().tobytes()
+NOISE = np.random.default_rng(0).integers(0, 256, (40, 30), np.uint8)  # line ends among them
+PICTURES = {
+    "empty": (b"", "cannot identify"),
+    "short": (b"P5\n4 4\n255\n12", "16 bytes must follow its header, for 4 x 4 pixels, and 2 do"),
+    "a pixel more": (binary_pgm(flat()) + b"\n", "768 bytes must follow its header.* and 769 do"),
+    "Git's line ends": (binary_pgm(flat()).replace(b"\n", b"\r\n"), r"769 do; if Git or an editor.*\.gitattributes"),
+    "line ends of noise": (binary_pgm(NOISE).replace(b"\n", b"\r\n"), "bytes must follow its header"),
+    "line ends without returns": (binary_pgm(np.tile([13, 10], (4, 4))).replace(b"\r\n", b"\n"), "and 16 do"),
+    "a pixel less of 16 bits": (binary_pgm(flat() * 257.0, 65535)[:-2], "1,536 bytes must follow its header"),
+    "the maximum of 8 bits": (binary_pgm(flat() * 257.0, 65535).replace(b"65535", b"00255"), "and 1,536 do"),
+    "bits": (b"P4\n9 2\n" + bytes(3), "4 bytes must follow"),
+    "colours": (b"P6\n2 2\n255\n" + bytes(4), "12 bytes must follow"),
+    "a word": (b"P2\n2 2\n255\n1 2 three 4\n", "invalid literal"),
+    "a number less": (b"P2\n2 2\n255\n1 2\n", "4 numbers must follow its header, for 2 x 2 pixels, and 2 do"),
+    "a number more": (b"P2\n2 2\n255\n1 2 3 4 5\n", "4 numbers must follow.* and 5 do"),
+    "plain bits": (b"P1\n2 2\n0 1 01 1\n", "4 numbers must follow.* and 5 do"),
+    "a comment in the picture": (b"P2\n2 2\n255\n" + b"#\n" * 500_000, "a comment among its pixels"),
+    "a long comment": (b"P5\n#" + b"x" * 10_000_000 + b"\n2 2\n255\n1234", "must begin with P1 to P6"),
+    "a long number": (b"P5\n" + b"9" * 100_000 + b" 2\n255\n1234", "must begin with P1 to P6"),
+    "no width": (b"P5\n0 4\n255\n", "cannot|not a picture"),
+    "floating point": (b"Pf\n2 2\n-1.0\n" + bytes(16), "must begin with P1 to P6"),
+    "huge PGM": (b"P5\n999999999 999999999\n255\n", "999,999,999 x 999,999,999 pixels are too many"),
+    "huge PNG": (png(60_000, 60_000, b""), "too many|exceeds limit"),
+    "bomb": (png(6_000, 6_000, b"\0" * 10), "6,000 x 6,000 pixels are too many"),
+    "PNG cut short": (png(34, 34, NOISE.tobytes())[:600], r"\S"),
+    "PNG of noise": (png(34, 34, NOISE.tobytes())[:60] + NOISE.tobytes(), r"\S"),
+    "text bomb": (png(2, 2, bytes(6), *[(b"zTXt", b"k\0\0" + zlib.compress(bytes(1 << 23)))] * 20), "too large"),
+    "many chunks": (png(2, 2, bytes(6), *[(b"prVt", b"")] * 100_000), "more than 100 chunks"),
+    "postscript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
+    "GIF": (b"GIF89a" + bytes(100), "cannot identify"),
+    "BMP of runs": (b"", "compressed"),
+}
+
+
+@pytest.mark.parametrize("kind", PICTURES)
+def test_bad_pictures_are_named(written: Callable[..., Path], tmp_path: Path, kind: str) -> None:
+    picture, said = PICTURES[kind]
+    if kind == "BMP of runs":
+        bmp = io.BytesIO()
+        Image.fromarray(flat()).convert("P").save(bmp, "BMP")
+        picture = bmp.getvalue()[:30] + b"\1" + bmp.getvalue()[31:]
+    with refused_soon(f"map\\.pgm is not a picture of a map, such as a PGM or PNG file: .*({said})"):
         UnsafeSet.from_map(written(picture))
+
+
+def bomb_of_aliases() -> str:
+    """A list of 9 lists of 9 lists..."""
+    lines = ["a0: &a0 [0, 0, 0, 0, 0, 0, 0, 0, 0]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 9)]
+    return "\n".join(lines)
+
+
+TEXTS = {
+    "bomb in the origin": (bomb_of_aliases() + "\norigin: *a8\n", "origin must be three numbers"),
+    "bombs in the origin": (bomb_of_aliases() + "\norigin: [*a8, *a8, *a8]\n", r"origin\[0\] must be a number"),
+    "bomb as resolution": (bomb_of_aliases() + "\nresolution: *a8\n", "resolution must be a number"),
+    "bomb as image": (bomb_of_aliases() + "\nimage: *a8\n", "image must be the name"),
+    "bomb as mode": (bomb_of_aliases() + "\nmode: *a8\n", "mode must be one of"),
+    "bomb as negate": (bomb_of_aliases() + "\nnegate: *a8\n", "negate must be one of"),
+    "itself": ("origin: &a [*a, 0, 0]\n", "recursive"),
+    "brackets": ("origin: " + "[" * 5000, "nested too deeply"),
+    "braces": ("origin: " + "{a: " * 5000, "nested too deeply"),
+    "questions": ("? " * 5000, "nested too deeply"),
+    "dashes": ("origin:\n" + "- " * 5000, "nested too deeply"),
+    "a long name": ("image: " + "x" * 60_000, "File name too long"),
+    "a long name that ends": ("image: [" + "x" * 60_000, "not the YAML file"),
+    "a long word": ("resolution: " + "x" * 60_000, "resolution must be a number"),
+    "a long number": ("negate: " + "1" * 60_000, "negate must be one of"),
+    "many numbers": ("origin: [" + "0, " * 20_000 + "0]", "origin must be three numbers"),
+    "800,000 characters": ("image: " + "x" * 800_000, "has more than 65,536 bytes"),
+    "a long anchor": ("origin: *" + "x" * 60_000, "undefined alias"),
+    "a tag": ("origin: !!python/object/apply:os.system [exit 1]", "three numbers"),
+    "escapes": ('image: "\\e[31m\\nred"', "not a picture"),
+    "nothing in the name": ('image: "a\\0b"', "null byte"),
+    "a byte of no text": ("image: \x00", "not the YAML file"),
+    "two documents": ("--- 1\n--- 2\n", "single document"),
+    "a list as a key": ("[1]: 2\n", "unhashable"),
+}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_hostile_texts_are_refused_in_a_line_within_a_second(written: Callable[..., Path], kind: str) -> None:
+    text, said = TEXTS[kind]
+    path = written(**{word.split(":")[0]: None for word in text.splitlines() if ": " in word})
+    path.write_text(path.read_text(encoding="utf-8") + text, encoding="utf-8")
+    with refused_soon(said):
+        UnsafeSet.from_map(path)
+
+
+@pytest.mark.parametrize("kind", ["fifo", "folder", "zero", "null", "socket", "sparse", "name", "dead link", "memory"])
+@pytest.mark.parametrize("part", ["yaml", "image"])
+def test_what_is_no_file_is_refused_at_once(written: Callable[..., Path], tmp_path: Path, kind: str, part: str) -> None:
+    """A pipe would be waited for, a device read for ever."""
+    path = tmp_path / "other"
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as one:
+            one.bind(os.path.relpath(path))
+    elif kind == "sparse":
+        with open(path, "wb") as stream:
+            stream.truncate(1 << 40)
+    elif kind == "dead link":
+        path.symlink_to(tmp_path / "nowhere")
+    else:
+        path = {"name": Path("x" * 800_000), "memory": Path("/proc/self/mem")}.get(kind, Path("/dev") / kind)
+    wrong = "folder, a device or a pipe|has more than|File name too long|No such file|Input/output error"
+    with refused_soon(wrong):
+        UnsafeSet.from_map(path if part == "yaml" else written(image=str(path)[:60_000]))
+
+
+def test_pixels_of_16_bits_that_are_transparent_are_not_free(written: Callable[..., Path], tmp_path: Path) -> None:
+    sixteen, points = Image.fromarray(flat().astype(np.uint16) * 257), np.array([[0.05, 0.0]])
+    sixteen.save(tmp_path / "sixteen.png")
+    assert UnsafeSet.from_map(written(image="sixteen.png")).level_set(points, 0.0)[0] > 0
+    sixteen.save(tmp_path / "glass.png", transparency=254 * 257)
+    with pytest.raises(ValueError, match="no pixel"):
+        UnsafeSet.from_map(written(image="glass.png"))
+
+
+def test_pictures_in_files_that_map_servers_write(written: Callable[..., Path], tmp_path: Path) -> None:
+    """A comment, bits, colours and BMP: the same map as from the PGM."""
+    points = np.random.default_rng(1).uniform(-1, 2, (500, 2))
+    expected = UnsafeSet.from_map(written()).level_set(points, 0.0)
+    free = flat() == GREY["free"]
+    colour = b"P6 32 24 255 " + np.stack([flat()] * 3, axis=2).tobytes()
+    bits = b"P4\n32 24\n" + np.packbits(~free, axis=1).tobytes()
+    plain = b"P1\n32 #columns\n24\n" + "\n".join("".join("01"[not one] for one in row) for row in free).encode()
+    commented = b"P5#made\n#by\n\n32#columns\r24 #rows\n 255\n" + PIXELS
+    bmp = io.BytesIO()
+    Image.fromarray(flat()).save(bmp, "BMP")
+    for picture in (colour, bits, plain, commented, bmp.getvalue()):
+        np.testing.assert_array_equal(UnsafeSet.from_map(written(picture)).level_set(points, 0.0), expected)
+
+
+def test_maps_have_one_limit_that_is_said_before_anything_is_taken(written: Callable[..., Path]) -> None:
+    """The checker imports nothing of the rest, so it states the limit itself."""
+    assert described.MOST_TABLES == graph.MOST_TABLES
+    side = math.isqrt(graph.MOST_TABLES // 32)
+    with refused_soon(r"5,793 x 5,792 pixels are too many: .* takes 1,07\d,\d{3},\d{3} bytes.*at most 1,073,741,824"):
+        UnsafeSet.from_map(np.broadcast_to(False, (side, side + 1)), resolution=0.1)
+    with refused_soon("too many"):
+        UnsafeSet.from_map(written(b"P5\n%d %d\n255\n" % (side + 1, side)))
+    with refused_soon(r"a table of shape \(9, 99999999\) takes 7,199,999,928 bytes, .*use fewer nodes"):
+        sdhj.gridded(np.broadcast_to(0.0, (9, 99999999)), [0.0, 0.0], [1.0, 1.0])
+
+
+def yard(*unsafe: UnsafeSet) -> sdhj.ReachAvoidProblem:
+    """A robot on a square of 4 m."""
+    speeds = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 2.0, p[:, 1] - 2.0) - 0.5)
+    dynamics = sdhj.Dynamics(speeds, speeds, np.eye(2), [0.1, 0.1])
+    return sdhj.ReachAvoidProblem(sdhj.Grid([0, 0], [4, 4], [21, 21]), dynamics, target, unsafe, 0.25, 2)
+
+
+def test_the_tables_of_a_problem_count_together_for_all_who_read_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two maps of 20 x 20 pixels, of 13,448 bytes each; the same map, moved, is one table, and read as one."""
+    blocked = np.zeros((20, 20), bool)
+    blocked[10, 3] = True
+    one, moved = (UnsafeSet.from_map(blocked, resolution=0.2, origin=(x, 0.0), name=f"at {x}") for x in (0.0, 0.001))
+    other = UnsafeSet.from_map(blocked.T, resolution=0.2, name="other")
+    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 20_000)
+    with pytest.raises(ValueError, match=r"looks up.*take 26,896 bytes together, and at most 20,000 .*fewer"):
+        yard(one, other)
+    assert len(yard(one, moved).texts[1]) == 1
+    monkeypatch.setattr("sdhj.problem.problem.MOST_TABLES", 26_896)
+    path = tmp_path / "two.h5"
+    sdhj.solve(yard(one, other), Certified(cells=[20, 20]), play=False).save(path)
+    for reader, read in (("table.files", sdhj.load), ("certified.check.described", partial(verify, progress=False))):
+        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_896)
+        read(path)
+        monkeypatch.setattr(f"sdhj.{reader}.MOST_TABLES", 26_895)
+        with pytest.raises(ValueError, match=r"tables/1 (has 13,448 bytes, and at most 13,447|must be kept)"):
+            read(path)
+
+
+@pytest.mark.slow
+def test_a_large_map_is_saved_loaded_and_verified(tmp_path: Path) -> None:
+    """Of 2,100 x 2,100 pixels: its table takes 141 MB."""
+    blocked = np.zeros((2100, 2100), bool)
+    blocked[300:500, 700:900] = True
+    table = sdhj.solve(yard(UnsafeSet.from_map(blocked, resolution=4 / 2100)), Certified(cells=[40, 40]), play=False)
+    table.save(tmp_path / "large.h5")
+    loaded, q = sdhj.load(tmp_path / "large.h5"), np.random.default_rng(0).uniform(0, 4, (1000, 2))
+    np.testing.assert_array_equal(loaded.contains(q), table.contains(q))
+    assert loaded.fraction() > 0.02 and verify(tmp_path / "large.h5", progress=False).ok
+
+
+def test_threads_save_and_load_at_once(tmp_path: Path) -> None:
+    """To HDF5, files in memory that have one name are one file."""
+    office = UnsafeSet.from_map(np.eye(20, dtype=bool)[::-1], resolution=0.2)
+    tables = [sdhj.solve(yard(office), method, play=False) for method in ("hji", "lax", Certified(cells=[20, 20]))]
+    for place, table in enumerate(tables):
+        table.save(tmp_path / f"{place}.h5")
+
+    def at_work(task: int) -> None:
+        place = task % len(tables)
+        path, table = tmp_path / f"{place}.h5", tables[place]
+        for _ in range(5):
+            if task < 2 * len(tables):
+                table.save(path if task < len(tables) else tmp_path / f"{place} again.h5")
+            np.testing.assert_array_equal(sdhj.load(path).values(start=0), table.values(start=0))
+
+    with ThreadPoolExecutor(9) as pool:
+        list(pool.map(at_work, range(3 * len(tables))))
+
+
+def test_a_store_keeps_its_maps_as_arrays(tmp_path: Path) -> None:
+    """As text in the head, a map took thousands of bytes a pixel; what is not the map of the solve is refused."""
+    blocked = np.zeros((100, 100), bool)
+    blocked[30:40, 30:60] = True
+    table = sdhj.solve(yard(UnsafeSet.from_map(blocked, resolution=0.04)), store=tmp_path / "a.zarr", progress=False)
+    q = np.random.default_rng(0).uniform(0, 4, (300, 2))
+    np.testing.assert_array_equal(sdhj.load(tmp_path / "a.zarr").contains(q), table.contains(q))
+    assert (tmp_path / "a.zarr" / "zarr.json").stat().st_size < 20_000
+    shutil.rmtree(tmp_path / "a.zarr" / "tables")
+    with pytest.raises(sdhj.TableFileError, match=r"a\.zarr is damaged: its array tables/0 is missing or another"):
+        sdhj.load(tmp_path / "a.zarr")
+
+
+def test_memory_is_stated_before_it_is_taken(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sdhj.problem.memory.available", lambda: (2**28, "are available"))
+    said = r"a map of 4,000 x 3,000 pixels needs about 1\.32 GB, but only 0\.268 GB are available; scale it down"
+    for source, side in ((np.broadcast_to(False, (3000, 4000)), 0.1), (written(b"P5\n4000 3000\n255\n"), None)):
+        began = time.perf_counter()
+        with pytest.raises(MemoryError, match=said):
+            UnsafeSet.from_map(source, resolution=side)
+        assert time.perf_counter() - began < LONGEST
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="peaks of memory are told by Linux")
+def test_a_map_takes_no_more_memory_than_is_stated() -> None:
+    """From the pixels to a table that is asked; in a process of its own, whose peak is set back."""
+    code = """
+import gc, sys, numpy as np, sdhj, tempfile
+def now(what):
+    return next(1024 * int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(what))
+speeds = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+def asked(n, path):
+    blocked = np.random.default_rng(0).random((n, n)) < 1e-4
+    before = now("VmRSS")
+    open("/proc/self/clear_refs", "w").write("5")
+    office = sdhj.UnsafeSet.from_map(blocked, resolution=4 / n)
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 2, p[:, 1] - 2) - 0.5)
+    dynamics = sdhj.Dynamics(speeds, speeds, np.eye(2), [0.1, 0.1])
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([0, 0], [4, 4], [41, 41]), dynamics, target, [office], 0.25, 3)
+    del office
+    table = sdhj.solve(problem)
+    table.save(path)
+    del table, problem
+    gc.collect()
+    sdhj.Controller(sdhj.load(path)).steps_to_go([2.0, 2.0], 0)
+    return (now("VmHWM") - before) / n**2
+with tempfile.TemporaryDirectory() as folder:
+    asked(20, folder + "/small.h5")
+    print(asked(1500, folder + "/large.h5"))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
+    assert 32.0 < float(done.stdout) < BYTES_A_PIXEL
 
 
 def test_what_is_no_map_is_refused(written: Callable[..., Path], tmp_path: Path) -> None:

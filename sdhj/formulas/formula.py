@@ -225,7 +225,7 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
     last |= dict.fromkeys(outputs, len(order))
     slots: dict[Node, int] = {}
     code, value, free, top = np.zeros((len(order), 5), np.int64), np.zeros(len(order)), list[int](), 0
-    lookups, tables = list[tuple[Node, list[int]]](), dict[Lookup, int]()
+    lookups, tables = list[tuple[Node, list[int]]](), dict[str, tuple[int, Lookup]]()
     for place, one in enumerate(order):
         used = [slots[arg] for arg in one.args]
         for arg in dict.fromkeys(one.args):
@@ -248,12 +248,13 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
     found, places, starts = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12)), 0
     for row, (one, used) in enumerate(lookups):
         table, n = one.value, len(used)
-        if table not in tables:
-            tables[table] = starts
+        if table.digest not in tables:
+            tables[table.digest] = starts, table
             starts += table.values.size
         found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
-        found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table], table.lower, table.spacing
-    numbers = np.concatenate([table.values.ravel() for table in tables]) if tables else np.zeros(1)
+        found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest][0], table.lower, table.spacing
+    flat = [table.values.ravel() for _, table in tables.values()] or [np.zeros(1)]
+    numbers = flat[0] if len(flat) == 1 else np.concatenate(flat)  # maps are large, and `packed` copies them
     results = np.array([slots[one] for one in outputs], np.int64)
     return code, np.array([top]), results, found, value, places, numbers
 

@@ -20,6 +20,7 @@ from sdhj.kernels import FloatArray
 
 MOST_EXPONENT = 64  # of `power`, a whole number
 MOST_AXES = 6  # of a table
+MOST_TABLES = 1 << 30  # bytes of all tables that a problem looks up: so many does a file have, and are read
 MOST_TOTAL = 8  # ... up to which powers are taken not to overflow
 _lock = threading.Lock()
 _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
@@ -36,9 +37,18 @@ class Lookup:
 
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
-        """ValueError where they do not fit each other."""
+        """ValueError where they do not fit each other, or are too many.
+
+        Maps are large: a Lookup shares its values, and a read-only array that owns them is not copied.
+        """
+        known = values if isinstance(values, Lookup) else None
+        if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
+            raise ValueError(
+                f"a table of shape {values.shape} takes {size:,} bytes, and those of a problem at most {MOST_TABLES:,} "
+                "together; use fewer nodes"
+            )
         try:
-            array = np.array(values, dtype=np.float64, order="C")
+            array = known.values if known else values if _sealed(values) else np.array(values, np.float64, order="C")
             low, step = (tuple(np.atleast_1d(np.asarray(one, dtype=np.float64)).tolist()) for one in (lower, spacing))
         except (TypeError, ValueError) as error:
             raise ValueError(f"values, lower and spacing of a table must be real numbers: {error}") from None
@@ -48,8 +58,17 @@ class Lookup:
                 f"values must be finite, on 1 to {MOST_AXES} axes with two nodes at least, with a lower and a spacing "
                 f"above 0 for each; got values of shape {array.shape}, {low} and {step}"
             )
+        if known:
+            return cls(array, low, step, known.digest)
         array.setflags(write=False)
-        return cls(array, low, step, blake2b(repr(array.shape).encode() + array.tobytes(), digest_size=16).hexdigest())
+        digest = blake2b(repr(array.shape).encode(), digest_size=16)
+        digest.update(array.data.cast("B"))
+        return cls(array, low, step, digest.hexdigest())
+
+
+def _sealed(values: Any) -> bool:
+    fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
+    return fits and values.flags.owndata and not values.flags.writeable
 
 
 class Node:

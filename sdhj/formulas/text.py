@@ -6,7 +6,7 @@ hexadecimal, so nothing is rounded. The order follows from the graph alone, so e
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,10 +34,11 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
         elif one.op == "power":
             words += [str(one.value)]
         elif one.op == "gridded":
-            if one.value not in tables:
+            digests = [table.digest for table in tables]  # of values: where their nodes are stands in the line
+            if one.value.digest not in digests:
                 tables.append(one.value)
             ends = ["lower", *map(float.hex, one.value.lower), "spacing", *map(float.hex, one.value.spacing)]
-            words = [str(tables.index(one.value)), *words, *ends]
+            words = [str([*digests, one.value.digest].index(one.value.digest)), *words, *ends]
         lines.append(" ".join([one.op, *words]))
     return [*lines, " ".join(["return", *(number[one] for one in outputs)])]
 
@@ -52,11 +53,15 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
     nodes: list[Node] = []
     limits = {"x": coordinates, "p": parameters}
 
-    @lru_cache  # where many nodes look up one table, it is copied and its digest computed once
+    @cache  # where many nodes look up one table, it is copied and its digest computed once
+    def table(number: int) -> Lookup:
+        found = tables[number]
+        return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
+
     def looked_up(number: str, *ends: str) -> Lookup:
-        table, cut = tables[_index(number, len(tables))], ends.index("spacing")
+        cut = ends.index("spacing")
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
-        return Lookup.of(table.values if isinstance(table, Lookup) else table, lower, spacing)
+        return Lookup.of(table(_index(number, len(tables))), lower, spacing)
 
     for place, line in enumerate(lines):
         try:

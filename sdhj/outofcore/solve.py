@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore.slabs import KINDS, AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
-from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, free_name, room_for
+from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, digest, free_name, room_for
 from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
 from sdhj.problem.grid import Grid
@@ -61,7 +61,7 @@ def solve_stored(
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
             room_for(path, bytes_of(_arrays(plan)))
-            create(path, _head_of(plan))
+            create(path, _head_of(plan), arrays_of(problem))
         static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in KINDS)
         most = LookupTable.rooms(problem) * plan.slabs + static + problem.steps * moving  # slabs that are worked on
         with tqdm(total=most, desc=method.name, unit="slab", disable=hidden(progress)) as bar:
@@ -206,7 +206,7 @@ def _head_of(plan: Plan) -> dict[str, Any]:
         "cut": [plan.axis, plan.width],
         "halo": plan.halo,
         "avoid_axes": {kind: list(axes) for kind, axes in plan.avoid_axes.items()},
-        "functions": {name: values.tolist() for name, values in arrays_of(problem).items()},
+        "functions": {name: digest(values) for name, values in arrays_of(problem).items()},
         "arrays": _arrays(plan),
     }
     return dict(json.loads(json.dumps(head)))

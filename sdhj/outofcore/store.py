@@ -4,6 +4,7 @@
     masks         (T, bytes, *shape)       the inputs marked, as `LookupTable.masks`
     avoid_static  (1, L, *subgrid)         avoid tubes, as `AvoidTubes`
     avoid_moving  (N, L, *subgrid)
+    tables, opaque                         what formulas look up, and values of black boxes
 
 Its attributes say the problem, how it is cut and, once it is whole, which entry is which tube. A slab of an entry is
 one file: a compressed chunk with its CRC-32C, or a *shard* of several, each small enough for a controller to read. A
@@ -32,7 +33,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.table.files import TableFileError, probed, unwritable
 
-STORE_FORMAT = 1
+STORE_FORMAT = 2
 CHUNK_BYTES = 2**21  # bytes of a chunk at most: what is read for a state at the least
 CACHE_BYTES = 2**27  # bytes of what was read or written that are kept where that helps
 THICK = 16  # nodes of a chunk along the axis that is cut, at most
@@ -76,8 +77,13 @@ class TableStore:
 
     @property
     def functions(self) -> dict[str, FloatArray]:
-        """The tables that formulas look up, and values of black boxes, by name."""
-        return {name: np.array(values, dtype=np.float64) for name, values in self.head["functions"].items()}
+        """The tables that formulas look up, and values of black boxes, by name; TableFileError where they are not."""
+        here = [name for name in self.head["functions"] if name in self.group]
+        found = {name: np.array(self.group[name], dtype=np.float64) for name in here}
+        for name, expected in self.head["functions"].items():
+            if name not in found or digest(found[name]) != expected:
+                raise TableFileError(f"{self.path} is damaged: its array {name} is missing or another; solve it anew")
+        return found
 
     # ---- its slabs
 
@@ -183,8 +189,18 @@ def chunked(shape: Sequence[int], cut: int | None, width: int, each: int) -> tup
     return size, [-(-n // c) * c for n, c in zip(most, size, strict=True)]
 
 
-def create(path: Path, head: Mapping[str, Any]) -> None:
-    """Make an empty store with this head; the folder appears when it is whole. FileExistsError if there is one."""
+def digest(values: FloatArray) -> str:
+    """SHA-256 of an array's shape and numbers."""
+    found = hashlib.sha256(repr(values.shape).encode())
+    found.update(values.data.cast("B"))
+    return found.hexdigest()
+
+
+def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray]) -> None:
+    """Make a store with this head and these functions, else empty; the folder appears when it is whole.
+
+    FileExistsError if there is one.
+    """
     free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}.zarr")
@@ -192,6 +208,8 @@ def create(path: Path, head: Mapping[str, Any]) -> None:
     packing |= {"fill_value": 0, "chunk_key_encoding": {"name": "default", "separator": "."}}  # all in one folder
     try:
         group = zarr.create_group(str(temporary), attributes=attributes(head))
+        for name, values in functions.items():
+            group.create_array(name, data=values, chunks=values.shape)
         axis, width = head["cut"]
         for name, (shape, dtype) in head["arrays"].items():
             axes = head["avoid_axes"].get(name.removeprefix("avoid_"), list(range(len(head["grid"]["shape"]))))

@@ -122,6 +122,12 @@ def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
+def one_line(text: str, most: int = 500) -> str:
+    """A message, in which a file may have a say, as one line of so many characters that can be printed."""
+    text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
 def sequence(name: str, value: Any) -> Any:
     """`value` if it is a sequence or an array; ValueError naming it otherwise."""
     scalar = isinstance(value, np.ndarray) and value.ndim == 0

@@ -22,8 +22,12 @@ all edges of a convex part, which is the polygon or a triangle of it. Of a box t
 not say that it is inside.
 """
 
+import io
 import math
 import os
+import re
+import reprlib
+import stat
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,13 +35,26 @@ from typing import Any
 
 import numpy as np
 
+from sdhj.formulas.graph import MOST_TABLES
 from sdhj.formulas.gridded import gridded
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import finite_array, number, option, whole
+from sdhj.problem.checks import finite_array, number, one_line, option, plain_array
+from sdhj.problem.memory import require
 
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires
 MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
+BYTES_A_PIXEL = 110  # that reading a map and making its distances take at most
+MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
+MOST_PICTURE = 1 << 27  # bytes of a picture
+FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
+MOST_CHUNKS, SHORT_CHUNK = (
+    100,
+    256,
+)  # of a PNG beside those of its pixels, and bytes of a chunk that counts as one of these
+_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
+HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))
 MapLevelSet = Callable[[FloatArray, float], FloatArray]
 MISSING = "install it with pip install 'sdhj[maps]'"
 
@@ -51,23 +68,27 @@ def map_level_set(
             raise ValueError("resolution and origin are read from the map's file; give them with an array only")
         blocked, resolution, origin = read_map(Path(source))
     else:
-        blocked = np.asarray(source)
+        blocked = plain_array("a map", source)
         if blocked.ndim != 2 or blocked.dtype != np.bool_ or not blocked.size:
             raise ValueError(
                 "a map must be the path of a YAML file or a bool array (rows, columns), True where it is occupied or "
                 f"unknown, got {type(source).__name__} of {blocked.dtype} of shape {blocked.shape}"
             )
+    room_for_map(*blocked.shape[::-1])
     if blocked.all():
         shown = os.fspath(source) if isinstance(source, str | os.PathLike) else name
         raise ValueError(f"no pixel of the map {shown!r} is free; an array must be True where it is occupied")
     radius, side = number("radius", radius, least=0.0), number("resolution", resolution, above=0.0)
     if np.shape(origin) not in ((2,), (3,)):
-        raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {origin!r}")
+        raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {reprlib.repr(origin)}")
     x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
     cosine, sine = math.cos(yaw), math.sin(yaw)
     nodes = clearance(blocked, side)
     size = (np.array(nodes.shape) - 1.0) * (side / 2)
-    table = gridded(nodes - (side / math.sqrt(8.0) + radius), [0.0, 0.0], [side / 2, side / 2])
+    nodes -= side / math.sqrt(8.0) + radius
+    nodes.setflags(write=False)  # so that it is not copied
+    table = gridded(nodes, [0.0, 0.0], [side / 2, side / 2])
+    del nodes
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         dx, dy = points[:, 0] - x, points[:, 1] - y
@@ -81,7 +102,8 @@ def map_level_set(
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
     """Signed distance to the blocked pixels and the outside of the map, m, at nodes half a pixel apart.
 
-    blocked : (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending.
+    It is the distance to the border: the nearest node that is both on an unsafe square and on a free one. blocked :
+    (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -95,9 +117,16 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
         return np.asarray(binary_dilation(centres, np.ones((3, 3))))
 
     cells = blocked[::-1].T
-    unsafe, free = closed(cells), closed(~cells)
+    unsafe, off_border = closed(cells), closed(~cells)
     unsafe[[0, -1]] = unsafe[:, [0, -1]] = True  # they touch the outside of the map
-    return (distance_transform_edt(~unsafe) - distance_transform_edt(~free)) * (side / 2)
+    np.logical_not(np.logical_and(off_border, unsafe, out=off_border), out=off_border)
+    nearest = distance_transform_edt(off_border, return_distances=False, return_indices=True)
+    del off_border
+    out, columns = np.empty(unsafe.shape), np.arange(unsafe.shape[1])
+    for i, (row, column) in enumerate(zip(*nearest, strict=True)):  # SciPy's own distances take twice the memory
+        squares = np.square(row - i, dtype=np.float64) + np.square(column - columns, dtype=np.float64)
+        out[i] = np.sqrt(squares) * np.where(unsafe[i], -side / 2, side / 2)
+    return out
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
@@ -111,26 +140,30 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         import yaml
     except ImportError as error:
         raise ImportError(f"reading the file of a map needs PyYAML; {MISSING}") from error
+    what, words = "the YAML file of a map", {"0": False, "1": True} | yaml.SafeLoader.bool_values
     try:
-        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
-    if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
-        what = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
-        raise ValueError(f"{path} is not the YAML file of a map, which has the keys {', '.join(KEYS)}: {what}")
-    try:
+        # to this loader every value is text: numbers are those of YAML 1.2, such as 1e-1, and nothing is made of tags
+        entries = yaml.load(contents(path, MOST_TEXT).decode("utf-8"), Loader=yaml.BaseLoader)
+        if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
+            said = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
+            raise ValueError(f"it must have the keys {', '.join(KEYS)}, and {said}")
         option("mode", entries.get("mode", MODES[0]), MODES)
-        negate = bool(whole("negate", int(entries["negate"]), least=0, most=1))
-        free = number("free_thresh", entries["free_thresh"], least=0.0, most=1.0)
-        number("occupied_thresh", entries["occupied_thresh"], least=free, most=1.0)
-        resolution = number("resolution", entries["resolution"], above=0.0)
-        origin = finite_array("origin", entries["origin"], (3,)).tolist()
-        if not isinstance(entries["image"], str):
-            raise ValueError(f"image must be the name of a file, got {entries['image']!r}")
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not the YAML file of a map: {error}") from error
-    grey, opaque = read_image(path.parent / entries["image"])
-    darkness = (grey if negate else 255.0 - grey) / 255.0
+        image, negate, origin = (entries[key] for key in ("image", "negate", "origin"))
+        option("negate", negate.lower() if isinstance(negate, str) else negate, [*words])
+        free = number("free_thresh", spelled(entries["free_thresh"]), least=0.0, most=1.0)
+        number("occupied_thresh", spelled(entries["occupied_thresh"]), least=free, most=1.0)
+        resolution = number("resolution", spelled(entries["resolution"]), above=0.0)
+        if not isinstance(origin, list) or len(origin) != 3:
+            raise ValueError(f"origin must be three numbers, got {reprlib.repr(origin)}")
+        origin = [number(f"origin[{place}]", spelled(one)) for place, one in enumerate(origin)]
+        if not isinstance(image, str):
+            raise ValueError(f"image must be the name of a file, got {reprlib.repr(image)}")
+    except RecursionError:
+        raise refused(path, what, "it is nested too deeply") from None
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise refused(path, what, error) from error
+    grey, opaque = read_image(path.parent / image)
+    darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
     if (grey[~blocked] == UNKNOWN_GREY).any():
         warnings.warn(
@@ -141,20 +174,105 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     return blocked, resolution, origin
 
 
+def spelled(text: Any) -> Any:
+    """The number that a text spells, or what was given."""
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return text
+
+
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
     """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque: both (rows, columns)."""
     try:
         from PIL import Image
     except ImportError as error:
         raise ImportError(f"reading the picture of a map needs Pillow; {MISSING}") from error
+    bombs = Image.DecompressionBombError, Image.DecompressionBombWarning
     try:
-        with Image.open(path) as image:
+        data = contents(path, MOST_PICTURE)
+        data = netpbm(data) if data[:1] == b"P" else few_chunks(data)
+        with (
+            warnings.catch_warnings(action="error", category=bombs[1]),
+            Image.open(io.BytesIO(data), formats=FORMATS) as image,
+        ):
+            room_for_map(*image.size)
+            if image.format == "BMP" and image.tile[0][0] != "raw":
+                raise ValueError("it is compressed; save it as PNG")
             if image.mode.startswith("I"):  # 16 bits
-                return np.asarray(image, dtype=np.float64) / 257.0, np.ones(image.size[::-1], np.bool_)
-            pixels = np.asarray(image.convert("RGBA"), dtype=np.float64)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ValueError(f"{path} is not a picture of a map, such as a PGM or PNG file: {error}") from error
-    return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255.0
+                grey = np.asarray(image, dtype=np.float64)
+                return grey / 257.0, grey != image.info.get("transparency", -1)
+            pixels = np.asarray(image.convert("RGBA"))
+    except (OSError, ValueError, SyntaxError, *bombs) as error:
+        raise refused(path, "a picture of a map, such as a PGM or PNG file", error) from error
+    return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255
+
+
+def netpbm(data: bytes) -> bytes:
+    """A PGM, PPM or PBM file, its header without comments; ValueError where it is not as long as that says.
+
+    Such a file has no checksum: where something has changed its line ends, the picture is shifted.
+    """
+    found = HEADER.match(data, 0, MOST_TEXT)
+    if not found:
+        raise ValueError("it must begin with P1 to P6, its width and height, and, but for P1 and P4, the largest value")
+    kind, pixels, numbers = int(data[1:2]), data[found.end() :], [int(one) for one in found.groups() if one]
+    width, height, most = (*numbers, 1)[:3]
+    room_for_map(width, height)
+    count = width * height * (3 if kind in (3, 6) else 1)
+    needed, there, unit = count * (2 if most > 255 else 1), len(pixels), "bytes"
+    if kind == 4:
+        needed = -(-width // 8) * height
+    elif kind < 4:
+        if b"#" in pixels:
+            raise ValueError("it has a comment among its pixels")
+        white = np.isin(np.frombuffer(b" " + pixels, np.uint8), list(b" \t\n\v\f\r"))
+        needed, unit = count, "numbers"
+        there = int(np.count_nonzero(~white[1:] if kind == 1 else ~white[1:] & white[:-1]))
+    if there != needed:
+        raise ValueError(
+            f"{needed:,} {unit} must follow its header, for {width:,} x {height:,} pixels, and {there:,} do; if Git or "
+            "an editor has changed its line ends, say that it is binary (*.pgm binary in .gitattributes)"
+        )
+    return b"%s %s\n" % (data[:2], b" ".join(b"%d" % one for one in numbers)) + pixels
+
+
+def few_chunks(data: bytes) -> bytes:
+    """A file; ValueError where it is a PNG that takes long to read, of many chunks beside those of its pixels."""
+    place, count = 8, 0
+    while data.startswith(b"\x89PNG") and place + 8 <= len(data):
+        length, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
+        place, count = place + 12 + length, count + (kind != b"IDAT" or length < SHORT_CHUNK)
+        if count > MOST_CHUNKS:
+            raise ValueError(f"it has more than {MOST_CHUNKS} chunks beside those of its pixels")
+    return data
+
+
+def contents(path: Path, most: int) -> bytes:
+    """The bytes of a file of at most so many; ValueError or OSError otherwise, also where it would not end."""
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise ValueError("it is a folder, a device or a pipe")
+    with open(path, "rb") as stream:
+        found = stream.read(most + 1)
+    if len(found) > most:
+        raise ValueError(f"it has more than {most:,} bytes")
+    return found
+
+
+def room_for_map(width: int, height: int) -> None:
+    """ValueError where a map has more pixels than a table of their distances may, MemoryError where they do not fit."""
+    size = 8 * (2 * width + 1) * (2 * height + 1)
+    if size > MOST_TABLES:
+        raise ValueError(
+            f"{width:,} x {height:,} pixels are too many: the table of their distances takes {size:,} bytes, and the "
+            f"tables of a problem at most {MOST_TABLES:,} together; scale the map down, or cut off what is not needed"
+        )
+    require(BYTES_A_PIXEL * width * height, f"a map of {width:,} x {height:,} pixels", "scale it down")
+
+
+def refused(path: Path, what: str, why: Exception | str) -> ValueError:
+    """The error, in one line that is not long, about a file that is not what it should be."""
+    return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))
 
 
 def polygon_level_set(vertices: FloatArray, radius: float) -> MapLevelSet:

@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
-from sdhj.formulas.graph import Lookup
+from sdhj.formulas.graph import MOST_TABLES, Lookup
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import maximum_over_boxes
@@ -121,6 +121,11 @@ class ReachAvoidProblem:
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
+        if (size := sum(one.values.nbytes for one in self.texts[1])) > MOST_TABLES:
+            raise ValueError(
+                f"the tables that the problem looks up, of maps too, take {size:,} bytes together, and at most "
+                f"{MOST_TABLES:,} can be kept in a file; use fewer nodes or pixels"
+            )
         for part in parts:
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
                 where = f"axes of the grid, from 0 to {ndim - 1}, ascending"

@@ -33,6 +33,8 @@ def arrays_of(problem: ReachAvoidProblem) -> dict[str, FloatArray]:
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
     """The tables that formulas look up, in the order of their numbers."""
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
+    for values in found.values():
+        values.setflags(write=False)  # so that formulas share them (`Lookup.of`)
     return [found[number] for number in range(len(found))]
 
 

@@ -116,7 +116,10 @@ class UnsafeSet:
         Raises
         ------
         ValueError
-            If a file cannot be read or is invalid, with its name; if no pixel is free.
+            If a file cannot be read or is invalid, with its name; if no pixel is free; or if there are more than about
+            33 million pixels, as all tables that a problem looks up may take 2^30 bytes.
+        MemoryError
+            If 110 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError
             If a package that is needed, of the extra `maps`, is not installed.
         """

@@ -21,6 +21,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
 
 CHUNK = 4096  # states that one thread takes at a time
+MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
@@ -217,10 +218,13 @@ class Table:
         settle(self, batch, rows, ends, scores, looks)
 
     def known(self, step: int) -> Tape:
-        """What compiled look-ups read of the problem at a step (`prepared`)."""
-        if step not in self._known:
-            self._known[step] = prepared(self.problem, step, self._axes, self._tapes, not self.proved)
-        return self._known[step]
+        """What compiled look-ups read of the problem at a step (`prepared`), with a copy of its maps."""
+        place = self.steps * (step == self.steps) if self.problem.timeless else step
+        if (found := self._known.get(place)) is None:
+            if sum(one.floats.nbytes for one in [*self._known.values()]) > MOST_KNOWN:
+                self._known.clear()
+            found = self._known[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
+        return found
 
     @cached_property
     def _known(self) -> dict[int, Tape]:

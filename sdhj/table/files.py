@@ -16,13 +16,14 @@ import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from io import BufferedReader
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.grid import Grid
@@ -40,8 +41,6 @@ FORMAT_VERSION = 4
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 MOST_HEAD = 1 << 24  # bytes of the head
-MOST_TABLE = 1 << 27  # bytes of a table that formulas look up
-GROWTH = 1 << 24  # bytes by which a file grows in memory
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
@@ -122,7 +121,8 @@ def _regular(path: Named) -> Path:
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return Path(path)
     except (OSError, ValueError) as error:
-        raise OSError(f"cannot use the name {os.fspath(path)!r}: {getattr(error, 'strerror', error)}") from error
+        shown, why = reprlib.repr(os.fspath(path)), getattr(error, "strerror", error)
+        raise OSError(f"cannot use the name {shown}: {why}") from error
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(f"{path} is a folder; name a file")
     if not stat.S_ISREG(mode):
@@ -158,21 +158,20 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
     first = FIRST_LINE.format(FORMAT_VERSION).encode()
     before = len(first) + len("sha256 \n") + 64
     block = max(512, 1 << (before + len(text) - 1).bit_length())  # HDF5 looks for its beginning at powers of two
-    with h5py.File("image", "w", driver="core", backing_store=False, block_size=GROWTH, userblock_size=block) as file:
+    image = BytesIO()  # not a file of HDF5's core driver, which two threads could not have open by one name
+    with h5py.File(image, "w", userblock_size=block) as file:
         for name, values in arrays_of(table.problem).items():
             file[name] = values
         yield file
-        file.flush()
-        image = file.id.get_file_image()
-    text = text.ljust(block - before)
+    text, arrays = text.ljust(block - before), image.getbuffer()[block:]
     digest = hashlib.sha256(text)
-    digest.update(image)
+    digest.update(arrays)
     try:
         with replaced_whole(path) as temporary, open(temporary, "wb") as out:
-            for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, image):
+            for part in (first, f"sha256 {digest.hexdigest()}\n".encode(), text, arrays):
                 out.write(part)
     except OSError as error:
-        size = 1e-6 * len(image)
+        size = 1e-6 * len(arrays)
         raise OSError(f"{error}; the table takes {size:.0f} MB and is still in memory: save it elsewhere") from error
 
 
@@ -290,8 +289,10 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
             continue
         if not isinstance(file.get(group, getlink=True), h5py.HardLink) or file.get(group, getclass=True) != h5py.Group:
             raise ValueError(f"its {group} are no group of arrays")
-        names = [f"{group}/{name}" for name in file[group]]
-        found |= {name: stored(file, name, "float64", None, MOST_TABLE) for name in names}
+        left = MOST_TABLES
+        for name in (f"{group}/{one}" for one in file[group]):
+            found[name] = stored(file, name, "float64", None, left)
+            left -= found[name].nbytes
     return found
 
 

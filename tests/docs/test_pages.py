@@ -70,6 +70,11 @@ def recipes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (folder / "office.yaml").write_text(
         "image: office.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
+    mask = np.full((30, 40), 254, np.uint8)  # 0.1 m each
+    mask[18:26, 6:14] = 0
+    (folder / "keep_out.pgm").write_bytes(b"P5\n40 30\n255\n" + mask.tobytes())
+    text = (folder / "office.yaml").read_text().replace("office.pgm", "keep_out.pgm").replace("0.05", "1e-1")
+    (folder / "keep_out.yaml").write_text(text)
     names: dict[str, Any] = {}
     with contextlib.chdir(folder):
         for code in blocks(SITE / "recipes.md"):
@@ -83,6 +88,48 @@ def test_the_map_and_the_desk_are_avoided(recipes: dict[str, Any]) -> None:
     assert sdhj.monte_carlo(controller, runs=300, adversary="worst", seed=0, progress=False).rate("collided") < 0.005
     here, wall, desk = controller.table.contains([[0.7, 1.0], [2.03, 0.5], [0.9, 2.3]], start=0, within=48)
     assert here and not wall and not desk
+
+
+def followed(controller: Any, q: Any, until: Any, rng: np.random.Generator) -> np.ndarray:
+    """The states (M, 2) of a robot that is pushed about at random, 10 of an interval; `until`: a set of states."""
+    path = [np.array(q, dtype=float)]
+    for step in range(controller.table.steps):
+        if until(path[-1]):
+            break
+        velocity = controller.table.problem.inputs[controller.select(path[-1], step)]
+        for _ in range(10):
+            path.append(path[-1] + 0.025 * (velocity + rng.choice([-0.1, 0.1], 2)))
+    assert until(path[-1])
+    return np.array(path)
+
+
+def test_a_robot_in_the_mask_gets_out_and_on(recipes: dict[str, Any], rng: np.random.Generator) -> None:
+    """The mask is the square from (0.6, 0.4) to (1.4, 1.2) m; none of the states on the way on is as near as 0.15 m."""
+    obeying, leaving, inside = recipes["obeying"], recipes["leaving"], recipes["inside"]
+    assert not obeying.table.contains([inside])[0] and leaving.table.contains([inside])[0]
+    assert recipes["way_out"].outcome == recipes["way_on"].outcome == "reached"
+    for start in rng.uniform([0.65, 0.45], [1.35, 1.15], (20, 2)):
+        out = followed(leaving, start, lambda q: obeying.table.contains([q])[0], rng)
+        on = followed(obeying, out[-1], lambda q: np.hypot(q[0] - 3.4, q[1] - 1.5) <= 0.4, rng)
+        assert (np.hypot(*np.maximum(np.abs(on - [1.0, 0.8]) - 0.4, 0.0).T) > 0.15).all()
+        both = np.concatenate([out, on])
+        crossed = np.abs(both[:, 0] - 2.025) < 0.175
+        assert (both > 0.2).all() and (np.abs(both[crossed, 1] - 1.5) < 0.5).all()  # the door
+
+
+def test_a_fence_holds_the_robot_and_the_pond_keeps_it_out(recipes: dict[str, Any], rng: np.random.Generator) -> None:
+    table = recipes["fenced_in"]
+    boxes = np.array([[[0.35, 0.35], [2.45, 2.65]], [[0.35, 0.35], [3.65, 1.75]]])  # the two halves less the radius
+    q = rng.uniform([0, 0], [4, 3], (20_000, 2))
+    free = ((q > boxes[:, None, 0]) & (q < boxes[:, None, 1])).all(axis=2).any(axis=0)
+    free &= np.hypot(*np.maximum(np.abs(q - [1.7, 1.2]) - 0.3, 0.0).T) > 0.15
+    won = table.contains(q)
+    assert not won[~free].any() and won[free].mean() > 0.9
+    for start in q[won][:20]:
+        path = followed(sdhj.Controller(table), start, lambda q: np.hypot(q[0] - 3.4, q[1] - 1.5) <= 0.4, rng)
+        assert ((path > boxes[:, None, 0]) & (path < boxes[:, None, 1])).all(axis=2).any(axis=0).all()
+    proved = sdhj.solve(table.problem, sdhj.Certified(cells=[160, 120]), progress=False)
+    assert proved.fraction() > 0.8 * table.fraction()
 
 
 def test_the_picture_shows_a_run_that_arrives(recipes: dict[str, Any]) -> None:

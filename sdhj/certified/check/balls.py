@@ -77,7 +77,7 @@ IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is u
 
 def interpolated(*given: Any) -> Any:
     """Multilinear interpolation of a table, clipped at the ends of the axes: operands, table, lower and spacing."""
-    *at, table, lower, spacing = given
+    *at, table, lower, spacing, _ = given
     places, shares, value = [], [], flint.arb(0)
     for x, begin, step, n in zip(at, lower, spacing, table.shape, strict=True):
         place = ((x - begin) / step).max(0).min(n - 1)

@@ -16,8 +16,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole, real
 
-MOST_TABLE = 1 << 27  # bytes of a table
-MOST_TABLES = 1 << 30  # of all together
+MOST_TABLES = 1 << 30  # bytes of all tables together
 ENDS = {"unsafe", "wall", "safe"}
 
 Times = tuple[float, float]
@@ -124,10 +123,8 @@ class Functions:
         if number not in self.tables:
             group = self.arrays.get("tables", getlink=True)
             expect(isinstance(group, h5py.HardLink), "tables must be in the file itself", group)
-            table = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=MOST_TABLE)
-            self.tables[number] = table
-            size = sum(each.nbytes for each in self.tables.values())
-            expect(size <= MOST_TABLES, f"tables must take at most {MOST_TABLES} bytes", size)
+            left = MOST_TABLES - sum(each.nbytes for each in self.tables.values())
+            self.tables[number] = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=left)
         found = self.tables[number]
         expect(found.ndim == axes, f"table {number} must have an axis for each operand, {axes}", found.shape)
         return found

@@ -124,7 +124,7 @@ class Reader:
         self.expect(finite, "`lower` must be finite and `spacing` above 0")
         table = self.tables(self.whole(words[0], 10**6, "a table"), axes)
         self.expect(min(table.shape) >= 2, "a table must have two nodes on each axis")
-        return Node("gridded", operands, (table, lower, spacing))
+        return Node("gridded", operands, (table, lower, spacing, {}))
 
 
 @dataclass(frozen=True)

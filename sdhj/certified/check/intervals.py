@@ -238,7 +238,14 @@ def where(condition: Interval, a: Interval, b: Interval) -> Interval:
 # ---- interpolation
 
 
-def gridded(operands: list[Interval], table: Array, lower: list[float], spacing: list[float]) -> Interval:
+InBlocks = dict[
+    tuple[int, ...], tuple[Array, Array]
+]  # of a table its least and greatest values in blocks, by their sizes
+
+
+def gridded(
+    operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
+) -> Interval:
     """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
 
     In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
@@ -254,9 +261,10 @@ def gridded(operands: list[Interval], table: Array, lower: list[float], spacing:
     low, high = places[0::2], places[1::2]
     points = np.ceil(high) - np.floor(low) + 1.0
     few = known & (points <= MOST_POINTS).all(axis=0)
-    for own, rule in ((few, at_points), (known & ~few, at_blocks)):
-        if own.any():
-            out[:, own] = rule(table, low[:, own], high[:, own])
+    if few.any():
+        out[:, few] = at_points(table, low[:, few], high[:, few])
+    if (many := known & ~few).any():
+        out[:, many] = at_blocks(table, low[:, many], high[:, many], kept)
     rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
@@ -278,14 +286,17 @@ def at_points(table: Array, low: Array, high: Array) -> Array:
     return out
 
 
-def at_blocks(table: Array, low: Array, high: Array) -> Array:
+def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
     """As `at_points`, but of all nodes around a box, in blocks of so many that few are looked up."""
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
-    blocks = [1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1)]
-    least = most = table
-    for axis, block in enumerate(blocks):
-        begins = np.arange(0, table.shape[axis], block)
-        least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
+    blocks = tuple(1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1))
+    if blocks not in kept:
+        least = most = table
+        for axis, block in enumerate(blocks):
+            begins = np.arange(0, table.shape[axis], block)
+            least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
+        kept[blocks] = least, most
+    least, most = kept[blocks]
     first, last = first // np.array(blocks)[:, None], last // np.array(blocks)[:, None]
     out = np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
     for step in product(*(range(n) for n in (last - first).max(axis=1) + 1)):

@@ -227,7 +227,7 @@ def test_tables_are_interpolated(shape, rng):
     centre = lower + length * rng.uniform(-0.2, 1.2, (60, n))
     half = length * rng.choice([0.0, 0.01, 0.1, 0.4, 2.0], (60, 1)) * rng.random((60, n))
     low, high = centre - half, centre + half
-    least, most = gridded(list(zip(low.T, high.T, strict=True)), table, lower, spacing)
+    least, most = gridded(list(zip(low.T, high.T, strict=True)), table, lower, spacing, {})
     for box in range(60):
         own = [[low[box, k], high[box, k]] for k in range(n)]
         for k in range(n):
@@ -236,5 +236,5 @@ def test_tables_are_interpolated(shape, rng):
         assert least[box] <= min(found) and max(found) <= most[box]
         if all(len(ends) <= 4 for ends in own):
             assert min(found) - 1e-12 <= least[box] and most[box] <= max(found) + 1e-12
-    undefined = gridded([(np.array([np.nan]),) * 2] * n, table, lower, spacing)
+    undefined = gridded([(np.array([np.nan]),) * 2] * n, table, lower, spacing, {})
     assert np.isnan(undefined).all()
